@@ -1,0 +1,54 @@
+# Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
+.DEFAULT_GOAL := help
+.PHONY: help run test lint venv wheel screenshots clean
+
+# The newest Python that Taichi has wheels for; PYTHON=... overrides.
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
+	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null \
+	&& echo $$p && break; done)
+ifeq ($(OS),Windows_NT)
+BIN := .venv/Scripts
+else
+BIN := .venv/bin
+endif
+
+help:
+	@echo "make run    open the cloth (without a screen: render 240 frames to out/curtain)"
+	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
+	@echo "make lint   ruff and mypy"
+	@echo "make screenshots   draw the pictures in screenshots/ anew"
+
+run: .venv/ready
+	$(BIN)/taichi-cloth run $(SCENE)
+
+test: .venv/tools
+	$(BIN)/python -m pytest
+
+lint: .venv/tools
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+screenshots: .venv/tools
+	$(BIN)/python screenshots/make.py
+
+wheel: .venv/tools
+	$(BIN)/python -m pip wheel --no-deps --wheel-dir dist .
+
+venv: .venv/ready
+
+.venv/python:
+	@test -n "$(PYTHON)" || { echo "make: Python 3.11, 3.12 or 3.13 is needed (PYTHON=/path/to/python3.12 make run)"; exit 2; }
+	$(PYTHON) -m venv .venv
+	@touch $@
+
+.venv/ready: pyproject.toml .venv/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+.venv/tools: pyproject.toml .venv/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,dev,docs]'
+	@touch $@
+
+clean:
+	rm -rf .venv out dist build

@@ -1,0 +1,37 @@
+"""Cloth you can grab, in real time, that tells you how wrong it is.
+
+    import taichi_cloth as tc
+
+    with tc.Simulation(tc.load_scene("curtain", wind_z=6.0)) as simulation:
+        for _ in range(240):
+            simulation.advance_frame()
+        print(simulation.positions(), simulation.measure())
+
+Importing the package does not import Taichi; the first use of `Simulation` starts it on the CPU unless
+it runs already (`taichi_cloth.start` gives the choice).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from .runtime import start
+from .scene import Scene, SceneError, load_scene, scene_names
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+__version__ = "0.1.0"
+
+__all__ = ["Scene", "SceneError", "Simulation", "__version__", "load_scene", "scene_names", "start"]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "Simulation":
+        from .runtime import start_if_needed
+
+        start_if_needed()
+        from .simulation import Simulation
+
+        return Simulation
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,7 @@
+"""`python -m taichi_cloth`."""
+
+import sys
+
+from .cli import main
+
+sys.exit(main())

@@ -1,0 +1,238 @@
+"""The command line. Exit codes: 0 fine, 2 wrong use or bad input (one line), 1 anything else, 130 interrupted."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import difflib
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from . import __version__, runtime
+from .errors import BlewUp, OutputInUse
+from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+    from .view.frames import Plan
+
+PROGRAM = "taichi-cloth"
+DEFAULT_SCENE = "curtain"
+DEFAULT_FRAMES = 240
+VIEWS = ("shaded", "strain", "wireframe", "particles")
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse that answers a mistake with one line, and a mistyped word with the nearest one."""
+
+    def error(self, message: str) -> NoReturn:
+        if "invalid choice:" in message:
+            wrong, _, choices = message.partition("invalid choice: ")[2].partition(" (choose from ")
+            near = difflib.get_close_matches(wrong.strip("'"), choices.rstrip(")").replace("'", "").split(", "), 1)
+            message += f"; did you mean {near[0]!r}?" if near else ""
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def size(text: str) -> tuple[int, int]:
+    """WxH in pixels."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()) or not all(1 <= int(n) <= 8192 for n in (width, height)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not WxH in pixels (1 to 8192), as in 960x540")
+    return int(width), int(height)
+
+
+def count(text: str) -> int:
+    """A whole number from 1 up."""
+    if not text.isdecimal() or not 1 <= int(text) <= 10_000_000:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 10000000")
+    return int(text)
+
+
+def build_parser() -> Parser:
+    """All commands, their options and defaults."""
+    parser = Parser(PROGRAM, description="Cloth you can grab, in real time, that tells you how wrong it is.")
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=Parser)
+
+    def command(name: str, action: Callable[[argparse.Namespace], int], help: str, example: str) -> Parser:
+        added = commands.add_parser(
+            name,
+            help=help,
+            description=help,
+            epilog=f"example: {PROGRAM} {example}",
+            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        )
+        added.set_defaults(action=action)
+        return added
+
+    run = command("run", run_scene, "open a scene in a window, or render it where there is none", "run table")
+    scene_options(run, nargs="?")
+    run.add_argument("--size", type=size, default="1280x720", metavar="WxH", help="size of the window in pixels")
+    run.add_argument("--frames", type=count, metavar="N", help="end after N displayed frames (default: never)")
+    run.add_argument("--log", type=Path, metavar="FILE", help="write one line of JSON for every displayed frame")
+    run.add_argument("--headless", action="store_true", help="render to out/SCENE even where a window could open")
+
+    render = command("render", render_scene, "render a scene to numbered PNG files", "render curtain --frames 240 --out out/curtain")
+    scene_options(render)
+    render.add_argument("--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s to simulate")
+    render.add_argument("--size", type=size, default="960x540", metavar="WxH", help="size of a picture in pixels")
+    render.add_argument("--out", type=Path, metavar="DIR", help="folder for the pictures (default: out/SCENE)")
+    render.add_argument("--view", choices=VIEWS, default="shaded", help="how the cloth is drawn")
+    render.add_argument("--every", type=count, default=1, metavar="K", help="draw every K-th frame only")
+    render.add_argument("--samples", type=int, choices=(1, 4), default=4, help="samples a pixel: 4 smooths edges")
+    render.add_argument("--contact-sheet", action="store_true", help="also write twelve moments as one picture")
+    again = render.add_mutually_exclusive_group()
+    again.add_argument("--force", action="store_true", help="replace the frames in DIR")
+    again.add_argument("--resume", action="store_true", help="go on where an interrupted render stopped")
+
+    command("list", list_scenes, "list the shipped scenes, a line each", "list")
+
+    check = command("check", check_file, "check a scene file", "check my_scene.toml")
+    what = check.add_mutually_exclusive_group(required=True)
+    what.add_argument("file", nargs="?", metavar="FILE", help="a scene file, or the name of a shipped scene")
+    what.add_argument("--keys", action="store_true", help="list every key with its default, unit and range")
+    return parser
+
+
+def scene_options(parser: Parser, nargs: str | None = None) -> None:
+    """The options of every command that runs a scene."""
+    default = DEFAULT_SCENE if nargs else None
+    parser.add_argument("scene", nargs=nargs, default=default, metavar="SCENE", help="a shipped scene or a TOML file")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the scene, as in wind_z=6"
+    )
+    parser.add_argument("--solver", metavar="NAME", help="method that advances the cloth (default: the scene's)")
+    parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi back-end")
+
+
+def chosen_scene(args: argparse.Namespace) -> Scene:
+    overrides = dict(parse_override(text) for text in args.set)
+    if args.solver:
+        overrides["solver"] = args.solver
+    return load_scene(args.scene, **overrides)
+
+
+def summary(simulation: Simulation, arch: str) -> str:
+    """The line every run prints: scene, solver, substeps × iterations, grid, stages, arch, seed."""
+    scene = simulation.scene
+    return (
+        f"{scene.name} · {scene.solver.name} {scene.solver.substeps}×{scene.solver.iterations}"
+        f" · {scene.cloth.columns}×{scene.cloth.rows} · {' '.join(simulation.stages)} · {arch} · seed {scene.seed}"
+    )
+
+
+# -- commands: each returns the exit code --------------------------------------------------------------
+
+
+def run_scene(args: argparse.Namespace) -> int:
+    scene = chosen_scene(args)
+    from .view.display import window_obstacle
+
+    obstacle = "--headless was given" if args.headless else window_obstacle()
+    if obstacle is None:
+        from .view import window
+
+        runtime.start(args.arch)
+        window.run(scene, size=args.size, frames=args.frames, log=args.log, announce=lambda s: print(summary(s, args.arch)))
+        return 0
+    from .view.frames import Plan
+
+    print(f"no window ({obstacle}): rendering frames instead", flush=True)
+    plan = Plan(Path("out") / scene.name, args.frames or DEFAULT_FRAMES, sheet=True)
+    return render_plan(scene, plan, args.arch, force=True)
+
+
+def render_scene(args: argparse.Namespace) -> int:
+    scene = chosen_scene(args)
+    from .view.frames import Plan
+
+    plan = Plan(
+        out=args.out or Path("out") / scene.name,
+        frames=args.frames,
+        width=args.size[0],
+        height=args.size[1],
+        view=args.view,
+        every=args.every,
+        samples=args.samples,
+        sheet=args.contact_sheet,
+    )
+    return render_plan(scene, plan, args.arch, force=args.force, resume=args.resume)
+
+
+def render_plan(scene: Scene, plan: Plan, arch: str, *, force: bool = False, resume: bool = False) -> int:
+    from .progress import frames_progress
+    from .simulation import Simulation
+    from .view import frames
+
+    runtime.start(arch)
+    with Simulation(scene) as simulation, sigterm_interrupts():
+        frames.claim(plan, simulation, force=force, resume=resume)
+        print(summary(simulation, arch), flush=True)
+        with frames_progress(plan.frames) as advance:
+            frames.render(simulation, plan, advance)
+    print(f"{plan.pictures} pictures in {plan.out}" + (", contact_sheet.png among them" if plan.sheet else ""))
+    return 0
+
+
+def list_scenes(args: argparse.Namespace) -> int:
+    names = scene_names()
+    width = max(map(len, names))
+    for name in names:
+        print(f"{name:{width}}  {load_scene(name).title}")
+    return 0
+
+
+def check_file(args: argparse.Namespace) -> int:
+    if args.keys:
+        from rich.console import Console
+        from rich.table import Table
+
+        table = Table("section", "key", "default", "unit", "range", "help")
+        for row in key_table():
+            table.add_row(*map(str, row))
+        Console().print(table)
+        return 0
+    scene = load_scene(args.file)
+    print(f"{args.file}: fine ({scene.cloth.columns}×{scene.cloth.rows} particles, solver {scene.solver.name})")
+    return 0
+
+
+# -- the program ---------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def sigterm_interrupts() -> Iterator[None]:
+    """Lets `kill` end a run as Ctrl-C does, with every file whole."""
+
+    def interrupt(number: int, frame: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words or (words[0].startswith("-") and words[0] not in ("-h", "--help", "--version")):
+        words.insert(0, "run")
+    args = build_parser().parse_args(words)
+    if "action" not in args:  # "--version" and "--help" have ended the program already
+        build_parser().error("a command is missing")
+    try:
+        return int(args.action(args))
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted; finished files are whole", file=sys.stderr)
+        return 130
+    except (SceneError, OutputInUse) as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return 2
+    except (OSError, BlewUp) as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return 1

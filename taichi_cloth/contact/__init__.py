@@ -1,0 +1,1 @@
+"""Colliders and how the cloth is kept out of them."""

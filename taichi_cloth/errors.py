@@ -1,0 +1,9 @@
+"""Errors that a user can do something about; the command line prints each as one line."""
+
+
+class OutputInUse(ValueError):
+    """The output folder holds something that this run must not, or cannot, go on with. Exit code 2."""
+
+
+class BlewUp(RuntimeError):
+    """The cloth has a position that is no finite number. Exit code 1."""

@@ -1,0 +1,25 @@
+"""The row of numbers that a frame is steered by. A slider moves one of them and nothing is compiled again.
+
+One float32 row handed over as an array costs 8 µs of a launch; a struct or vectors as arguments cost
+60–300 µs (measured, Taichi 1.7.4 on two x86 cores). The names below are its columns.
+"""
+
+GRAVITY = 0  # [m/s²] downwards
+KEPT = 1  # share of velocity left after one substep
+STIFFNESS = 2  # 0…1, multiplies the stiffness of every family
+WIND_X, WIND_Y, WIND_Z = 3, 4, 5  # [m/s] mean wind
+GUST = 6  # [m/s] height of the gusts
+DRAG, LIFT = 7, 8  # coefficients
+HALF_AIR_DENSITY = 9  # [kg/m³] ½ρ
+GUST_TURNS = 10  # 10…12: phase of each gust wave at the start of the frame [turns]
+GRAB_FROM = 13  # 13…15: where the held particle is at the start of the frame [m]
+GRAB_TO = 16  # 16…18: and at its end [m]
+COUNT = 19
+
+# Columns of a row of the sphere table, of the box table and of the ground's only row.
+SPHERE_FROM, SPHERE_TO, SPHERE_REACH, SPHERE_FRICTION, SPHERE_COLUMNS = 0, 3, 6, 7, 8
+BOX_CENTER, BOX_HALF, BOX_MARGIN, BOX_FRICTION, BOX_COLUMNS = 0, 3, 6, 7, 8
+GROUND_HEIGHT, GROUND_FRICTION, GROUND_COLUMNS = 0, 1, 2
+
+# Turns a second of the three gust waves: periods of 1.3 to 3.1 s in no simple ratio, so that no gust repeats soon.
+GUST_RATES = (0.43, 0.77, 0.32)

@@ -1,0 +1,55 @@
+"""Numbers read off a cloth's positions and velocities. NumPy in float64; nothing here changes a cloth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.topology import Topology
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """The state of a cloth in six numbers."""
+
+    max_strain: float  # largest length/rest − 1 over the structural springs (all springs if it has none)
+    mean_strain: float  # mean of |length/rest − 1| over the same springs
+    kinetic_energy: float  # [J]
+    potential_energy: float  # [J] of gravity, zero at y = 0
+    penetration: float  # [m] how deep the deepest particle lies under a collider's surface, 0 for none
+    finite: bool  # False once a position is NaN or infinite
+
+
+def spring_strains(topology: Topology, positions: Floats) -> Floats:
+    """length/rest − 1 of every spring, shape (E,)."""
+    a, b = (positions[topology.ends[:, k]] for k in (0, 1))
+    strains: Floats = np.linalg.norm(b - a, axis=1) / topology.rest - 1
+    return strains
+
+
+def energies(topology: Topology, positions: Floats, velocities: Floats, gravity: float) -> tuple[float, float]:
+    """Kinetic energy and potential energy of gravity [J]; pinned particles have no kinetic energy."""
+    moving = np.where(topology.pinned, 0, topology.mass)
+    kinetic = 0.5 * float(np.sum(moving * np.sum(velocities**2, axis=1)))
+    return kinetic, float(np.sum(topology.mass * gravity * positions[:, 1]))
+
+
+def penetration(
+    positions: Floats,
+    spheres: Sequence[tuple[Floats, float]] = (),
+    boxes: Sequence[tuple[Floats, Floats]] = (),
+    ground: float | None = None,
+) -> float:
+    """Depth [m] of the deepest particle under the drawn surface of a sphere (center, radius), a box
+    (center, size) or the ground's height; 0 where none is inside. Margins are not counted."""
+    depths = [np.zeros(1)]
+    depths += [radius - np.linalg.norm(positions - center, axis=1) for center, radius in spheres]
+    depths += [(size / 2 - np.abs(positions - center)).min(axis=1) for center, size in boxes]
+    if ground is not None:
+        depths.append(ground - positions[:, 1])
+    return max(0.0, *(float(depth.max()) for depth in depths))

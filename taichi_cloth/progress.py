@@ -1,0 +1,35 @@
+"""How far a long run is: a bar on a terminal, a plain line now and then in a log."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+LINES = 8  # in a log, for a whole run
+
+
+@contextmanager
+def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
+    """A function to call with the index of each frame done."""
+    start = time.perf_counter()
+
+    def rate(done: int) -> str:
+        return f"{done / (time.perf_counter() - start):.0f} frames/s"
+
+    if sys.stdout.isatty():
+        columns = (TextColumn("frame"), MofNCompleteColumn(), BarColumn(), TextColumn("{task.fields[rate]}"), TimeRemainingColumn())
+        with Progress(*columns) as progress:
+            task = progress.add_task("", total=frames, rate="")
+            yield lambda k: progress.update(task, completed=k + 1, rate=rate(k + 1))
+    else:
+        every = max(1, frames // LINES)
+
+        def line(k: int) -> None:
+            if (k + 1) % every == 0 or k + 1 == frames:
+                print(f"frame {k + 1}/{frames}, {rate(k + 1)}", flush=True)
+
+        yield line

@@ -1,0 +1,39 @@
+"""Starting Taichi: the only place that does, so that importing the package never does."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+ARCHS = ("cpu",)
+
+# Read by Taichi when it is imported: no banner on stdout, no thread that asks the network for a newer version.
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
+
+
+def start(arch: str = "cpu", **options: Any) -> None:
+    """Starts Taichi on `arch`, ending what ran before; other options go to `ti.init`.
+
+    Raises ValueError for an arch that is not one of `ARCHS`.
+    """
+    if arch not in ARCHS:
+        raise ValueError(f"unknown arch {arch!r}: {', '.join(ARCHS)}")
+    import taichi as ti
+
+    ti.init(arch=getattr(ti, arch), **{"log_level": ti.WARN, "enable_fallback": False, **options})
+
+
+def start_if_needed() -> None:
+    """Starts Taichi on the CPU unless it runs already."""
+    import taichi as ti
+
+    if ti.lang.impl.get_runtime().prog is None:
+        start()
+
+
+def stop() -> None:
+    """Ends Taichi; simulations and windows must be closed before."""
+    import taichi as ti
+
+    ti.reset()

@@ -1,0 +1,163 @@
+"""What a scene is: frozen dataclasses. Every key carries its unit, range, default and a line of help.
+
+The reader (`reader.py`) checks a TOML file against exactly this; the panel and `--help` read the same
+metadata, so a range is written once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+Vec3 = tuple[float, float, float]
+
+FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
+
+SOLVER_NAMES = ("verlet",)  # known without importing a solver, which would import Taichi
+
+
+@dataclass(frozen=True)
+class Key:
+    """Range and unit of one scene key; `slider` is set for keys that may change while running."""
+
+    help: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    above_low: bool = False  # True: the value must be greater than `low`, not equal to it
+    slider: tuple[float, float] | None = None
+
+
+def _key(default: Any, help: str, unit: str = "", **bounds: Any) -> Any:
+    return field(default=default, metadata={"key": Key(help, unit, **bounds)})
+
+
+@dataclass(frozen=True)
+class Cloth:
+    """A rectangular sheet. Row 0 is its top; before `rotation` columns run along +x and rows down −y."""
+
+    rows: int = _key(24, "particles from top to bottom", low=2, high=2048)
+    columns: int = _key(30, "particles from left to right", low=2, high=2048)
+    width: float = _key(4.35, "length of the top edge", "m", low=0.001, high=1000.0)
+    height: float = _key(3.45, "length of the left edge", "m", low=0.001, high=1000.0)
+    center: Vec3 = _key((0.0, 2.2, 0.0), "middle of the sheet", "m", low=-1e5, high=1e5)
+    rotation: Vec3 = _key((0.0, 0.0, 0.0), "turned about x, then y, then z", "degrees", low=-360.0, high=360.0)
+    area_density: float = _key(0.2, "mass of a square metre", "kg/m²", low=0.001, high=1000.0)
+    pins: tuple[str | int, ...] = _key(
+        ("top",), "edges (top, bottom, left, right), corners (top-left, …) or particle indices held in place"
+    )
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Distance constraints by family. A family set to 0 is left out of the cloth."""
+
+    structural: float = _key(1.0, "share of a neighbour's length error put right in one iteration", low=0.0, high=1.0)
+    shear: float = _key(1.0, "the same for both diagonals of each cell", low=0.0, high=1.0)
+    bend: float = _key(0.2, "the same for particles two apart", low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class Solver:
+    """The method and its knobs."""
+
+    name: str = _key("verlet", "method that advances the cloth")
+    substeps: int = _key(5, "steps in a frame of 1/60 s", low=1, high=1000, slider=(1, 20))
+    iterations: int = _key(12, "sweeps over all constraints in a substep", low=1, high=1000, slider=(1, 40))
+    stiffness: float = _key(1.0, "multiplies every family's stiffness", low=0.0, high=1.0, slider=(0.0, 1.0))
+    damping: float = _key(1.5, "rate at which velocity is lost", "1/s", low=0.0, high=1e6, slider=(0.0, 10.0))
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces on every particle."""
+
+    gravity: float = _key(9.81, "downward acceleration", "m/s²", low=-1e5, high=1e5, slider=(0.0, 20.0))
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Air that moves: drag along it and lift across it on every triangle."""
+
+    x: float = _key(0.0, "wind along x", "m/s", low=-100.0, high=100.0, slider=(-12.0, 12.0))
+    z: float = _key(0.0, "wind along z", "m/s", low=-100.0, high=100.0, slider=(-12.0, 12.0))
+    turbulence: float = _key(0.5, "size of the gusts as a share of the wind speed", low=0.0, high=2.0)
+    drag: float = _key(1.0, "drag coefficient of a sheet face-on", low=0.0, high=10.0)
+    lift: float = _key(1.0, "lift coefficient", low=0.0, high=10.0)
+    air_density: float = _key(1.225, "density of the air", "kg/m³", low=0.0, high=100.0)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball the cloth cannot enter; it sways about its centre: center + sway·sin(2π·t/period + phase)."""
+
+    center: Vec3 = _key((0.0, 1.0, 0.0), "middle of its path", "m", low=-1e5, high=1e5)
+    radius: float = _key(0.5, "radius as drawn", "m", low=0.0, high=1000.0, above_low=True, slider=(0.05, 1.5))
+    margin: float = _key(0.15, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
+    sway: Vec3 = _key((0.0, 0.0, 0.0), "reach of its path along x, y, z", "m", low=-1000.0, high=1000.0)
+    period: Vec3 = _key((8.0, 8.0, 8.0), "time of one sway along x, y, z", "s", low=0.01, high=1e6)
+    phase: Vec3 = _key((0.0, 0.0, 0.0), "where on its path it starts", "degrees", low=-360.0, high=360.0)
+    friction: float = _key(0.0, "Coulomb coefficient", low=0.0, high=1e6)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A solid block with its sides along x, y and z: a table top."""
+
+    center: Vec3 = _key((0.0, 0.5, 0.0), "middle of the block", "m", low=-1e5, high=1e5)
+    size: Vec3 = _key((1.0, 1.0, 1.0), "whole length along x, y, z", "m", low=0.001, high=1000.0)
+    margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
+    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A level floor."""
+
+    height: float = _key(0.0, "where the floor lies", "m", low=-1e5, high=1e5)
+    margin: float = _key(0.02, "cloth is kept this far above it", "m", low=0.0, high=10.0)
+    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the picture is taken from."""
+
+    eye: Vec3 = _key((3.5, 2.6, 6.5), "place of the eye", "m", low=-1e5, high=1e5)
+    target: Vec3 = _key((0.0, 1.9, 0.0), "point it looks at", "m", low=-1e5, high=1e5)
+    fov: float = _key(40.0, "height of the picture as an angle", "degrees", low=1.0, high=120.0)
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colours; nothing here changes the motion."""
+
+    cloth: str = _key("#b5303c", "first colour of the checks, as #rrggbb")
+    check: str = _key("#e9dcc3", "second colour of the checks, as #rrggbb")
+    check_cells: int = _key(3, "cells to a check", low=1, high=2048)
+    pole: bool = _key(False, "draw a pole along the top edge")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything a run needs to know. Build one with `load_scene`; it cannot be changed afterwards."""
+
+    title: str = _key("", "one line that tells what the scene shows")
+    seed: int = _key(0, "seed of the gusts", low=0, high=2**31 - 1)
+    cloth: Cloth = field(default_factory=Cloth)
+    springs: Springs = field(default_factory=Springs)
+    solver: Solver = field(default_factory=Solver)
+    forces: Forces = field(default_factory=Forces)
+    wind: Wind | None = None
+    spheres: tuple[Sphere, ...] = ()
+    boxes: tuple[Box, ...] = ()
+    ground: Ground | None = None
+    camera: Camera = field(default_factory=Camera)
+    look: Look = field(default_factory=Look)
+    name: str = field(default="scene", metadata={"derived": "the file's stem"})
+
+
+def key_of(section: type, name: str) -> Key:
+    """The declared range, unit and help of one key, e.g. `key_of(Wind, "x")`."""
+    found: Key = next(f for f in fields(section) if f.name == name).metadata["key"]
+    return found

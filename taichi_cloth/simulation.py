@@ -1,0 +1,321 @@
+"""A scene that runs: one cloth, one solver, the hand that holds it and the parameters a slider moves."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import exp
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import state
+from .contact.tables import box_table, ground_table, sphere_center, sphere_table
+from .kernels import controls as c
+from .kernels.grab import set_inverse_mass
+from .measure.cloth import Measures, energies, penetration, spring_strains
+from .mesh.topology import Topology, sheet
+from .save_file import read_save, write_save
+from .scene import Scene, live_keys, scene_to_toml
+from .scene.live import check_live
+from .scene.model import FRAME_SECONDS
+from .solvers import SOLVERS, FrameInput, Stages
+
+THROW_FRAMES = 3  # a released particle gets the hand's mean velocity over this many frames
+
+Floats = NDArray[np.float64]
+
+
+def topology_of(scene: Scene) -> Topology:
+    """The cloth a scene describes, before any Taichi."""
+    return sheet(
+        rows=scene.cloth.rows,
+        columns=scene.cloth.columns,
+        width=scene.cloth.width,
+        height=scene.cloth.height,
+        center=scene.cloth.center,
+        rotation=scene.cloth.rotation,
+        area_density=scene.cloth.area_density,
+        pins=scene.cloth.pins,
+        families=family_stiffness(scene),
+    )
+
+
+def family_stiffness(scene: Scene) -> dict[str, float]:
+    """Stiffness 0…1 of each spring family; 0 leaves the family out."""
+    return {"structural": scene.springs.structural, "shear": scene.springs.shear, "bend": scene.springs.bend}
+
+
+class Simulation:
+    """One running scene. Needs Taichi to be started (`taichi_cloth.start()`).
+
+    `advance_frame()` moves it by 1/60 s. Positions are in metres, y up; particles are numbered row by row
+    from the top-left corner of the sheet. Close it, or use it in a `with` block, when it is done with.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.topology = topology_of(scene)
+        self._stages = Stages(
+            wind=scene.wind is not None,
+            spheres=bool(scene.spheres),
+            boxes=bool(scene.boxes),
+            ground=scene.ground is not None,
+        )
+        self._keys = live_keys(scene)
+        self._live = {name: key.value for name, key in self._keys.items()}
+        self._wind_on = True
+        self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
+        self._inverse_mass = state.inverse_mass(self.topology)
+        self._boxes = box_table(scene.boxes)
+        self._ground = ground_table(scene.ground)
+        self._cloth: state.ClothState | None = state.take(self.topology)
+        self._cloth.upload(self.topology, family_stiffness(scene))
+        self._solver = SOLVERS[scene.solver.name](self._cloth, self._stages)
+        self._forget()
+
+    # -- running ---------------------------------------------------------------------------------------
+
+    def advance_frame(self) -> None:
+        """Moves the cloth, the spheres and the hand by one frame of 1/60 s."""
+        self.cloth  # a closed simulation says so
+        self._solver.advance_frame(self._input())
+        self._hand_from = self._hand_to
+        self._hand_path.append(self._hand_to)
+        self.frame += 1
+
+    def reset(self) -> None:
+        """Back to the first frame, bit for bit; parameters that were set keep their values."""
+        self.cloth.put(self.topology.start, self.topology.start, self._inverse_mass)
+        self._forget()
+
+    def close(self) -> None:
+        """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
+        if self._cloth is not None:
+            state.give_back(self._cloth)
+            self._cloth = None
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    # -- parameters ------------------------------------------------------------------------------------
+
+    def get(self, name: str) -> float | bool:
+        """Value of a live parameter, or of the switch `wind`. Raises ValueError for an unknown name."""
+        if name == "wind":
+            return self._wind_on
+        return self._live[self._key(name)]
+
+    def set(self, name: str, value: float | bool) -> None:
+        """Changes a live parameter (`live_keys(scene)` lists them), or switches `wind` on or off.
+
+        It takes effect with the next frame. Raises ValueError, and changes nothing, for an unknown name
+        or a value that is no number or out of range.
+        """
+        if name == "wind":
+            self._wind_on = bool(value)
+            return
+        checked = check_live(self._keys[self._key(name)], value)
+        before = self._substep
+        self._live[name] = checked
+        if self._substep != before:
+            self._solver.change_substep(before, self._substep)
+
+    def _key(self, name: str) -> str:
+        if name not in self._keys:
+            raise ValueError(f"{name!r} is not a live parameter of {self.scene.name}: {', '.join(self._keys)}, wind")
+        return name
+
+    @property
+    def _substep(self) -> float:
+        """Length of a substep [s]."""
+        return FRAME_SECONDS / self._live["substeps"]
+
+    # -- the hand --------------------------------------------------------------------------------------
+
+    @property
+    def grabbed(self) -> int | None:
+        """Index of the held particle."""
+        return None if self._held < 0 else self._held
+
+    def grab(self, index: int, target: ArrayLike) -> None:
+        """Holds one particle and leads it to `target` (x, y, z) [m] within the next frame.
+
+        Call it again with the same index to move the hand; another index lets go of the first particle.
+        Raises ValueError for an index that is no particle and for a target that is not three finite numbers.
+        """
+        point = _point(target)
+        if not 0 <= index < self.topology.particle_count:
+            raise ValueError(f"particle {index} does not exist: indices run from 0 to {self.topology.particle_count - 1}")
+        if self._held != index:
+            self.release()
+            self._held = index
+            self._hand_from = self.positions()[index]
+            self._hand_path.append(self._hand_from)
+            set_inverse_mass(self.cloth, index, 0.0)
+        self._hand_to = point
+
+    def release(self) -> None:
+        """Lets go: the particle has its mass again and the mean velocity of the hand's last frames."""
+        if self._held < 0:
+            return
+        inverse_mass = float(self._inverse_mass[self._held])
+        set_inverse_mass(self.cloth, self._held, inverse_mass)
+        if inverse_mass > 0 and len(self._hand_path) > 1:
+            travel = self._hand_path[-1] - self._hand_path[0]
+            velocity = travel / ((len(self._hand_path) - 1) * FRAME_SECONDS)
+            self._solver.set_velocity(self._held, velocity, self._substep)
+        self._drop_hand()
+
+    # -- reading ---------------------------------------------------------------------------------------
+
+    @property
+    def cloth(self) -> state.ClothState:
+        """The fields of the cloth. Raises RuntimeError once the simulation is closed."""
+        if self._cloth is None:
+            raise RuntimeError("this simulation is closed")
+        return self._cloth
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time [s]."""
+        return self.frame * FRAME_SECONDS
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of what is switched on: spring families, forces and colliders."""
+        on = {"wind": self._stages.wind, "sphere": self._stages.spheres, "box": self._stages.boxes}
+        return (*self.topology.family_counts, *(n for n, used in on.items() if used), *["ground"] * self._stages.ground)
+
+    def positions(self) -> Floats:
+        """Where every particle is [m], shape (N, 3)."""
+        return self.cloth.taken(self.cloth.x).astype(np.float64)
+
+    def velocities(self) -> Floats:
+        """Velocity of every particle [m/s], shape (N, 3)."""
+        self.cloth  # a closed simulation says so
+        return self._solver.velocities(self._substep)
+
+    def spheres_now(self) -> list[tuple[Floats, float]]:
+        """Middle [m] and radius [m] of every sphere at the present time."""
+        return [
+            (sphere_center(sphere, self.seconds), radius)
+            for sphere, radius in zip(self.scene.spheres, self._radii(), strict=True)
+        ]
+
+    def measure(self) -> Measures:
+        """Strain, energy [J] and penetration [m] of the cloth as it is now."""
+        x = self.positions()
+        strains = spring_strains(self.topology, x)
+        family = self.topology.family("structural")
+        strains = strains[family] if len(family) else strains
+        kinetic, potential = energies(self.topology, x, self.velocities(), self._live["gravity"])
+        boxes = [(np.asarray(box.center), np.asarray(box.size)) for box in self.scene.boxes]
+        ground = None if self.scene.ground is None else self.scene.ground.height
+        return Measures(
+            max_strain=float(strains.max(initial=0.0)),
+            mean_strain=float(np.abs(strains).mean()) if len(strains) else 0.0,
+            kinetic_energy=kinetic,
+            potential_energy=potential,
+            penetration=penetration(x, self.spheres_now(), boxes, ground),
+            finite=bool(np.isfinite(x).all()),
+        )
+
+    # -- saving ----------------------------------------------------------------------------------------
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes all that moves to `path` (NumPy .npz). Raises OSError; a half-written file never stays."""
+        write_save(path, scene_to_toml(self.scene), self._moving())
+
+    def load(self, path: str | PathLike[str]) -> None:
+        """Goes on from a save: the frames that follow are bit-equal to those of a run that never stopped.
+
+        Raises OSError where the file cannot be read, and ValueError where it is no save or one of another scene.
+        """
+        saved = read_save(path, scene_to_toml(self.scene), self._moving())
+        self.cloth.put(saved["x"], saved["x_prev"], saved["inverse_mass"])
+        self.frame = int(saved["frame"])
+        self._live = {
+            name: type(key.value)(value) for (name, key), value in zip(self._keys.items(), saved["live"], strict=True)
+        }
+        self._wind_on = bool(saved["wind_on"])
+        self._held = int(saved["held"])
+        self._hand_from, self._hand_to = saved["hand"]
+        self._hand_path = deque(saved["hand_path"], maxlen=THROW_FRAMES + 1)
+
+    def _moving(self) -> dict[str, NDArray[Any]]:
+        return {
+            "x": self.cloth.taken(self.cloth.x),
+            "x_prev": self.cloth.taken(self.cloth.x_prev),
+            "inverse_mass": self.cloth.taken(self.cloth.inverse_mass),
+            "frame": np.array(self.frame),
+            "live": np.array(list(self._live.values()), np.float64),
+            "wind_on": np.array(self._wind_on),
+            "held": np.array(self._held),
+            "hand": np.stack([self._hand_from, self._hand_to]),
+            "hand_path": np.array(self._hand_path).reshape(-1, 3),
+        }
+
+    # -- one frame's input -----------------------------------------------------------------------------
+
+    def _input(self) -> FrameInput:
+        start, end = self.seconds, self.seconds + FRAME_SECONDS
+        return FrameInput(
+            substeps=int(self._live["substeps"]),
+            iterations=int(self._live["iterations"]),
+            h=self._substep,
+            held=self._held,
+            controls=self._controls(),
+            spheres=sphere_table(self.scene.spheres, self._radii(), start, end),
+            boxes=self._boxes,
+            ground=self._ground,
+        )
+
+    def _controls(self) -> NDArray[np.float32]:
+        controls = np.zeros(c.COUNT, np.float32)
+        controls[c.GRAVITY] = self._live["gravity"]
+        controls[c.KEPT] = exp(-self._live["damping"] * self._substep)
+        controls[c.STIFFNESS] = self._live["stiffness"]
+        wind = self.scene.wind
+        if wind is not None:
+            # Switched off, the air stands still; it still slows the cloth.
+            x, z = (self._live["wind_x"], self._live["wind_z"]) if self._wind_on else (0.0, 0.0)
+            controls[c.WIND_X], controls[c.WIND_Z] = x, z
+            controls[c.GUST] = wind.turbulence * np.hypot(x, z)
+            controls[c.DRAG], controls[c.LIFT] = wind.drag, wind.lift
+            controls[c.HALF_AIR_DENSITY] = wind.air_density / 2
+            # Kept within a turn in float64: float32 would lose the phase in a long run.
+            turns = self._gust_phase + np.asarray(c.GUST_RATES) * self.seconds
+            controls[c.GUST_TURNS : c.GUST_TURNS + 3] = turns % 1
+        controls[c.GRAB_FROM : c.GRAB_FROM + 3] = self._hand_from
+        controls[c.GRAB_TO : c.GRAB_TO + 3] = self._hand_to
+        return controls
+
+    def _radii(self) -> list[float]:
+        """Radius of every sphere [m]; the slider moves the first."""
+        radii = [sphere.radius for sphere in self.scene.spheres]
+        return [self._live["sphere_radius"], *radii[1:]] if radii else []
+
+    def _forget(self) -> None:
+        self.frame = 0
+        self._drop_hand()
+
+    def _drop_hand(self) -> None:
+        self._held = -1
+        self._hand_from = self._hand_to = np.zeros(3)
+        self._hand_path: deque[Floats] = deque(maxlen=THROW_FRAMES + 1)
+
+
+def _point(target: ArrayLike) -> Floats:
+    """Three finite numbers [m]. Raises ValueError."""
+    try:
+        point = np.asarray(target, dtype=np.float64)
+    except (TypeError, ValueError):
+        point = np.zeros(0)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise ValueError(f"a target is three finite numbers [m], got {target!r}")
+    return point

@@ -1,0 +1,44 @@
+"""Strain, energy and penetration by hand numbers. No Taichi."""
+
+import numpy as np
+import pytest
+
+from taichi_cloth.measure.cloth import energies, penetration, spring_strains
+from taichi_cloth.mesh.topology import sheet
+
+STRIP = sheet(
+    rows=2,
+    columns=2,
+    width=1.0,
+    height=1.0,
+    center=(0.0, 0.0, 0.0),
+    rotation=(0.0, 0.0, 0.0),
+    area_density=3.0,
+    pins=("top-left",),
+    families={"structural": 1.0, "shear": 0.0, "bend": 0.0},
+)
+
+
+def test_strain_is_length_over_rest_less_one() -> None:
+    assert np.abs(spring_strains(STRIP, STRIP.start)).max() == 0
+    assert spring_strains(STRIP, STRIP.start * [1.1, 1.0, 1.0]).tolist() == pytest.approx([0.1, 0.1, 0, 0])
+    assert spring_strains(STRIP, STRIP.start * 0.5).tolist() == pytest.approx([-0.5] * 4)
+
+
+def test_energies_of_a_moving_sheet() -> None:
+    # 3 kg in all; the alternating cut gives the top left corner 1 kg, and it is pinned: 2 kg move at 2 m/s.
+    assert STRIP.mass.tolist() == pytest.approx([1.0, 0.5, 0.5, 1.0])
+    velocity = np.tile([0.0, 2.0, 0.0], (4, 1))
+    kinetic, potential = energies(STRIP, STRIP.start + [0, 10, 0], velocity, 9.81)
+    assert kinetic == pytest.approx(0.5 * 2.0 * 4.0)
+    assert potential == pytest.approx(3.0 * 9.81 * 10.0)
+
+
+def test_penetration_is_the_depth_of_the_deepest_particle() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [0.9, 0.0, 0.0], [0.0, 5.0, 0.0]])
+    assert penetration(points) == 0
+    assert penetration(points, spheres=[(np.array([1.0, 0.0, 0.0]), 0.25)]) == pytest.approx(0.15)
+    assert penetration(points, spheres=[(np.array([9.0, 0.0, 0.0]), 0.25)]) == 0
+    assert penetration(points, boxes=[(np.array([0.0, 5.2, 0.0]), np.array([4.0, 1.0, 4.0]))]) == pytest.approx(0.3)
+    assert penetration(points, ground=0.125) == pytest.approx(0.125)
+    assert penetration(points, ground=-1.0) == 0

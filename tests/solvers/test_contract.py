@@ -1,0 +1,194 @@
+"""What every solver must keep, whatever its method. A new solver joins by standing in SOLVERS."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichi_cloth.scene.model import Box, Cloth, Forces, Ground, Scene, Solver, Sphere, Springs, Wind
+from taichi_cloth.simulation import Simulation
+from taichi_cloth.solvers import SOLVERS
+
+pytestmark = pytest.mark.parametrize("solver", sorted(SOLVERS))
+
+SHEET = Cloth(rows=8, columns=9, width=0.8, height=0.7, center=(0.0, 3.0, 0.0), pins=())
+
+
+def scene(solver: str, cloth: Cloth = SHEET, *, damping: float = 0.0, **parts: object) -> Scene:
+    return Scene(cloth=cloth, solver=Solver(name=solver, damping=damping), **parts)
+
+
+def busy(solver: str) -> Scene:
+    """Everything on at once."""
+    return scene(
+        solver,
+        replace(SHEET, pins=("top-left", "top-right")),
+        damping=1.0,
+        wind=Wind(x=1.0, z=4.0),
+        spheres=(Sphere(center=(0.0, 2.7, -0.4), radius=0.2, margin=0.05, sway=(0.1, 0.0, 0.5), period=(1.0, 1.0, 2.0)),),
+        boxes=(Box(center=(0.3, 2.4, 0.3), size=(0.2, 0.2, 0.2)),),
+        ground=Ground(height=2.2),
+    )
+
+
+def run(simulation: Simulation, frames: int) -> np.ndarray:
+    for _ in range(frames):
+        simulation.advance_frame()
+    return simulation.positions()
+
+
+def test_pins_do_not_move_by_a_bit(solver: str) -> None:
+    with Simulation(busy(solver)) as simulation:
+        before = simulation.positions()
+        after = run(simulation, 120)
+        pins = simulation.topology.pinned
+        assert (after[pins] == before[pins]).all()
+        assert np.linalg.norm(after - before, axis=1)[~pins].min() > 1e-3
+
+
+def test_a_flat_sheet_without_forces_stays_where_it_is(solver: str) -> None:
+    with Simulation(scene(solver, forces=Forces(gravity=0.0))) as simulation:
+        before = simulation.positions()
+        assert np.abs(run(simulation, 600) - before).max() < 1e-6 * SHEET.width
+
+
+def test_free_fall_follows_its_discrete_closed_form(solver: str) -> None:
+    # n steps of h from rest: −g·h²·n(n+1)/2 (accuracy reference A1.1, first-order schemes).
+    frames = 30
+    with Simulation(scene(solver)) as simulation:
+        before = simulation.positions()
+        fall = run(simulation, frames) - before
+        n, h = frames * simulation.scene.solver.substeps, simulation.scene.solver.substeps
+        step = 1 / 60 / h
+        expected = -9.81 * step**2 * n * (n + 1) / 2
+        assert fall[:, 1] == pytest.approx(expected, rel=1e-3)  # float32 at y = 3 m loses 0.04 % of g·h² a step
+        assert np.abs(fall[:, [0, 2]]).max() < 1e-5
+        assert simulation.measure().max_strain < 1e-4
+        assert simulation.velocities()[:, 1] == pytest.approx(-9.81 * n * step, rel=1e-3)
+
+
+def test_damping_takes_its_share_of_velocity_every_second(solver: str) -> None:
+    with Simulation(scene(solver, damping=2.0, forces=Forces(gravity=0.0))) as simulation:
+        simulation.set("gravity", 10.0)
+        run(simulation, 6)
+        simulation.set("gravity", 0.0)
+        before = simulation.velocities()[:, 1].mean()
+        run(simulation, 30)
+        assert simulation.velocities()[:, 1].mean() / before == pytest.approx(np.exp(-2.0 * 0.5), rel=1e-3)
+
+
+def test_the_same_scene_twice_gives_the_same_bits(solver: str) -> None:
+    runs = []
+    for _ in range(2):
+        with Simulation(busy(solver)) as simulation:
+            runs.append(run(simulation, 90))
+    assert (runs[0] == runs[1]).all()
+
+
+def test_reset_is_the_start_bit_for_bit(solver: str) -> None:
+    with Simulation(busy(solver)) as simulation:
+        start, first = simulation.positions(), run(simulation, 60)
+        simulation.grab(40, (1.0, 3.0, 1.0))
+        run(simulation, 5)
+        simulation.reset()
+        assert (simulation.positions() == start).all()
+        assert (simulation.velocities() == 0).all()
+        assert (run(simulation, 60) == first).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("gravity", 3.0),
+        ("wind_x", -5.0),
+        ("wind_z", 9.0),
+        ("stiffness", 0.3),
+        ("damping", 8.0),
+        ("sphere_radius", 1.4),
+        ("iterations", 3),
+        ("substeps", 9),
+        ("wind", False),
+    ],
+)
+def test_a_changed_parameter_counts_from_the_next_frame(solver: str, name: str, value: float) -> None:
+    with Simulation(busy(solver)) as changed, Simulation(busy(solver)) as same:
+        run(changed, 20)
+        run(same, 20)
+        assert changed.get(name) != value
+        changed.set(name, value)
+        assert changed.get(name) == value
+        assert (changed.positions() == same.positions()).all()  # nothing jumps
+        assert np.abs(run(changed, 1) - run(same, 1)).max() > 1e-6
+
+
+def test_changing_the_substeps_keeps_every_velocity(solver: str) -> None:
+    with Simulation(scene(solver)) as simulation:
+        run(simulation, 10)
+        before = simulation.velocities()
+        simulation.set("substeps", 13)
+        assert simulation.velocities() == pytest.approx(before, rel=1e-3, abs=1e-3)
+
+
+def test_the_cloth_stays_out_of_colliders(solver: str) -> None:
+    with Simulation(busy(solver)) as simulation:
+        deepest = 0.0
+        for _ in range(120):
+            simulation.advance_frame()
+            deepest = max(deepest, simulation.measure().penetration)
+        assert deepest == 0.0
+
+
+def test_a_held_particle_goes_exactly_where_the_hand_is(solver: str) -> None:
+    with Simulation(busy(solver)) as simulation:
+        for k in range(20):
+            target = (0.02 * k, 3.1, 0.01 * k)
+            simulation.grab(30, target)
+            simulation.advance_frame()
+            assert simulation.positions()[30] == pytest.approx(target, abs=1e-6)
+        assert simulation.grabbed == 30
+
+
+def test_a_released_particle_has_its_mass_and_the_hands_velocity(solver: str) -> None:
+    free = scene(solver, forces=Forces(gravity=0.0), springs=Springs(0.0, 0.0, 0.0))
+    with Simulation(free) as simulation:
+        start = simulation.positions()[10]
+        for k in range(1, 7):
+            simulation.grab(10, start + [0.02 * k, 0, 0])
+            simulation.advance_frame()
+        simulation.release()
+        assert simulation.grabbed is None
+        assert simulation.velocities()[10] == pytest.approx([1.2, 0, 0], abs=1e-3)  # 0.02 m a frame
+        there = simulation.positions()[10]
+        assert run(simulation, 60)[10] == pytest.approx(there + [1.2, 0, 0], abs=1e-2)
+    with Simulation(scene(solver)) as simulation:
+        simulation.grab(10, simulation.positions()[10])
+        run(simulation, 5)
+        simulation.release()
+        before = simulation.positions()[10]
+        assert run(simulation, 30)[10][1] < before[1] - 0.1  # it falls again
+
+
+def test_a_pin_that_was_grabbed_stays_a_pin(solver: str) -> None:
+    with Simulation(busy(solver)) as simulation:
+        simulation.grab(0, (-0.5, 3.3, 0.1))
+        run(simulation, 3)
+        simulation.release()
+        assert run(simulation, 30)[0] == pytest.approx((-0.5, 3.3, 0.1), abs=1e-6)
+
+
+def test_a_save_goes_on_bit_for_bit(solver: str, tmp_path: object) -> None:
+    path = tmp_path / "half.npz"
+    with Simulation(busy(solver)) as whole:
+        whole.set("wind_z", 6.0)
+        whole.grab(33, (0.1, 2.9, 0.2))
+        run(whole, 25)
+        whole.save(path)
+        whole.release()
+        end = run(whole, 25)
+    with Simulation(busy(solver)) as half:
+        half.load(path)
+        assert half.frame == 25
+        assert half.get("wind_z") == 6.0
+        assert half.grabbed == 33
+        half.release()
+        assert (run(half, 25) == end).all()

@@ -1,0 +1,182 @@
+"""The Python API: what a program may rely on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.scene.model import Cloth, Ground, Scene, Sphere, Wind
+
+SMALL = Scene(
+    cloth=Cloth(rows=5, columns=6, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),
+    wind=Wind(z=2.0),
+    spheres=(Sphere(center=(0.0, 1.0, 1.0), radius=0.2, sway=(1.0, 0.0, 0.0), period=(4.0, 1.0, 1.0)),),
+    ground=Ground(),
+)
+
+
+def resident_megabytes() -> float:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+
+def test_arrays_have_a_row_for_every_particle() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        assert simulation.positions().shape == simulation.velocities().shape == (30, 3)
+        assert simulation.positions()[0] == pytest.approx([-0.5, 2.4, 0.0])
+
+
+def test_time_and_spheres_go_on_with_the_frames() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        assert (simulation.frame, simulation.seconds) == (0, 0)
+        for _ in range(60):
+            simulation.advance_frame()
+        assert simulation.seconds == pytest.approx(1.0)
+        (center, radius), = simulation.spheres_now()
+        assert center == pytest.approx([1.0, 1.0, 1.0])  # a quarter of its 4 s: at the end of its sway
+        assert radius == 0.2
+
+
+def test_stages_name_what_is_on() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        assert simulation.stages == ("structural", "shear", "bend", "wind", "sphere", "ground")
+    with tc.Simulation(replace(SMALL, wind=None, spheres=(), ground=None)) as simulation:
+        assert simulation.stages == ("structural", "shear", "bend")
+
+
+def test_measure_at_the_start() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        measures = simulation.measure()
+        assert measures.max_strain == pytest.approx(0, abs=1e-6)
+        assert measures.kinetic_energy == 0
+        assert measures.potential_energy == pytest.approx(0.2 * 0.8 * 9.81 * 2.0)
+        assert measures.penetration == 0
+        assert measures.finite
+
+
+@pytest.mark.parametrize("name", ["gravity", "wind_x", "wind_z", "stiffness", "damping", "sphere_radius", "substeps"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e9, "3", None, True])
+def test_a_bad_value_is_refused_and_changes_nothing(name: str, value: object) -> None:
+    with tc.Simulation(SMALL) as simulation:
+        before = simulation.get(name)
+        with pytest.raises(ValueError, match=name):
+            simulation.set(name, value)
+        assert simulation.get(name) == before
+
+
+def test_an_unknown_parameter_is_refused_by_name() -> None:
+    with tc.Simulation(replace(SMALL, wind=None)) as simulation:
+        for name in ("wind_x", "colour"):
+            with pytest.raises(ValueError, match=name):
+                simulation.set(name, 1.0)
+            with pytest.raises(ValueError, match="gravity"):
+                simulation.get(name)
+
+
+@pytest.mark.parametrize("index", [-1, 30, 10**9])
+def test_a_particle_that_does_not_exist_cannot_be_grabbed(index: int) -> None:
+    with tc.Simulation(SMALL) as simulation, pytest.raises(ValueError, match="29"):
+        simulation.grab(index, (0, 0, 0))
+
+
+@pytest.mark.parametrize("target", [(0, 0), (0, 0, float("nan")), "abc", None, (0, 0, float("inf")), [[1, 2, 3]]])
+def test_a_target_must_be_a_point(target: object) -> None:
+    with tc.Simulation(SMALL) as simulation:
+        with pytest.raises(ValueError, match="three finite numbers"):
+            simulation.grab(7, target)
+        assert simulation.grabbed is None
+
+
+def test_grabbing_another_particle_lets_go_of_the_first() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        simulation.grab(7, (0, 2, 1))
+        simulation.advance_frame()
+        simulation.grab(8, (0, 2, 1))
+        assert simulation.grabbed == 8
+        before = simulation.positions()[7]
+        for _ in range(10):
+            simulation.advance_frame()
+        assert np.linalg.norm(simulation.positions()[7] - before) > 1e-3
+
+
+def test_release_of_nothing_does_nothing() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        simulation.release()
+        assert simulation.grabbed is None
+
+
+def test_a_closed_simulation_says_so() -> None:
+    simulation = tc.Simulation(SMALL)
+    simulation.close()
+    simulation.close()
+    for call in (simulation.advance_frame, simulation.positions, simulation.velocities, simulation.reset):
+        with pytest.raises(RuntimeError, match="closed"):
+            call()
+
+
+def test_two_simulations_of_one_size_do_not_touch_each_other() -> None:
+    with tc.Simulation(SMALL) as one, tc.Simulation(SMALL) as other:
+        start = other.positions()
+        one.advance_frame()
+        assert (other.positions() == start).all()
+
+
+def test_a_thousand_simulations_one_after_another() -> None:
+    """Taichi holds 512 field trees and keeps every compiled kernel: without reuse this crashes or grows."""
+    sizes = [(4 + k % 5, 5 + k % 3) for k in range(1000)]
+    after_first = 0.0
+    for k, (rows, columns) in enumerate(sizes):
+        with tc.Simulation(replace(SMALL, cloth=replace(SMALL.cloth, rows=rows, columns=columns))) as simulation:
+            simulation.advance_frame()
+            assert simulation.measure().finite
+        if k == 200 and Path("/proc/self/statm").exists():
+            after_first = resident_megabytes()
+    if after_first:
+        assert resident_megabytes() - after_first < 5
+
+
+# -- saves -------------------------------------------------------------------------------------------------
+
+
+def test_a_save_of_another_scene_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "save.npz"
+    with tc.Simulation(SMALL) as simulation:
+        simulation.save(path)
+    with tc.Simulation(replace(SMALL, cloth=replace(SMALL.cloth, rows=6))) as other:
+        start = other.positions()
+        with pytest.raises(ValueError, match="rows"):
+            other.load(path)
+        assert (other.positions() == start).all()
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 torn"])
+def test_a_file_that_is_no_save_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "save.npz"
+    path.write_bytes(content)
+    with tc.Simulation(SMALL) as simulation, pytest.raises(ValueError, match=r"save\.npz"):
+        simulation.load(path)
+
+
+def test_a_torn_save_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "save.npz"
+    with tc.Simulation(SMALL) as simulation:
+        simulation.save(path)
+        whole = path.read_bytes()
+        for length in (len(whole) // 3, len(whole) - 30):
+            path.write_bytes(whole[:length])
+            with pytest.raises(ValueError, match=r"save\.npz"):
+                simulation.load(path)
+
+
+def test_a_save_that_fails_leaves_the_old_one_and_no_rest(tmp_path: Path) -> None:
+    path = tmp_path / "save.npz"
+    with tc.Simulation(SMALL) as simulation:
+        simulation.save(path)
+        before = path.read_bytes()
+        with pytest.raises(OSError, match="missing"):
+            simulation.save(tmp_path / "missing" / "save.npz")
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["save.npz"]
