@@ -21,5 +21,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         with part.open("wb") as file:
             yield file
         os.replace(part, target)
+    except OSError as error:  # a write that fails does not know its file's name
+        raise OSError(error.errno, error.strerror, str(target)) from None
     finally:
         part.unlink(missing_ok=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 from typing import Any
 
@@ -21,7 +23,8 @@ def start(arch: str = "cpu", **options: Any) -> None:
         raise ValueError(f"unknown arch {arch!r}: {', '.join(ARCHS)}")
     import taichi as ti
 
-    ti.init(arch=getattr(ti, arch), **{"log_level": ti.WARN, "enable_fallback": False, **options})
+    with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints its arch, and offers no switch for it
+        ti.init(arch=getattr(ti, arch), **{"log_level": ti.WARN, "enable_fallback": False, **options})
 
 
 def start_if_needed() -> None:

@@ -1,0 +1,185 @@
+"""Pictures without a screen: a scene as numbered PNG files and one `run.json` that says how they were made."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BlewUp, OutputInUse
+from ..files import whole_file
+from ..interact.camera import OrbitCamera
+from ..scene import scene_to_toml
+from ..simulation import Simulation
+from .contact_sheet import contact_sheet
+from .draw_list import DrawList
+from .png import write_png
+from .raster import Raster
+
+SHEET_PICTURES, SHEET_COLUMNS = 12, 4
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which pictures to make. Picture i shows the cloth after `i · every` frames of 1/60 s."""
+
+    out: Path
+    frames: int  # simulated frames
+    width: int = 960
+    height: int = 540
+    view: str = "shaded"
+    every: int = 1
+    samples: int = 4  # per pixel, 1 or 4
+    sheet: bool = False  # also one picture of twelve moments
+
+    @property
+    def pictures(self) -> int:
+        return -(-self.frames // self.every)
+
+    def path(self, picture: int) -> Path:
+        return self.out / f"frame_{picture:05d}.png"
+
+    def settings(self) -> dict[str, Any]:
+        """What decides a picture's content; a resumed run must agree in it."""
+        return {k: v for k, v in asdict(self).items() if k not in ("out", "frames", "sheet")}
+
+
+@dataclass
+class Report:
+    """What `run.json` holds."""
+
+    scene: str
+    scene_text: str
+    settings: dict[str, Any]
+    machine: dict[str, str]
+    pictures: list[dict[str, Any]] = field(default_factory=list)
+    frames: int = 0
+    complete: bool = False
+
+    def write(self, out: Path) -> None:
+        with whole_file(out / "run.json") as file:
+            file.write(json.dumps(asdict(self), indent=1).encode())
+
+
+def claim(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> None:
+    """Makes the folder ready. Raises OutputInUse where it holds frames and neither flag allows for them,
+    or where `resume` is asked for and the frames there were made from something else."""
+    there = plan.out / "run.json"
+    if plan.out.exists() and not plan.out.is_dir():
+        raise OutputInUse(f"{plan.out} is a file, not a folder")
+    old = sorted(plan.out.glob("frame_*.png")) if plan.out.is_dir() else []
+    if resume and there.exists():
+        made = json.loads(there.read_text())
+        mine = {"scene_text": scene_to_toml(simulation.scene), "settings": plan.settings()}
+        for key, value in mine.items():
+            if made.get(key) != value:
+                what = "another scene" if key == "scene_text" else f"other settings ({made.get(key)})"
+                raise OutputInUse(f"{plan.out} holds frames made from {what}: it cannot be resumed; use --force to start anew")
+    elif old or there.exists():
+        if not force:
+            raise OutputInUse(f"{plan.out} holds frames already: use --force to replace them or --resume to go on")
+        for path in (*old, there, plan.out / "contact_sheet.png"):
+            path.unlink(missing_ok=True)
+    plan.out.mkdir(parents=True, exist_ok=True)
+    for left_behind in plan.out.glob(".*.part"):  # by a run that was killed outright
+        left_behind.unlink()
+
+
+def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) -> Report:
+    """Runs the scene and writes its pictures; files that exist are kept and their frames only simulated.
+
+    `on_frame(k)` is called after every simulated frame. Raises BlewUp when the cloth does, and OSError
+    when a file cannot be written; `run.json` then tells how far the run came, and every PNG is whole.
+    """
+    report = Report(
+        simulation.scene.name, scene_to_toml(simulation.scene), plan.settings(), machine(), frames=plan.frames
+    )
+    camera = OrbitCamera.from_scene(simulation.scene.camera)
+    view_projection = camera.view_projection(plan.width / plan.height)
+    raster = Raster(plan.width, plan.height, plan.samples)
+    draw_list = DrawList(simulation)
+    in_sheet = set(np.linspace(0, plan.pictures - 1, SHEET_PICTURES).round().astype(int)) if plan.sheet else set()
+    sheet: list[Picture] = []
+    report.write(plan.out)
+    try:
+        with writing_behind() as write:
+            for k in range(plan.frames):
+                picture, rest = divmod(k, plan.every)
+                if rest == 0:
+                    start = time.perf_counter()
+                    if picture in in_sheet or not plan.path(picture).exists():
+                        mesh = draw_list.update(plan.view, camera.eye)
+                        pixels = raster.draw(mesh, view_projection, draw_list.lighting)
+                        if picture in in_sheet:
+                            sheet.append(pixels)
+                        write(plan.path(picture), pixels)
+                    drawn = time.perf_counter()
+                    report.pictures.append(_line(simulation, k, draw_ms=1e3 * (drawn - start)))
+                start = time.perf_counter()
+                simulation.advance_frame()
+                if rest == 0:
+                    report.pictures[-1]["physics_ms"] = round(1e3 * (time.perf_counter() - start), 3)
+                on_frame(k)
+        if sheet:
+            factor = max(1, plan.width // 320)
+            write_png(plan.out / "contact_sheet.png", contact_sheet(sheet, SHEET_COLUMNS, factor))
+        report.complete = True
+    finally:
+        draw_list.close()
+        report.write(plan.out)
+    return report
+
+
+def _line(simulation: Simulation, frame: int, draw_ms: float) -> dict[str, Any]:
+    measures = simulation.measure()
+    if not measures.finite:
+        raise BlewUp(f"the cloth blew up in frame {frame}: try more substeps, less wind or less stiffness")
+    return {
+        "frame": frame,
+        "draw_ms": round(draw_ms, 3),
+        "max_strain": measures.max_strain,
+        "mean_strain": measures.mean_strain,
+    }
+
+
+@contextmanager
+def writing_behind() -> Iterator[Callable[[Path, Picture], None]]:
+    """A function that writes a PNG while the next frame is computed; at most two pictures wait.
+
+    At the end of the block every picture handed over is on the disk. An error of an earlier picture is
+    raised by a later call, or at the end.
+    """
+    with ThreadPoolExecutor(1, "png") as executor:
+        waiting: list[Future[None]] = []
+
+        def write(path: Path, pixels: Picture) -> None:
+            if len(waiting) == 2:
+                waiting.pop(0).result()
+            waiting.append(executor.submit(write_png, path, pixels))
+
+        yield write
+        for future in waiting:
+            future.result()
+
+
+def machine() -> dict[str, str]:
+    """Versions and machine that a run's numbers belong to."""
+    return {
+        "taichi_cloth": version("taichi-cloth"),
+        "taichi": version("taichi"),
+        "numpy": version("numpy"),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+    }

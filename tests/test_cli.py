@@ -1,0 +1,220 @@
+"""The command line as a user meets it: real processes, exit codes, one line for every mistake."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from taichi_cloth import __version__, cli
+
+SMALL = ["--size", "96x54"]
+
+
+def run(*words: str, cwd: Path, **options: object) -> subprocess.CompletedProcess[str]:
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-m", "taichi_cloth", *words]
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300, **options)
+
+
+def mistake(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The one line that a wrong command prints."""
+    try:
+        code = cli.main(words)
+    except SystemExit as error:
+        code = error.code
+    out, err = capsys.readouterr()
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["rendr"], "did you mean 'render'?"),
+        (["render"], "SCENE"),
+        (["render", "curtian"], "did you mean 'curtain'?"),
+        (["render", "none.toml"], "none.toml: cannot be read: No such file"),
+        (["render", "curtain", "--frames", "0"], "'0' is not a whole number from 1"),
+        (["render", "curtain", "--frames", "-3"], "whole number"),
+        (["render", "curtain", "--frames", "nan"], "whole number"),
+        (["render", "curtain", "--size", "960"], "'960' is not WxH"),
+        (["render", "curtain", "--size", "0x5"], "WxH"),
+        (["render", "curtain", "--size", "9000x5"], "WxH"),
+        (["render", "curtain", "--view", "strian"], "did you mean 'strain'?"),
+        (["render", "curtain", "--samples", "3"], "invalid choice: 3"),
+        (["render", "curtain", "--force", "--resume"], "not allowed with"),
+        (["render", "curtain", "--set", "wind_q=1"], "did you mean 'wind_z'?"),
+        (["render", "curtain", "--set", "wind_z"], "KEY=VALUE"),
+        (["render", "curtain", "--set", "rows=1"], "rows: 1 is out of range: 2 to 2048"),
+        (["render", "curtain", "--solver", "varlet"], "did you mean 'verlet'?"),
+        (["render", "curtain", "--arch", "cuda"], "invalid choice: 'cuda'"),
+        (["render", "curtain", "--quick"], "--quick"),
+        (["check"], "FILE"),
+        (["check", "curtian"], "did you mean 'curtain'?"),
+        (["--sett", "x=1"], "--sett"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert said in mistake(capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_list_has_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert {"curtain", "drape15", "table"} <= {line.split()[0] for line in lines}
+    assert all(len(line.split()) > 3 for line in lines)
+
+
+def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("[cloth]\nrows = 7\ncolumns = 9\n")
+    assert cli.main(["check", str(path)]) == 0
+    assert "fine (9×7 particles" in capsys.readouterr().out
+    path.write_text("[cloth]\nrow = 7\n")
+    assert "cloth.row: unknown key (did you mean 'rows'?)" in mistake(capsys, "check", str(path))
+    assert cli.main(["check", "--keys"]) == 0
+    assert "area_density" in capsys.readouterr().out
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--version"])
+    assert __version__ in capsys.readouterr().out
+
+
+def test_every_command_has_an_example_and_its_defaults(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("run", "render", "list", "check"):
+        with pytest.raises(SystemExit, match="0"):
+            cli.main([command, "--help"])
+        assert "example: taichi-cloth" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        cli.main(["render", "--help"])
+    assert "(default: 240)" in capsys.readouterr().out
+
+
+# -- rendering, in a process of its own ----------------------------------------------------------------------
+
+
+def test_render_writes_pictures_and_what_made_them(tmp_path: Path) -> None:
+    done = run("render", "curtain", "--frames", "7", "--every", "3", "--out", "o", "--contact-sheet", *SMALL, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert lines[0] == "curtain · verlet 5×12 · 30×24 · structural shear bend wind sphere ground · cpu · seed 0"
+    assert lines[-1] == "3 pictures in o, contact_sheet.png among them"
+    names = sorted(p.name for p in (tmp_path / "o").iterdir())
+    assert names == ["contact_sheet.png", "frame_00000.png", "frame_00001.png", "frame_00002.png", "run.json"]
+    with Image.open(tmp_path / "o" / "frame_00002.png") as picture:
+        assert picture.size == (96, 54)
+    told = json.loads((tmp_path / "o" / "run.json").read_text())
+    assert told["complete"]
+    assert [p["frame"] for p in told["pictures"]] == [0, 3, 6]
+    assert told["settings"]["every"] == 3
+    assert "rows = 24" in told["scene_text"]
+    assert {"taichi", "numpy", "taichi_cloth"} <= told["machine"].keys()
+    assert told["pictures"][2]["max_strain"] > 0
+
+
+def test_two_runs_give_the_same_bytes(tmp_path: Path) -> None:
+    for out in ("a", "b"):
+        assert run("render", "curtain", "--frames", "20", "--every", "19", "--out", out, *SMALL, cwd=tmp_path).returncode == 0
+    for k in range(2):
+        first, second = ((tmp_path / out / f"frame_{k:05d}.png").read_bytes() for out in ("a", "b"))
+        assert first == second
+
+
+def test_frames_are_not_overwritten_unasked(tmp_path: Path) -> None:
+    words = ["render", "drape15", "--frames", "2", "--out", "o", *SMALL]
+    assert run(*words, cwd=tmp_path).returncode == 0
+    (tmp_path / "o" / "frame_00001.png").write_bytes(b"mine")
+    again = run(*words, cwd=tmp_path)
+    assert again.returncode == 2
+    assert "--force" in again.stderr
+    assert (tmp_path / "o" / "frame_00001.png").read_bytes() == b"mine"
+    assert run(*words, "--force", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "o" / "frame_00001.png").read_bytes() != b"mine"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals to send")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_an_interrupted_render_leaves_whole_files_and_resumes_to_the_same_frames(tmp_path: Path, number: int) -> None:
+    words = ["render", "drape15", *SMALL]
+    command = [sys.executable, "-m", "taichi_cloth", *words, "--frames", "100000", "--out", "o"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while not (tmp_path / "o" / "frame_00005.png").exists():
+        assert process.poll() is None
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    if number != signal.SIGKILL:
+        assert process.returncode == 130
+        assert err == "taichi-cloth: interrupted; finished files are whole\n"
+        assert not list((tmp_path / "o").glob(".*"))
+        assert not json.loads((tmp_path / "o" / "run.json").read_text())["complete"]
+    made = sorted((tmp_path / "o").glob("frame_*.png"))
+    for path in made:
+        with Image.open(path) as picture:
+            picture.load()
+    frames = str(len(made) + 3)
+    assert run(*words, "--frames", frames, "--out", "o", "--resume", cwd=tmp_path).returncode == 0
+    assert run(*words, "--frames", frames, "--out", "whole", cwd=tmp_path).returncode == 0
+    resumed, whole = ({p.name: p.read_bytes() for p in (tmp_path / out).glob("*.png")} for out in ("o", "whole"))
+    assert resumed == whole
+    assert not list((tmp_path / "o").glob(".*"))
+
+
+def test_a_resume_of_another_run_is_refused(tmp_path: Path) -> None:
+    words = ["render", "drape15", "--out", "o", "--frames", "2"]
+    assert run(*words, *SMALL, cwd=tmp_path).returncode == 0
+    for change in (["--size", "64x64"], [*SMALL, "--set", "wind_z=5"], [*SMALL, "--view", "strain"]):
+        done = run(*words, *change, "--resume", cwd=tmp_path)
+        assert done.returncode == 2
+        assert "cannot be resumed" in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+def test_an_output_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "o").write_text("mine")
+    done = run("render", "drape15", "--out", "o", "--frames", "2", *SMALL, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, "taichi-cloth: o is a file, not a folder\n")
+    assert (tmp_path / "o").read_text() == "mine"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on file sizes to set")
+def test_a_disk_that_refuses_is_one_line_and_leaves_whole_files(tmp_path: Path) -> None:
+    import resource
+
+    def limit() -> None:  # the operating system refuses every byte beyond this
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    words = ["render", "curtain", "--frames", "4", "--out", "o", "--size", "320x180"]
+    done = run(*words, cwd=tmp_path, preexec_fn=limit)
+    assert done.returncode == 1
+    assert done.stderr.startswith("taichi-cloth: ")
+    assert "File too large: 'o/frame_0000" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not list((tmp_path / "o").glob(".*"))
+    assert not list((tmp_path / "o").glob("*.png"))
+
+
+def test_without_a_display_the_demo_renders_and_says_why(tmp_path: Path) -> None:
+    done = run("run", "drape15", "--frames", "3", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0].startswith("no window (")
+    assert sorted(p.name for p in (tmp_path / "out" / "drape15").glob("*.png")) == [
+        "contact_sheet.png",
+        *[f"frame_{k:05d}.png" for k in range(3)],
+    ]
+    assert run("run", "drape15", "--frames", "2", cwd=tmp_path).returncode == 0  # a second time, too
