@@ -75,9 +75,13 @@ def build_parser() -> Parser:
     run.add_argument("--log", type=Path, metavar="FILE", help="write one line of JSON for every displayed frame")
     run.add_argument("--headless", action="store_true", help="render to out/SCENE even where a window could open")
 
-    render = command("render", render_scene, "render a scene to numbered PNG files", "render curtain --frames 240 --out out/curtain")
+    render = command(
+        "render", render_scene, "render a scene to numbered PNG files", "render curtain --frames 240 --out out/curtain"
+    )
     scene_options(render)
-    render.add_argument("--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s to simulate")
+    render.add_argument(
+        "--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s to simulate"
+    )
     render.add_argument("--size", type=size, default="960x540", metavar="WxH", help="size of a picture in pixels")
     render.add_argument("--out", type=Path, metavar="DIR", help="folder for the pictures (default: out/SCENE)")
     render.add_argument("--view", choices=VIEWS, default="shaded", help="how the cloth is drawn")
@@ -136,7 +140,9 @@ def run_scene(args: argparse.Namespace) -> int:
         from .view import window
 
         runtime.start(args.arch)
-        window.run(scene, size=args.size, frames=args.frames, log=args.log, announce=lambda s: print(summary(s, args.arch)))
+        window.run(
+            scene, size=args.size, frames=args.frames, log=args.log, announce=lambda s: print(summary(s, args.arch))
+        )
         return 0
     from .view.frames import Plan
 

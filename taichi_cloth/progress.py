@@ -21,7 +21,13 @@ def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
         return f"{done / (time.perf_counter() - start):.0f} frames/s"
 
     if sys.stdout.isatty():
-        columns = (TextColumn("frame"), MofNCompleteColumn(), BarColumn(), TextColumn("{task.fields[rate]}"), TimeRemainingColumn())
+        columns = (
+            TextColumn("frame"),
+            MofNCompleteColumn(),
+            BarColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+        )
         with Progress(*columns) as progress:
             task = progress.add_task("", total=frames, rate="")
             yield lambda k: progress.update(task, completed=k + 1, rate=rate(k + 1))

@@ -17,7 +17,7 @@ Arrays = dict[str, NDArray[Any]]
 def write_save(path: str | PathLike[str], scene_text: str, arrays: Arrays) -> None:
     """Writes the scene's text and the arrays; the file appears whole or not at all. Raises OSError."""
     with whole_file(path) as file:
-        np.savez(file, scene=np.array(scene_text), **arrays)
+        np.savez(file, allow_pickle=False, scene=np.array(scene_text), **arrays)
 
 
 def read_save(path: str | PathLike[str], scene_text: str, like: Arrays) -> Arrays:
@@ -37,8 +37,8 @@ def read_save(path: str | PathLike[str], scene_text: str, like: Arrays) -> Array
     if str(saved.pop("scene")) != scene_text:
         raise ValueError(f"{path}: saved from another scene")
     for name, array in like.items():
-        # Only the hand's path varies in length.
-        if saved[name].shape[1:] != array.shape[1:] or (name != "hand_path" and saved[name].shape != array.shape):
+        # Only the hand varies in length.
+        if saved[name].shape[1:] != array.shape[1:] or (name != "hand" and saved[name].shape != array.shape):
             raise ValueError(f"{path}: damaged: {name} has shape {saved[name].shape}, not {array.shape}")
         if not np.isfinite(saved[name]).all():
             raise ValueError(f"{path}: damaged: {name} is not finite")

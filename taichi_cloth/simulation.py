@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from math import exp
 from os import PathLike
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import state
 from .contact.tables import box_table, ground_table, sphere_center, sphere_table
+from .hand import Hand
 from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
 from .measure.cloth import Measures, energies, penetration, spring_strains
@@ -20,9 +20,7 @@ from .save_file import read_save, write_save
 from .scene import Scene, live_keys, scene_to_toml
 from .scene.live import check_live
 from .scene.model import FRAME_SECONDS
-from .solvers import SOLVERS, FrameInput, Stages
-
-THROW_FRAMES = 3  # a released particle gets the hand's mean velocity over this many frames
+from .solvers import SOLVERS, FrameInput, Solver, Stages
 
 Floats = NDArray[np.float64]
 
@@ -70,31 +68,32 @@ class Simulation:
         self._inverse_mass = state.inverse_mass(self.topology)
         self._boxes = box_table(scene.boxes)
         self._ground = ground_table(scene.ground)
-        self._cloth: state.ClothState | None = state.take(self.topology)
-        self._cloth.upload(self.topology, family_stiffness(scene))
-        self._solver = SOLVERS[scene.solver.name](self._cloth, self._stages)
-        self._forget()
+        cloth = state.take(self.topology)
+        cloth.upload(self.topology, family_stiffness(scene))
+        self._solver: Solver | None = SOLVERS[scene.solver.name](cloth, self._stages)
+        self._hand: Hand | None = None
+        self.frame = 0
 
     # -- running ---------------------------------------------------------------------------------------
 
     def advance_frame(self) -> None:
         """Moves the cloth, the spheres and the hand by one frame of 1/60 s."""
-        self.cloth  # a closed simulation says so
-        self._solver.advance_frame(self._input())
-        self._hand_from = self._hand_to
-        self._hand_path.append(self._hand_to)
+        self.solver.advance_frame(self._input())
+        if self._hand is not None:
+            self._hand.end_frame()
         self.frame += 1
 
     def reset(self) -> None:
         """Back to the first frame, bit for bit; parameters that were set keep their values."""
         self.cloth.put(self.topology.start, self.topology.start, self._inverse_mass)
-        self._forget()
+        self._hand = None
+        self.frame = 0
 
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
-        if self._cloth is not None:
-            state.give_back(self._cloth)
-            self._cloth = None
+        if self._solver is not None:
+            state.give_back(self._solver.cloth)
+            self._solver = None
 
     def __enter__(self) -> Simulation:
         return self
@@ -123,7 +122,7 @@ class Simulation:
         before = self._substep
         self._live[name] = checked
         if self._substep != before:
-            self._solver.change_substep(before, self._substep)
+            self.solver.change_substep(before, self._substep)
 
     def _key(self, name: str) -> str:
         if name not in self._keys:
@@ -140,7 +139,7 @@ class Simulation:
     @property
     def grabbed(self) -> int | None:
         """Index of the held particle."""
-        return None if self._held < 0 else self._held
+        return None if self._hand is None else self._hand.particle
 
     def grab(self, index: int, target: ArrayLike) -> None:
         """Holds one particle and leads it to `target` (x, y, z) [m] within the next frame.
@@ -150,35 +149,39 @@ class Simulation:
         """
         point = _point(target)
         if not 0 <= index < self.topology.particle_count:
-            raise ValueError(f"particle {index} does not exist: indices run from 0 to {self.topology.particle_count - 1}")
-        if self._held != index:
-            self.release()
-            self._held = index
-            self._hand_from = self.positions()[index]
-            self._hand_path.append(self._hand_from)
-            set_inverse_mass(self.cloth, index, 0.0)
-        self._hand_to = point
+            raise ValueError(
+                f"particle {index} does not exist: indices run from 0 to {self.topology.particle_count - 1}"
+            )
+        if self._hand is not None and self._hand.particle == index:
+            self._hand.target = point
+            return
+        self.release()
+        set_inverse_mass(self.cloth, index, 0.0)
+        self._hand = Hand(index, self.positions()[index], point)
 
     def release(self) -> None:
         """Lets go: the particle has its mass again and the mean velocity of the hand's last frames."""
-        if self._held < 0:
+        hand, self._hand = self._hand, None
+        if hand is None:
             return
-        inverse_mass = float(self._inverse_mass[self._held])
-        set_inverse_mass(self.cloth, self._held, inverse_mass)
-        if inverse_mass > 0 and len(self._hand_path) > 1:
-            travel = self._hand_path[-1] - self._hand_path[0]
-            velocity = travel / ((len(self._hand_path) - 1) * FRAME_SECONDS)
-            self._solver.set_velocity(self._held, velocity, self._substep)
-        self._drop_hand()
+        inverse_mass = float(self._inverse_mass[hand.particle])
+        set_inverse_mass(self.cloth, hand.particle, inverse_mass)
+        if inverse_mass > 0:
+            self.solver.set_velocity(hand.particle, hand.velocity(), self._substep)
 
     # -- reading ---------------------------------------------------------------------------------------
 
     @property
+    def solver(self) -> Solver:
+        """The method that runs. Raises RuntimeError once the simulation is closed."""
+        if self._solver is None:
+            raise RuntimeError("this simulation is closed")
+        return self._solver
+
+    @property
     def cloth(self) -> state.ClothState:
         """The fields of the cloth. Raises RuntimeError once the simulation is closed."""
-        if self._cloth is None:
-            raise RuntimeError("this simulation is closed")
-        return self._cloth
+        return self.solver.cloth
 
     @property
     def seconds(self) -> float:
@@ -197,8 +200,7 @@ class Simulation:
 
     def velocities(self) -> Floats:
         """Velocity of every particle [m/s], shape (N, 3)."""
-        self.cloth  # a closed simulation says so
-        return self._solver.velocities(self._substep)
+        return self.solver.velocities(self._substep)
 
     def spheres_now(self) -> list[tuple[Floats, float]]:
         """Middle [m] and radius [m] of every sphere at the present time."""
@@ -243,9 +245,11 @@ class Simulation:
             name: type(key.value)(value) for (name, key), value in zip(self._keys.items(), saved["live"], strict=True)
         }
         self._wind_on = bool(saved["wind_on"])
-        self._held = int(saved["held"])
-        self._hand_from, self._hand_to = saved["hand"]
-        self._hand_path = deque(saved["hand_path"], maxlen=THROW_FRAMES + 1)
+        if len(saved["hand"]):
+            start, target, *hand_path = saved["hand"]
+            self._hand = Hand(int(saved["held"]), start, target, hand_path)
+        else:
+            self._hand = None
 
     def _moving(self) -> dict[str, NDArray[Any]]:
         return {
@@ -255,9 +259,10 @@ class Simulation:
             "frame": np.array(self.frame),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
-            "held": np.array(self._held),
-            "hand": np.stack([self._hand_from, self._hand_to]),
-            "hand_path": np.array(self._hand_path).reshape(-1, 3),
+            "held": np.array(-1 if self._hand is None else self._hand.particle),
+            "hand": np.array(
+                [] if self._hand is None else [self._hand.start, self._hand.target, *self._hand.path]
+            ).reshape(-1, 3),
         }
 
     # -- one frame's input -----------------------------------------------------------------------------
@@ -268,7 +273,7 @@ class Simulation:
             substeps=int(self._live["substeps"]),
             iterations=int(self._live["iterations"]),
             h=self._substep,
-            held=self._held,
+            held=-1 if self._hand is None else self._hand.particle,
             controls=self._controls(),
             spheres=sphere_table(self.scene.spheres, self._radii(), start, end),
             boxes=self._boxes,
@@ -291,23 +296,15 @@ class Simulation:
             # Kept within a turn in float64: float32 would lose the phase in a long run.
             turns = self._gust_phase + np.asarray(c.GUST_RATES) * self.seconds
             controls[c.GUST_TURNS : c.GUST_TURNS + 3] = turns % 1
-        controls[c.GRAB_FROM : c.GRAB_FROM + 3] = self._hand_from
-        controls[c.GRAB_TO : c.GRAB_TO + 3] = self._hand_to
+        if self._hand is not None:
+            controls[c.GRAB_FROM : c.GRAB_FROM + 3] = self._hand.start
+            controls[c.GRAB_TO : c.GRAB_TO + 3] = self._hand.target
         return controls
 
     def _radii(self) -> list[float]:
         """Radius of every sphere [m]; the slider moves the first."""
         radii = [sphere.radius for sphere in self.scene.spheres]
         return [self._live["sphere_radius"], *radii[1:]] if radii else []
-
-    def _forget(self) -> None:
-        self.frame = 0
-        self._drop_hand()
-
-    def _drop_hand(self) -> None:
-        self._held = -1
-        self._hand_from = self._hand_to = np.zeros(3)
-        self._hand_path: deque[Floats] = deque(maxlen=THROW_FRAMES + 1)
 
 
 def _point(target: ArrayLike) -> Floats:

@@ -109,7 +109,8 @@ def test_every_command_has_an_example_and_its_defaults(capsys: pytest.CaptureFix
 
 
 def test_render_writes_pictures_and_what_made_them(tmp_path: Path) -> None:
-    done = run("render", "curtain", "--frames", "7", "--every", "3", "--out", "o", "--contact-sheet", *SMALL, cwd=tmp_path)
+    words = ["render", "curtain", "--frames", "7", "--every", "3", "--out", "o", "--contact-sheet", *SMALL]
+    done = run(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     lines = done.stdout.splitlines()
@@ -130,7 +131,8 @@ def test_render_writes_pictures_and_what_made_them(tmp_path: Path) -> None:
 
 def test_two_runs_give_the_same_bytes(tmp_path: Path) -> None:
     for out in ("a", "b"):
-        assert run("render", "curtain", "--frames", "20", "--every", "19", "--out", out, *SMALL, cwd=tmp_path).returncode == 0
+        words = ["render", "curtain", "--frames", "20", "--every", "19", "--out", out, *SMALL]
+        assert run(*words, cwd=tmp_path).returncode == 0
     for k in range(2):
         first, second = ((tmp_path / out / f"frame_{k:05d}.png").read_bytes() for out in ("a", "b"))
         assert first == second

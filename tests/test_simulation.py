@@ -35,7 +35,7 @@ def test_time_and_spheres_go_on_with_the_frames() -> None:
         for _ in range(60):
             simulation.advance_frame()
         assert simulation.seconds == pytest.approx(1.0)
-        (center, radius), = simulation.spheres_now()
+        ((center, radius),) = simulation.spheres_now()
         assert center == pytest.approx([1.0, 1.0, 1.0])  # a quarter of its 4 s: at the end of its sway
         assert radius == 0.2
 

@@ -48,7 +48,9 @@ def push_out(
                         travel = vector_at(spheres, s, SPHERE_TO) - vector_at(spheres, s, SPHERE_FROM)
                         center = vector_at(spheres, s, SPHERE_FROM) + travel * passed
                         push = out_of_sphere(x, center, spheres[s, SPHERE_REACH])
-                        x += push + friction_slide(push, x - cloth.x_prev[i] - travel * step, spheres[s, SPHERE_FRICTION])
+                        x += push + friction_slide(
+                            push, x - cloth.x_prev[i] - travel * step, spheres[s, SPHERE_FRICTION]
+                        )
                 if ti.static(stages.boxes):
                     for b in range(boxes.shape[0]):
                         push = out_of_box(

@@ -16,7 +16,8 @@ Floats32 = NDArray[np.float32]
 def sphere_center(sphere: Sphere, seconds: float) -> NDArray[np.float64]:
     """Where a swaying sphere's middle is [m] at a time: center + sway·sin(2π·t/period + phase)."""
     angle = 2 * np.pi * seconds / np.asarray(sphere.period) + np.radians(sphere.phase)
-    return np.asarray(sphere.center) + np.asarray(sphere.sway) * np.sin(angle)
+    place: NDArray[np.float64] = np.asarray(sphere.center) + np.asarray(sphere.sway) * np.sin(angle)
+    return place
 
 
 def sphere_table(spheres: Sequence[Sphere], radii: Sequence[float], start: float, end: float) -> Floats32:

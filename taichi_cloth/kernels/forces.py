@@ -33,7 +33,9 @@ def gust_at(place: tm.vec3, controls: ti.template(), seconds: float) -> tm.vec3:
 
 
 @ti.func
-def gather_accelerations(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, seconds: float):
+def gather_accelerations(
+    cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, seconds: float
+):
     """Writes cloth.acceleration [m/s²]: gravity, and where the scene has wind the air on each triangle."""
     for i in range(cloth.particle_count[None]):
         cloth.acceleration[i] = tm.vec3(0.0)

@@ -28,7 +28,9 @@ def particle_indices(rows: int, columns: int) -> NDArray[np.int32]:
 
 def flat_positions(rows: int, columns: int, width: float, height: float) -> NDArray[np.float64]:
     """The unturned sheet around the origin in the plane z = 0 [m], shape (rows·columns, 3)."""
-    y, x = np.meshgrid(np.linspace(height / 2, -height / 2, rows), np.linspace(-width / 2, width / 2, columns), indexing="ij")
+    y, x = np.meshgrid(
+        np.linspace(height / 2, -height / 2, rows), np.linspace(-width / 2, width / 2, columns), indexing="ij"
+    )
     return np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
 
 

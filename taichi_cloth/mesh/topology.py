@@ -108,4 +108,6 @@ def lumped_mass(
     """Mass of each particle [kg]: every triangle gives a third of its own to each corner."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    return np.bincount(triangles.ravel(), np.repeat(area * area_density / 3, 3), minlength=len(positions))
+    mass: NDArray[np.float64] = np.zeros(len(positions))
+    np.add.at(mass, triangles, (area * area_density / 3)[:, None])
+    return mass

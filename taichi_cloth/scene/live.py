@@ -62,6 +62,7 @@ def live_keys(scene: Scene) -> dict[str, LiveKey]:
 def check_live(live: LiveKey, value: Any) -> float:
     """`value` as the parameter's type. Raises ValueError in one line if it is no number or out of range."""
     try:
-        return check_value(value, type(live.value), live.key, "", live.name)
+        checked: float = check_value(value, type(live.value), live.key, "", live.name)
     except SceneError as error:
         raise ValueError(one_line(str(error))) from None
+    return checked

@@ -59,7 +59,7 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
         return tuple(check_value(v, float, key, file, f"{where}[{k}]") for k, v in enumerate(value))
     if get_origin(hint) is tuple:  # pins
         if not isinstance(value, (list, tuple)):
-            raise SceneError(file, where, f"a list is needed, as in [\"top\", 17], not {value!r}")
+            raise SceneError(file, where, f'a list is needed, as in ["top", 17], not {value!r}')
         return tuple(_pin(v, file, f"{where}[{k}]") for k, v in enumerate(value))
     wanted = (int, float) if hint is float else (hint,)
     if not isinstance(value, wanted) or (isinstance(value, bool) and hint is not bool):
@@ -90,7 +90,7 @@ def range_text(key: Key) -> str:
 def section_of(hint: Any) -> tuple[type | None, bool]:
     """The dataclass in an annotation, and whether it stands for a list of them: `Wind | None`, `tuple[Box, ...]`."""
     inner = [a for a in (get_args(hint) or (hint,)) if a not in (NoneType, ...)]
-    if len(inner) == 1 and is_dataclass(inner[0]):
+    if len(inner) == 1 and isinstance(inner[0], type) and is_dataclass(inner[0]):
         return inner[0], get_origin(hint) is tuple
     return None, False
 
@@ -214,4 +214,3 @@ def _override(data: dict[str, Any], key: str, value: Any, file: str) -> None:
         data[section] = [{**data[section][0], name: value}, *data[section][1:]]
     else:
         data[section] = {**data.get(section, {}), name: value}
-

@@ -6,6 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..state import ClothState
+
 
 @dataclass(frozen=True)
 class Stages:
@@ -39,6 +41,7 @@ class Solver(Protocol):
     """One method. It owns how velocity is kept; positions, pins and forces are the same for all."""
 
     name: str
+    cloth: ClothState
 
     def advance_frame(self, frame: FrameInput) -> None:
         """Advances the cloth by `frame.substeps` substeps of `frame.h` seconds."""

@@ -25,7 +25,6 @@ FAMILY_COLOURS = {"structural": (0.16, 0.33, 0.55), "shear": (0.62, 0.44, 0.24),
 Floats = NDArray[np.float32]
 
 
-
 @dataclass(eq=False)
 class ParticleLook:
     """What the views need at every particle, shape (N,)."""
@@ -174,7 +173,8 @@ class DrawList:
         """Colour of every triangle, (T, 3): a chequer of `check_cells` cells."""
         look = self.simulation.scene.look
         check = (self.simulation.topology.cells // look.check_cells).sum(axis=1) % 2
-        return np.array([_rgb(look.cloth), _rgb(look.check)], np.float32)[check]
+        colours: Floats = np.array([_rgb(look.cloth), _rgb(look.check)], np.float32)[check]
+        return colours
 
     def _family_colours(self) -> Floats:
         """Colour of every spring, (E, 3), by family."""

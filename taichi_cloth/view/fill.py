@@ -10,7 +10,11 @@ numbers = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
 # Rows of the floor's table, each a vec3; `draw_list.floor_table` writes it.
 ALBEDO, BACKGROUND, AMBIENT, CENTER, SIZES, LAMPS = 0, 1, 2, 3, 4, 5
-REACH, SHADE, LIFT = 0, 1, 2  # components of SIZES: where the floor ends [m], light left in shadow, its height over the floor [m]
+REACH, SHADE, LIFT = (
+    0,
+    1,
+    2,
+)  # components of SIZES: where the floor ends [m], light left in shadow, its height over the floor [m]
 
 
 @ti.func

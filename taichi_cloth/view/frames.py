@@ -86,7 +86,9 @@ def claim(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> N
         for key, value in mine.items():
             if made.get(key) != value:
                 what = "another scene" if key == "scene_text" else f"other settings ({made.get(key)})"
-                raise OutputInUse(f"{plan.out} holds frames made from {what}: it cannot be resumed; use --force to start anew")
+                raise OutputInUse(
+                    f"{plan.out} holds frames made from {what}: it cannot be resumed; use --force to start anew"
+                )
     elif old or there.exists():
         if not force:
             raise OutputInUse(f"{plan.out} holds frames already: use --force to replace them or --resume to go on")

@@ -16,7 +16,9 @@ def _grid_corners(points: Corners) -> Corners:
 
 def unit_sphere(rings: int = 24) -> Corners:
     """A sphere of radius 1 around the origin; a corner is its own normal."""
-    polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij")
+    polar, around = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij"
+    )
     return _grid_corners(
         np.stack([np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], axis=-1)
     )
@@ -33,7 +35,9 @@ def cylinder(start: Corners, end: Corners, radius: float, sides: int = 24) -> tu
     side_normal = _grid_corners(np.stack([spoke, spoke]))
     ends, end_normals = [], []
     for middle, rim, normal in ((start, spoke[::-1], -axis), (end, spoke, axis)):
-        fan = np.stack([np.broadcast_to(middle, (sides, 3)), middle + radius * rim[:-1], middle + radius * rim[1:]], axis=1)
+        fan = np.stack(
+            [np.broadcast_to(middle, (sides, 3)), middle + radius * rim[:-1], middle + radius * rim[1:]], axis=1
+        )
         ends.append(fan.reshape(-1, 3))
         end_normals.append(np.broadcast_to(normal, (3 * sides, 3)))
     return np.concatenate([side, *ends]), np.concatenate([side_normal, *end_normals])

@@ -12,17 +12,17 @@ ALL = {"structural": 1.0, "shear": 1.0, "bend": 0.2}
 
 
 def make(rows: int = 5, columns: int = 7, **changes: object) -> Topology:
-    arguments = dict(
-        rows=rows,
-        columns=columns,
-        width=(columns - 1) * 0.5,
-        height=(rows - 1) * 0.5,
-        center=(0.0, 0.0, 0.0),
-        rotation=(0.0, 0.0, 0.0),
-        area_density=0.2,
-        pins=(),
-        families=ALL,
-    )
+    arguments = {
+        "rows": rows,
+        "columns": columns,
+        "width": (columns - 1) * 0.5,
+        "height": (rows - 1) * 0.5,
+        "center": (0.0, 0.0, 0.0),
+        "rotation": (0.0, 0.0, 0.0),
+        "area_density": 0.2,
+        "pins": (),
+        "families": ALL,
+    }
     return sheet(**{**arguments, **changes})
 
 

@@ -264,7 +264,9 @@ def values_of(hint: Any, key: Key) -> st.SearchStrategy[Any]:
 def sections(section: type) -> st.SearchStrategy[Any]:
     hints = get_type_hints(section)
     chosen = {
-        f.name: values_of(hints[f.name], f.metadata["key"]) for f in fields(section) if hints[f.name] in (int, float, bool, Vec3)
+        f.name: values_of(hints[f.name], f.metadata["key"])
+        for f in fields(section)
+        if hints[f.name] in (int, float, bool, Vec3)
     }
     return st.builds(section, **chosen)
 

@@ -25,7 +25,9 @@ def busy(solver: str) -> Scene:
         replace(SHEET, pins=("top-left", "top-right")),
         damping=1.0,
         wind=Wind(x=1.0, z=4.0),
-        spheres=(Sphere(center=(0.0, 2.7, -0.4), radius=0.2, margin=0.05, sway=(0.1, 0.0, 0.5), period=(1.0, 1.0, 2.0)),),
+        spheres=(
+            Sphere(center=(0.0, 2.7, -0.4), radius=0.2, margin=0.05, sway=(0.1, 0.0, 0.5), period=(1.0, 1.0, 2.0)),
+        ),
         boxes=(Box(center=(0.3, 2.4, 0.3), size=(0.2, 0.2, 0.2)),),
         ground=Ground(height=2.2),
     )
