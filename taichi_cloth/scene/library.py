@@ -27,7 +27,6 @@ def scene_path(name_or_path: str | Path) -> Path:
         return Path(text)
     names = scene_names()
     if text not in names:
-        raise SceneError(
-            text, "", f"no such scene: {', '.join(names)}, or the path of a TOML file", nearest(text, names)
-        )
+        reason = f"no such scene: {', '.join(names)}, or the path of a TOML file"
+        raise SceneError(text or "scene", "", reason, nearest(text, names))
     return asset_folder() / "scenes" / f"{text}.toml"

@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-from .errors import SceneError, one_line
-from .model import Forces, Key, Scene, Solver, Sphere, Wind, key_of
-from .reader import check_value
+from .model import Key, Scene, keys_of, parts
+from .values import check_value
 
-# In the panel's order: live name, label, section and key.
-_PLACES: tuple[tuple[str, str, type, str], ...] = (
-    ("gravity", "Gravity", Forces, "gravity"),
-    ("wind_x", "Wind X", Wind, "x"),
-    ("wind_z", "Wind Z", Wind, "z"),
-    ("stiffness", "Stiffness", Solver, "stiffness"),
-    ("damping", "Damping", Solver, "damping"),
-    ("sphere_radius", "Sphere radius", Sphere, "radius"),
-    ("iterations", "Iterations", Solver, "iterations"),
-    ("substeps", "Substeps", Solver, "substeps"),
-)
+# The panel's order; keys that are not named here follow in the scene's own.
+_ORDER = ("gravity", "wind_x", "wind_z", "stiffness", "damping", "sphere_radius", "iterations", "substeps")
 
 
 @dataclass(frozen=True)
 class LiveKey:
-    """One parameter: what it is called, the ends of its slider, and the scene's own value."""
+    """One parameter: its name, what may be set (`key`), the ends of its slider, and the scene's own value."""
 
     name: str
-    label: str
     key: Key
     low: float
     high: float
     value: float
+
+    @property
+    def label(self) -> str:
+        first, *words = self.name.split("_")
+        return " ".join([first.capitalize(), *(word.upper() if len(word) == 1 else word for word in words)])
 
     @property
     def is_int(self) -> bool:
@@ -47,22 +40,25 @@ class LiveKey:
 
 
 def live_keys(scene: Scene) -> dict[str, LiveKey]:
-    """Every live parameter the scene has, by name, in the panel's order."""
-    parts: dict[type, Any] = {Forces: scene.forces, Solver: scene.solver, Wind: scene.wind}
-    parts[Sphere] = scene.spheres[0] if scene.spheres else None
+    """Every live parameter the scene has, by name, in the panel's order.
+
+    A key of a section that every scene has goes by its own name, others by section and key: `gravity`, `wind_x`.
+    Of several spheres it is the first that the slider moves.
+    """
     found = {}
-    for name, label, section, key_name in _PLACES:
-        if parts[section] is not None:
-            key = key_of(section, key_name)
-            low, high = key.slider or (0.0, 1.0)
-            found[name] = LiveKey(name, label, key, low, high, getattr(parts[section], key_name))
-    return found
+    for part in parts().values():
+        section = getattr(scene, part.name)
+        if part.many:
+            section = next(iter(section), None)
+        for key_name, key in keys_of(part.section).items():
+            if section is not None and key.slider:
+                name = f"{part.one}_{key_name}" if part.optional else key_name
+                found[name] = LiveKey(name, key, *key.slider, value=getattr(section, key_name))
+    known = [name for name in _ORDER if name in found]
+    return {name: found[name] for name in dict.fromkeys([*known, *found])}
 
 
-def check_live(live: LiveKey, value: Any) -> float:
-    """`value` as the parameter's type. Raises ValueError in one line if it is no number or out of range."""
-    try:
-        checked: float = check_value(value, type(live.value), live.key, "", live.name)
-    except SceneError as error:
-        raise ValueError(one_line(str(error))) from None
+def check_live(live: LiveKey, value: object) -> float:
+    """`value` as the parameter's type. Raises SceneError, a ValueError, if it is no number or out of range."""
+    checked: float = check_value(value, type(live.value), live.key, "", live.name)
     return checked

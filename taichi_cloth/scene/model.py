@@ -1,13 +1,13 @@
 """What a scene is: frozen dataclasses. Every key carries its unit, range, default and a line of help.
 
-The reader (`reader.py`) checks a TOML file against exactly this; the panel and `--help` read the same
-metadata, so a range is written once.
+The reader (`reader.py`) checks a TOML file against exactly this; overrides, sliders, the writer and the
+table of keys walk over the same metadata, so a name or a range is written once.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 Vec3 = tuple[float, float, float]
 
@@ -18,7 +18,7 @@ SOLVER_NAMES = ("verlet",)  # known without importing a solver, which would impo
 
 @dataclass(frozen=True)
 class Key:
-    """Range and unit of one scene key; `slider` is set for keys that may change while running."""
+    """What one scene key may hold; `slider` is set for keys that may change while running."""
 
     help: str
     unit: str = ""
@@ -26,6 +26,8 @@ class Key:
     high: float | None = None
     above_low: bool = False  # True: the value must be greater than `low`, not equal to it
     slider: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
+    colour: bool = False  # True: the text must be #rrggbb
 
 
 def _key(default: Any, help: str, unit: str = "", **bounds: Any) -> Any:
@@ -61,7 +63,7 @@ class Springs:
 class Solver:
     """The method and its knobs."""
 
-    name: str = _key("verlet", "method that advances the cloth")
+    name: str = _key("verlet", "method that advances the cloth", choices=SOLVER_NAMES)
     substeps: int = _key(5, "steps in a frame of 1/60 s", low=1, high=1000, slider=(1, 20))
     iterations: int = _key(12, "sweeps over all constraints in a substep", low=1, high=1000, slider=(1, 40))
     stiffness: float = _key(1.0, "multiplies every family's stiffness", low=0.0, high=1.0, slider=(0.0, 1.0))
@@ -132,8 +134,8 @@ class Camera:
 class Look:
     """Colours; nothing here changes the motion."""
 
-    cloth: str = _key("#b5303c", "first colour of the checks, as #rrggbb")
-    check: str = _key("#e9dcc3", "second colour of the checks, as #rrggbb")
+    cloth: str = _key("#b5303c", "first colour of the checks", colour=True)
+    check: str = _key("#e9dcc3", "second colour of the checks", colour=True)
     check_cells: int = _key(3, "cells to a check", low=1, high=2048)
     pole: bool = _key(False, "draw a pole along the top edge")
 
@@ -157,7 +159,30 @@ class Scene:
     name: str = field(default="scene", metadata={"derived": "the file's stem"})
 
 
-def key_of(section: type, name: str) -> Key:
-    """The declared range, unit and help of one key, e.g. `key_of(Wind, "x")`."""
-    found: Key = next(f for f in fields(section) if f.name == name).metadata["key"]
+class Part(NamedTuple):
+    """One section of a scene: its table in a file, and its class."""
+
+    name: str  # the table's name: "wind", "spheres"
+    section: type
+    many: bool  # an array of tables, [[spheres]]
+    optional: bool  # a scene may be without
+
+    @property
+    def one(self) -> str:
+        """The name of a single one: "wind", "sphere"."""
+        return self.section.__name__.lower()
+
+
+def parts() -> dict[str, Part]:
+    """The sections by name, read off the annotations of `Scene`: `Cloth`, `Wind | None`, `tuple[Box, ...]`."""
+    found = {}
+    for name, hint in get_type_hints(Scene).items():
+        for section in get_args(hint) or (hint,):
+            if isinstance(section, type) and is_dataclass(section):
+                found[name] = Part(name, section, many=get_origin(hint) is tuple, optional=hint is not section)
     return found
+
+
+def keys_of(section: type) -> dict[str, Key]:
+    """The declared keys of a section by name: `keys_of(Wind)["x"].unit`."""
+    return {f.name: f.metadata["key"] for f in fields(section) if "key" in f.metadata}

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import get_type_hints
 
-from .model import Scene
-from .reader import range_text, section_of
+from .model import Scene, keys_of, parts
+from .values import range_text
+from .writer import toml_value
 
 Row = tuple[str, str, str, str, str, str]
 
 
 def key_table() -> list[Row]:
     """A row for each key: section, key, default, unit, range, help."""
-    rows: list[Row] = []
-    for name, hint in get_type_hints(Scene).items():
-        section, many = section_of(hint)
-        title = f"[[{name}]]" if many else f"[{name}]" if section else ""
-        for key in fields(section or Scene):
-            if "key" in key.metadata and (section or key.name == name):
-                about = key.metadata["key"]
-                rows.append((title, key.name, str(key.default), about.unit, range_text(about), about.help))
+    rows = _rows("", Scene)
+    for part in parts().values():
+        rows += _rows(f"[[{part.name}]]" if part.many else f"[{part.name}]", part.section)
     return rows
+
+
+def _rows(title: str, section: type) -> list[Row]:
+    defaults = {field.name: toml_value(field.default) for field in fields(section)}
+    return [
+        (title, name, defaults[name], key.unit, range_text(key), key.help) for name, key in keys_of(section).items()
+    ]

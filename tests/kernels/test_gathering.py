@@ -1,0 +1,244 @@
+"""Kernels over fields: forces, relaxation and contact of a whole cloth."""
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_cloth import state
+from taichi_cloth.contact.push_out import push_out
+from taichi_cloth.kernels import controls as c
+from taichi_cloth.kernels.forces import gather_accelerations, gust_at
+from taichi_cloth.kernels.relax import relax_springs
+from taichi_cloth.mesh.topology import Topology, sheet
+from taichi_cloth.solvers import Stages
+from taichi_cloth.view.fill import particle_normals
+
+row = ti.types.ndarray(dtype=ti.f32, ndim=1)
+table = ti.types.ndarray(dtype=ti.f32, ndim=2)
+
+H = 1 / 300
+
+
+@ti.kernel
+def gather(cloth: ti.template(), stages: ti.template(), controls: row, h: float):
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        gather_accelerations(cloth, stages, controls, h, 0.0)
+
+
+@ti.kernel
+def gust(x: float, y: float, z: float, controls: row, seconds: float) -> ti.math.vec3:
+    return gust_at(ti.math.vec3(x, y, z), controls, seconds)
+
+
+@ti.kernel
+def relax(cloth: ti.template(), stiffness: float):
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        relax_springs(cloth, stiffness)
+
+
+@ti.kernel
+def push(cloth: ti.template(), stages: ti.template(), spheres: table, boxes: table, ground: table, passed: float):
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        push_out(cloth, stages, spheres, boxes, ground, passed, 0.2)
+
+
+FAMILIES = {"structural": 1.0, "shear": 1.0, "bend": 0.5}
+
+
+def flat(pins: tuple = (), families: dict = FAMILIES) -> Topology:
+    """A metre square in the plane z = 0, 5 × 5 particles, 0.2 kg."""
+    return sheet(
+        rows=5,
+        columns=5,
+        width=1.0,
+        height=1.0,
+        center=(0.0, 0.0, 0.0),
+        rotation=(0.0, 0.0, 0.0),
+        area_density=0.2,
+        pins=pins,
+        families=families,
+    )
+
+
+@pytest.fixture
+def cloth_of():
+    taken = []
+
+    def make(topology: Topology, families: dict = FAMILIES) -> state.ClothState:
+        cloth = state.take(topology)
+        cloth.upload(topology, families)
+        taken.append(cloth)
+        return cloth
+
+    yield make
+    for cloth in taken:
+        state.give_back(cloth)
+
+
+def wind(**values: float) -> np.ndarray:
+    controls = np.zeros(c.COUNT, np.float32)
+    controls[[c.DRAG, c.LIFT, c.HALF_AIR_DENSITY]] = 1.0, 1.0, 0.6
+    for name, value in values.items():
+        controls[getattr(c, name)] = value
+    return controls
+
+
+WINDY = Stages(wind=True, spheres=False, boxes=False, ground=False)
+CALM = Stages(wind=False, spheres=False, boxes=False, ground=False)
+
+
+def test_gravity_pulls_every_particle_alike(cloth_of) -> None:
+    cloth = cloth_of(flat())
+    gather(cloth, CALM, wind(GRAVITY=9.81), H)
+    assert cloth.taken(cloth.acceleration) == pytest.approx(np.tile([0, -9.81, 0], (25, 1)), rel=1e-6)
+
+
+def test_the_force_of_face_on_wind_is_pressure_times_area(cloth_of) -> None:
+    topology = flat()
+    cloth = cloth_of(topology)
+    gather(cloth, WINDY, wind(WIND_Z=3.0), H)
+    force = (cloth.taken(cloth.acceleration) * topology.mass[:, None]).sum(axis=0)
+    assert force == pytest.approx([0, 0, 0.6 * 9.0], rel=1e-5)
+    # Mass and pressure are both lumped by area, so that a free sheet stays flat in a steady wind.
+    assert np.ptp(cloth.taken(cloth.acceleration)[:, 2]) < 1e-4
+
+
+def test_edge_on_wind_does_nothing_to_a_flat_sheet(cloth_of) -> None:
+    cloth = cloth_of(flat())
+    gather(cloth, WINDY, wind(WIND_X=30.0), H)
+    assert np.abs(cloth.taken(cloth.acceleration)).max() < 1e-3
+
+
+def test_a_sheet_that_moves_with_the_wind_feels_none(cloth_of) -> None:
+    topology = flat()
+    cloth = cloth_of(topology)
+    cloth.put(topology.start, topology.start - [0, 0, 3.0 * H], state.inverse_mass(topology))
+    gather(cloth, WINDY, wind(WIND_Z=3.0), H)
+    assert np.abs(cloth.taken(cloth.acceleration)).max() < 1e-3
+    gather(cloth, WINDY, wind(), H)  # in still air it is braked
+    assert (cloth.taken(cloth.acceleration)[:, 2] < -10).all()
+
+
+def test_a_storm_cannot_throw_a_light_sheet_back_beyond_the_winds_speed(cloth_of) -> None:
+    topology = flat()
+    cloth = cloth_of(topology)
+    for speed in (10.0, 100.0, 1000.0):
+        gather(cloth, WINDY, wind(WIND_Z=speed), H)
+        assert cloth.taken(cloth.acceleration)[:, 2].max() * H <= speed * 1.01
+
+
+def test_pins_are_not_pulled_by_wind(cloth_of) -> None:
+    topology = flat(("top",))
+    cloth = cloth_of(topology)
+    gather(cloth, WINDY, wind(WIND_Z=3.0), H)
+    assert (cloth.taken(cloth.acceleration)[topology.pinned, 2] == 0).all()
+
+
+def test_gusts_stay_within_their_height_and_travel() -> None:
+    controls = wind(GUST=2.0)
+    random = np.random.default_rng(1)
+    places = random.uniform(-5, 5, (200, 3))
+    gusts = np.array([gust(*place, controls, 0.0) for place in places])
+    assert np.abs(gusts).max() <= 2.0
+    assert np.abs(gusts).max() > 1.0
+    assert np.abs(gusts.mean(axis=0)).max() < 0.3
+    later = np.array([gust(*place, controls, 1.0) for place in places])
+    controls[c.GUST_TURNS : c.GUST_TURNS + 3] += c.GUST_RATES
+    assert np.array([gust(*place, controls, 0.0) for place in places]) == pytest.approx(later, abs=1e-4)
+
+
+def test_a_sheet_at_rest_is_not_changed_by_relaxation(cloth_of) -> None:
+    topology = flat()
+    cloth = cloth_of(topology)
+    for _ in range(50):
+        relax(cloth, 1.0)
+    assert cloth.taken(cloth.x) == pytest.approx(topology.start, abs=1e-6)
+
+
+def test_relaxation_brings_a_stretched_sheet_back_and_keeps_its_middle(cloth_of) -> None:
+    topology = flat()
+    cloth = cloth_of(topology)
+    cloth.put(topology.start * 1.2, topology.start, state.inverse_mass(topology))
+    for _ in range(200):
+        relax(cloth, 1.0)
+    x = cloth.taken(cloth.x)
+    lengths = np.linalg.norm(x[topology.ends[:, 0]] - x[topology.ends[:, 1]], axis=1)
+    assert lengths == pytest.approx(topology.rest, rel=1e-3)
+    assert np.average(x, axis=0, weights=topology.mass) == pytest.approx([0, 0, 0], abs=1e-5)
+
+
+def test_a_family_is_relaxed_by_its_own_stiffness(cloth_of) -> None:
+    soft = {"structural": 0.25, "shear": 0.0, "bend": 0.0}
+    topology = sheet(
+        rows=2,
+        columns=2,
+        width=1.0,
+        height=1.0,
+        center=(0.0, 0.0, 0.0),
+        rotation=(0.0, 0.0, 0.0),
+        area_density=1.0,
+        pins=("left",),
+        families=soft,
+    )
+    cloth = cloth_of(topology, soft)
+    cloth.put(topology.start * [2, 1, 1], topology.start, state.inverse_mass(topology))
+    relax(cloth, 0.5)
+    # Twice as wide: the error of 1 m, 0.25 · 0.5 of it put right, all of it at the free right edge.
+    # The right edge's own spring keeps its length.
+    assert cloth.taken(cloth.x)[[1, 3], 0] == pytest.approx([0.875, 0.875], abs=1e-6)
+
+
+def test_contact_pushes_free_particles_out_and_leaves_pins(cloth_of) -> None:
+    topology = flat((12,))
+    cloth = cloth_of(topology)
+    spheres = np.array([[0, 0, 0, 0, 0, 1.0, 0.4, 0]], np.float32)  # travels 1 m along z within the frame
+    boxes = np.array([[0.5, 0.5, 0, 0.1, 0.1, 0.1, 0.02, 0]], np.float32)
+    ground = np.array([[-0.4, 0]], np.float32)
+    stages = Stages(wind=False, spheres=True, boxes=True, ground=True)
+    push(cloth, stages, spheres, boxes, ground, 0.2)
+    x = cloth.taken(cloth.x)
+    assert (x[12] == topology.start[12]).all()
+    free = np.delete(x, 12, axis=0)
+    assert np.linalg.norm(free - [0, 0, 0.2], axis=1).min() >= 0.4 - 1e-5
+    assert x[:, 1].min() == pytest.approx(-0.4)
+    assert x[4] == pytest.approx([0.5, 0.38, 0]) or np.abs(x[4] - [0.5, 0.5, 0]).max() == pytest.approx(0.12)
+    untouched = np.abs(x - topology.start).max(axis=1) == 0
+    assert untouched.sum() >= 8
+
+
+def test_friction_of_the_ground_holds_a_slow_slide(cloth_of) -> None:
+    topology = flat()
+    cloth = cloth_of(topology)
+    lowered = topology.start - [0, 0.01, 0]
+    cloth.put(lowered + [0.002, 0, 0], lowered, state.inverse_mass(topology))
+    stages = Stages(wind=False, spheres=False, boxes=False, ground=True)
+    push(
+        cloth,
+        stages,
+        np.zeros((0, 8), np.float32),
+        np.zeros((0, 8), np.float32),
+        np.array([[-0.5, 0.5]], np.float32),
+        1.0,
+    )
+    x = cloth.taken(cloth.x)
+    assert x[20:, 0] == pytest.approx(lowered[20:, 0], abs=1e-6)  # 0.002 < 0.5 · 0.01: it sticks
+    assert x[:5, 0] == pytest.approx(lowered[:5, 0] + 0.002, abs=1e-6)
+
+
+def test_normals_of_a_flat_and_of_a_folded_sheet(cloth_of) -> None:
+    topology = flat()
+    cloth = cloth_of(topology)
+    normal = ti.Vector.field(3, ti.f32, 32)
+    particle_normals(cloth, normal)
+    assert normal.to_numpy()[:25] == pytest.approx(np.tile([0, 0, 1.0], (25, 1)), abs=1e-6)
+    folded = topology.start.copy()
+    right = folded[:, 0] > 0
+    folded[right, 2], folded[right, 0] = folded[right, 0], 0.0  # the right half turned towards +z by a right angle
+    cloth.put(folded, folded, state.inverse_mass(topology))
+    particle_normals(cloth, normal)
+    at_the_fold = normal.to_numpy()[12]
+    assert at_the_fold == pytest.approx([-np.sqrt(0.5), 0, np.sqrt(0.5)], abs=0.02)
+    assert normal.to_numpy()[14] == pytest.approx([-1, 0, 0], abs=1e-6)

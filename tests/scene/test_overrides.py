@@ -1,0 +1,131 @@
+"""Keys changed from Python and from the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from taichi_cloth.scene import Scene, SceneError, Wind, load_scene, parse_override
+from taichi_cloth.scene.overrides import override_places
+
+Write = Callable[[str | bytes], Path]
+Refuse = Callable[..., SceneError]
+
+
+@pytest.mark.parametrize(
+    ("override", "read", "value"),
+    [
+        ({"wind_z": 6}, lambda s: s.wind.z, 6.0),
+        ({"cloth_rows": 12}, lambda s: s.cloth.rows, 12),
+        ({"substeps": 9}, lambda s: s.solver.substeps, 9),
+        ({"solver_substeps": 9}, lambda s: s.solver.substeps, 9),
+        ({"seed": 3}, lambda s: s.seed, 3),
+        ({"title": "mine"}, lambda s: s.title, "mine"),
+        ({"sphere_radius": 0.3}, lambda s: s.spheres[0].radius, 0.3),
+        ({"radius": 0.3}, lambda s: s.spheres[0].radius, 0.3),
+        ({"sphere_center": (0, 1, 2)}, lambda s: s.spheres[0].center, (0.0, 1.0, 2.0)),
+        ({"gravity": 1}, lambda s: s.forces.gravity, 1.0),
+        ({"pins": ("left",)}, lambda s: s.cloth.pins, ("left",)),
+        ({"look_check": "#000000"}, lambda s: s.look.check, "#000000"),
+        ({"cloth": "#000000"}, lambda s: s.look.cloth, "#000000"),  # the only key of that name
+    ],
+)
+def test_an_override_changes_the_key_it_names(override: dict[str, Any], read: Any, value: Any) -> None:
+    assert read(load_scene("curtain")) != value
+    assert read(load_scene("curtain", **override)) == value
+
+
+@pytest.mark.parametrize("key", ["solver", "solver_name", "name"])
+def test_a_section_stands_for_its_name(refuse: Refuse, key: str) -> None:
+    assert load_scene("curtain", **{key: "verlet"}) == load_scene("curtain")
+    assert refuse("curtain", **{key: "varlet"}).key == "solver.name"
+
+
+def test_an_override_adds_the_section_it_needs() -> None:
+    assert load_scene("table").wind is None
+    assert load_scene("table", wind_x=3).wind == Wind(x=3.0)
+
+
+def test_only_the_first_ball_is_changed(write: Write) -> None:
+    path = write("[[spheres]]\nradius = 1\n[[spheres]]\nradius = 2")
+    assert [s.radius for s in load_scene(path, sphere_radius=0.5).spheres] == [0.5, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("override", "line"),
+    [
+        ({"wind_zz": 1}, "wind_zz: unknown key (did you mean 'wind_z'?)"),
+        ({"qqqq": 1}, "qqqq: unknown key; `taichi-cloth check --keys` lists them"),
+        ({"name_or_path": 1}, "name_or_path: unknown key; `taichi-cloth check --keys` lists them"),
+        ({"a\nb": 1}, "a\\nb: unknown key; `taichi-cloth check --keys` lists them"),
+        ({"center": (0, 0, 0)}, "center: could be cloth_center or sphere_center or box_center"),
+        ({"height": 1}, "height: could be cloth_height or ground_height"),
+        ({"box_size": (1, 1, 1)}, "box_size: the scene has no boxes"),
+        ({"rows": 1}, "cloth.rows: 1 is out of range: 2 to 2048"),
+        ({"x": "fast"}, "wind.x: a number is needed, not 'fast'"),
+        ({"seed": None}, "seed: a whole number is needed, not None"),
+        ({"sphere_sway": (0, 1, True)}, "spheres[0].sway[2]: a number is needed, not true"),
+        ({"cloth_rows": 2, "pins": [900]}, "cloth.pins[0]: 900 is no particle: indices run from 0 to 59"),
+        ({"title": "\udcff"}, "title: one line of plain text is needed, not '\\udcff'"),
+    ],
+)
+def test_a_bad_override_is_named_as_one(refuse: Refuse, override: dict[str, Any], line: str) -> None:
+    assert str(refuse("curtain", **override)) == f"curtain (override): {line}"
+
+
+def test_a_bad_file_is_not_blamed_on_an_override(write: Write, refuse: Refuse) -> None:
+    path = write("[cloth]\nrows = 1")
+    assert refuse(path, rows=5).file == str(path)
+
+
+def test_every_name_of_an_override_is_plain() -> None:
+    places = override_places()
+    assert all(name.isidentifier() for name in places)
+    full = [name for name, meant in places.items() if len(meant) == 1]
+    assert {"wind_x", "x", "solver", "look_check", "check", "box_size", "size", "seed"} <= set(full)
+
+
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.binary(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(st.sampled_from(sorted(override_places())) | st.text(), anything, min_size=1, max_size=3))
+def test_no_override_makes_a_traceback(overrides: dict[str, Any]) -> None:
+    try:
+        assert isinstance(load_scene("curtain", **overrides), Scene)
+    except SceneError as error:
+        assert str(error).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("text", "pair"),
+    [
+        ("wind_z=6", ("wind_z", 6)),
+        ("wind_z = -0.5", ("wind_z", -0.5)),
+        ("pins=['left', 3]", ("pins", ["left", 3])),
+        ("pole=true", ("pole", True)),
+        ("solver=verlet", ("solver", "verlet")),
+        ("look_check=#000000", ("look_check", "#000000")),
+        ("title = a = b", ("title", "a = b")),
+        ("title=", ("title", "")),
+        ("seed=1\nrows=2", ("seed", "1\nrows=2")),
+        ("seed=" + "9" * 5000, ("seed", "9" * 5000)),
+        ("seed=" + "[" * 5000, ("seed", "[" * 5000)),
+    ],
+)
+def test_parse_override(text: str, pair: tuple[str, Any]) -> None:
+    assert parse_override(text) == pair
+
+
+@pytest.mark.parametrize("text", ["wind_z", "=3", ""])
+def test_an_override_without_a_key_or_value_is_refused(text: str) -> None:
+    with pytest.raises(SceneError, match="KEY=VALUE"):
+        parse_override(text)

@@ -1,0 +1,141 @@
+"""The seed scenes do what their demos did."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichi_cloth.scene import Scene, live_keys, load_scene, scene_names
+from taichi_cloth.scene.model import Springs
+from taichi_cloth.simulation import Simulation
+
+
+def run(simulation: Simulation, frames: int) -> np.ndarray:
+    for _ in range(frames):
+        simulation.advance_frame()
+    return simulation.positions()
+
+
+@pytest.mark.parametrize(
+    ("name", "particles", "structural", "shear", "bend"),
+    [
+        ("curtain", 720, 24 * 29 + 30 * 23, 2 * 23 * 29, 24 * 28 + 30 * 22),
+        ("drape15", 225, 2 * 15 * 14, 2 * 14 * 14, 2 * 15 * 13),
+        ("table", 1681, 2 * 41 * 40, 2 * 40 * 40, 2 * 41 * 39),
+    ],
+)
+def test_counts_of_every_family(name: str, particles: int, structural: int, shear: int, bend: int) -> None:
+    with Simulation(load_scene(name)) as simulation:
+        assert simulation.topology.particle_count == particles
+        assert simulation.topology.family_counts == {"structural": structural, "shear": shear, "bend": bend}
+
+
+def test_the_curtain_has_the_demos_4052_constraints() -> None:
+    with Simulation(load_scene("curtain")) as simulation:
+        assert simulation.topology.family_counts == {"structural": 1386, "shear": 1334, "bend": 1332}
+        assert np.flatnonzero(simulation.topology.pinned).tolist() == list(range(30))
+
+
+def test_the_ball_pushes_the_curtain_and_keeps_its_margin() -> None:
+    scene = load_scene("curtain")
+    reach = scene.spheres[0].radius + scene.spheres[0].margin
+    nearest = []
+    with Simulation(scene) as simulation:
+        for _ in range(240):
+            simulation.advance_frame()
+            ((center, _),) = simulation.spheres_now()
+            nearest.append(np.linalg.norm(simulation.positions() - center, axis=1).min())
+    assert min(nearest) == pytest.approx(reach, abs=1e-4)  # touched, and never entered
+    assert max(nearest) > reach + 0.1  # and the ball went its own way again
+
+
+def test_the_tablecloth_lies_on_the_top_and_hangs_over_its_edge() -> None:
+    scene = load_scene("table")
+    top = scene.boxes[0]
+    height = top.center[1] + top.size[1] / 2
+    with Simulation(scene) as simulation:
+        x = run(simulation, 300)
+        over_top = (np.abs(x[:, [0, 2]]) < np.array(top.size)[[0, 2]] / 2).all(axis=1)
+        # It rests along the edges, a tent over the ball between them. A corner may swing in under the top.
+        assert (np.abs(x[over_top, 1] - height - top.margin) < 1e-4).sum() > 40
+        beyond = (np.abs(x[:, [0, 2]]) > np.array(top.size)[[0, 2]] / 2 + 0.1).any(axis=1)
+        assert beyond.sum() > 100
+        assert x[beyond, 1].max() < height
+        assert x[:, 1].max() > height + 2 * scene.spheres[0].radius - 0.05  # over the ball
+        measures = simulation.measure()
+        assert measures.penetration == 0
+        assert measures.kinetic_energy < 1e-3  # friction holds it
+
+
+def test_wind_keeps_the_curtain_moving_and_without_it_it_settles() -> None:
+    still = replace(load_scene("curtain"), spheres=())
+    energies = {}
+    for wind in (True, False):
+        with Simulation(still) as simulation:
+            simulation.set("wind", wind)
+            run(simulation, 300)
+            energies[wind] = [
+                float(run(simulation, 10).sum() and simulation.measure().kinetic_energy) for _ in range(30)
+            ]
+    assert np.mean(energies[True]) > 0.02
+    assert max(energies[False]) < 1e-6
+
+
+def test_gusts_come_from_the_seed() -> None:
+    ends = []
+    for seed in (0, 0, 1):
+        with Simulation(load_scene("drape15", seed=seed)) as simulation:
+            ends.append(run(simulation, 60))
+    assert (ends[0] == ends[1]).all()
+    assert np.abs(ends[0] - ends[2]).max() > 0.01
+
+
+def test_without_shear_springs_the_sheet_collapses_like_a_parallelogram() -> None:
+    def lean(springs: Springs) -> float:
+        scene = load_scene("drape15", turbulence=0.0)
+        scene = replace(
+            scene, springs=springs, cloth=replace(scene.cloth, pins=("top-left", 7), rotation=(0.0, 0.0, 0.0))
+        )
+        with Simulation(scene) as simulation:
+            x = run(simulation, 300)
+            # A cell's diagonals differ by its lean.
+            corners = np.arange(225).reshape(15, 15)
+            one = np.linalg.norm(x[corners[:-1, :-1]] - x[corners[1:, 1:]], axis=-1)
+            other = np.linalg.norm(x[corners[:-1, 1:]] - x[corners[1:, :-1]], axis=-1)
+            return float(np.abs(one - other).mean())
+
+    assert lean(Springs(shear=0.0)) > 2 * lean(Springs(shear=1.0))
+
+
+def test_more_iterations_stretch_less() -> None:
+    strains = []
+    for iterations in (2, 5, 12, 30):
+        with Simulation(load_scene("drape15", iterations=iterations, turbulence=0.0)) as simulation:
+            run(simulation, 240)
+            strains.append(simulation.measure().max_strain)
+    assert strains == sorted(strains, reverse=True)
+    assert strains[-1] < strains[0] / 3
+
+
+@pytest.mark.parametrize("name", scene_names())
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_no_slider_at_its_end_and_no_wild_hand_blows_a_scene_up(name: str, end: str) -> None:
+    scene: Scene = load_scene(name)
+    with Simulation(scene) as simulation:
+        for key in live_keys(scene).values():
+            if key.name not in ("iterations", "substeps"):
+                simulation.set(key.name, getattr(key, end))
+        random = np.random.default_rng(5)
+        for k in range(300):
+            if k % 3 == 0:
+                simulation.grab(k // 60 * 40 + 47, random.uniform(-4, 4, 3))  # no pin: it would stay out there
+            simulation.advance_frame()
+        assert simulation.measure().finite
+        simulation.release()
+        for key in live_keys(scene).values():
+            simulation.set(key.name, key.value)
+        run(simulation, 300)
+        assert np.abs(simulation.positions()).max() < 200  # a cloth without pins may have been thrown far
+        assert simulation.measure().max_strain < 0.5
