@@ -25,7 +25,7 @@ def test_every_key_with_a_slider_is_live() -> None:
 
 def test_a_live_key_says_what_it_is() -> None:
     wind = live_keys(load_scene("curtain", wind_x=3))["wind_x"]
-    assert (wind.name, wind.label, wind.unit, wind.help) == ("wind_x", "Wind x", "m/s", "wind along x")
+    assert (wind.name, wind.label, wind.unit, wind.help) == ("wind_x", "Wind X", "m/s", "wind along x")
     assert (wind.low, wind.high, wind.key.low, wind.key.high) == (-12.0, 12.0, -100.0, 100.0)
     assert wind.value == 3.0
     assert not wind.is_int

@@ -1,0 +1,45 @@
+"""Every key, once: the window obeys this table, and the panel and the README print it.
+
+The toolkit reports letters, Space, Escape and arrows only: no digits, no F-keys, no mouse wheel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key and what it does."""
+
+    code: str  # the toolkit's name for it
+    label: str
+    action: str
+    help: str
+    held: bool = False  # acts as long as it is down, at a rate
+
+
+KEYS = (
+    Key(" ", "Space", "freeze", "freeze, go on"),
+    Key("n", "N", "step", "one frame on"),
+    Key("r", "R", "reset", "start again"),
+    Key("g", "G", "wind", "wind on, off"),
+    Key("v", "V", "view", "next view"),
+    Key("b", "B", "previous_scene", "previous scene"),
+    Key("m", "M", "next_scene", "next scene"),
+    Key("f", "F", "first_view", "first view point"),
+    Key("h", "H", "hide", "hide, show panel"),
+    Key("w", "W", "zoom_in", "zoom in", held=True),
+    Key("s", "S", "zoom_out", "zoom out", held=True),
+    Key("Left", "Left", "pan_left", "move the view left", held=True),
+    Key("Right", "Right", "pan_right", "move it right", held=True),
+    Key("Up", "Up", "pan_up", "move it up", held=True),
+    Key("Down", "Down", "pan_down", "move it down", held=True),
+    Key("Escape", "Esc", "quit", "quit"),
+)
+
+MOUSE = (
+    ("left drag", "pull the cloth"),
+    ("right drag", "turn the view"),
+    ("middle drag", "zoom"),
+)

@@ -1,0 +1,197 @@
+"""What the window shows, and what keys, mouse and panel do to it. No toolkit here: it runs without a display."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from ..interact.camera import OrbitCamera
+from ..interact.picking import Handle, pick
+from ..interact.pointer import Mouse, Pointer
+from ..measure.cloth import Measures
+from ..scene import Scene, load_scene, scene_names
+from ..simulation import Simulation
+from .draw_list import VIEWS, DrawList
+
+ZOOM_RATE = 8.0  # [steps/s] while a key is held
+PAN_RATE = 0.5  # [heights of the picture/s]
+HOLD = {
+    "zoom_in": (ZOOM_RATE, 0.0, 0.0),
+    "zoom_out": (-ZOOM_RATE, 0.0, 0.0),
+    "pan_left": (0.0, -PAN_RATE, 0.0),
+    "pan_right": (0.0, PAN_RATE, 0.0),
+    "pan_down": (0.0, 0.0, -PAN_RATE),
+    "pan_up": (0.0, 0.0, PAN_RATE),
+}  # held action → rates of zoom, pan right, pan up
+
+
+@dataclass
+class Grip:
+    """The held particle and the hand that holds it."""
+
+    index: int
+    handle: Handle
+    led_to: NDArray[np.float64]  # [m] where the hand was at the last simulated frame
+
+
+class Session:
+    """One running scene with its camera and the user's hand. `act` takes the actions named in `keys.KEYS`."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.running = True
+        self.frozen = False
+        self.hidden = False
+        self.view = VIEWS[0]
+        self.physics_ms = 0.0  # [ms] of one frame, mean over the last picture's frames
+        self.note = ""  # one line for the user
+        self.pointer = Pointer()
+        self._first = scene
+        self._open(scene)
+
+    def _open(self, scene: Scene) -> None:
+        self.simulation = Simulation(scene)
+        try:
+            self.draw_list = DrawList(self.simulation)
+        except BaseException:
+            self.simulation.close()
+            raise
+        self.camera = OrbitCamera.from_scene(scene.camera)
+        self.grip: Grip | None = None
+        self.note = ""
+        self.measures = self.simulation.measure()
+
+    def close(self) -> None:
+        """Gives back what the scene holds."""
+        self.draw_list.close()
+        self.simulation.close()
+
+    # -- keys and buttons ----------------------------------------------------------------------------------
+
+    def act(self, action: str) -> None:
+        """Does what a key or button stands for."""
+        match action:
+            case "freeze":
+                self.frozen = not self.frozen
+            case "step":
+                self.frozen = True
+                self._simulate(1)
+            case "reset":
+                self._let_go()
+                self.simulation.reset()
+                self.note = ""
+            case "wind":
+                self.simulation.set("wind", not self.simulation.get("wind"))
+            case "view":
+                self.view = VIEWS[(VIEWS.index(self.view) + 1) % len(VIEWS)]
+            case "previous_scene":
+                self._turn_to(-1)
+            case "next_scene":
+                self._turn_to(1)
+            case "first_view":
+                self.camera.reset()
+            case "hide":
+                self.hidden = not self.hidden
+            case "quit":
+                self.running = False
+            case _:
+                raise ValueError(f"no such action: {action!r}")
+
+    def hold(self, action: str, seconds: float) -> None:
+        """Goes on with the action of a key that is held down, for so much wall time."""
+        zoom, right, up = HOLD[action]
+        self.camera.zoom(zoom * seconds)
+        self.camera.pan(right * seconds, up * seconds)
+
+    def _turn_to(self, step: int) -> None:
+        """The shipped scene before or after this one; the scene the session began with is one of the round."""
+        names = list(scene_names())
+        if self._first.name not in names:
+            names.append(self._first.name)
+        name = names[(names.index(self.simulation.scene.name) + step) % len(names)]
+        scene = self._first if name == self._first.name else load_scene(name)
+        self._let_go()
+        self.close()
+        self._open(scene)
+
+    # -- the mouse -------------------------------------------------------------------------------------
+
+    def point(
+        self,
+        cursor: tuple[float, float],
+        held: frozenset[str],
+        size: tuple[int, int],
+        *,
+        on_panel: bool,
+        widget_changed: bool,
+    ) -> None:
+        """Takes one displayed frame's mouse: its screen point in a window of `size` pixels, the buttons held."""
+        aspect = size[0] / size[1]
+        mouse = Mouse(cursor[0] * aspect, cursor[1], held)
+        gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
+        self.camera.orbit(*gesture.orbit)
+        self.camera.zoom(gesture.zoom)
+        if gesture.press:
+            self._grab(cursor, size)
+        if gesture.release:
+            self._let_go()
+        if self.grip is not None:
+            self.simulation.grab(self.grip.index, self.grip.handle.move(self.camera, cursor, aspect))
+
+    def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
+        simulation = self.simulation
+        positions = simulation.positions()
+        boxes = [(np.asarray(box.center), np.asarray(box.size)) for box in simulation.scene.boxes]
+        balls = simulation.spheres_now()
+        picked = pick(self.camera, cursor, size, positions, simulation.topology.triangles, balls, boxes)
+        if picked is None:
+            self.pointer.miss()
+            return
+        particle = positions[picked.index]
+        self.grip = Grip(picked.index, Handle(self.camera, cursor, size[0] / size[1], particle), particle)
+        simulation.grab(picked.index, particle)
+
+    def _let_go(self) -> None:
+        self.simulation.release()
+        self.pointer.miss()
+        self.grip = None
+
+    # -- time ------------------------------------------------------------------------------------------
+
+    def advance(self, frames: int) -> None:
+        """Moves the cloth on by so many frames, unless it is frozen."""
+        if not self.frozen:
+            self._simulate(frames)
+
+    def _simulate(self, frames: int) -> None:
+        if frames == 0:
+            return
+        start = time.perf_counter()
+        for k in range(frames):
+            self._lead((k + 1) / frames)
+            self.simulation.advance_frame()
+        ti.sync()
+        self.physics_ms = 1e3 * (time.perf_counter() - start) / frames
+        if self.grip is not None:
+            self.grip.led_to = self.grip.handle.target
+
+    def _lead(self, share: float) -> None:
+        """Moves the hand this share of the way that the cursor went since the last picture.
+
+        On a slow display several frames pass between two pictures: the hand must not jump in one of them.
+        """
+        if self.grip is not None:
+            start, end = self.grip.led_to, self.grip.handle.target
+            self.simulation.grab(self.grip.index, start + share * (end - start))
+
+    def measure(self) -> Measures:
+        """Measures the cloth; one that has blown up is frozen and the user told."""
+        self.measures = self.simulation.measure()
+        if not self.measures.finite and not self.note:
+            self.note = "The cloth blew up: change a slider, then Reset."
+            self._let_go()
+            self.frozen = True
+        return self.measures

@@ -1,0 +1,154 @@
+"""The window: a running scene to look at, to pull at and to steer."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable
+from math import degrees
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import taichi as ti
+
+from ..interact.camera import OrbitCamera
+from ..interact.keys import KEYS
+from ..scene import Scene
+from ..simulation import Simulation
+from .clock import FrameClock
+from .draw_mesh import DrawMesh, Lighting
+from .journal import Journal, line_of
+from .panel import Panel, numbers
+from .session import Session
+
+TITLE = "taichi_cloth"
+BUTTON_CODES = {"left": ti.ui.LMB, "middle": ti.ui.MMB, "right": ti.ui.RMB}
+POSITION = (40, 40)  # [pixels] of the window's top left corner on the screen
+NUMBERS_EVERY = 0.25  # [s] often enough to follow, seldom enough to read; a log measures every picture
+LONGEST_HOLD = 0.1  # [s] a held key acts at most this long in one picture, whatever the picture took
+
+
+def run(
+    scene: Scene,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    frames: int | None = None,
+    log: Path | None = None,
+    announce: Callable[[Simulation], None] = lambda simulation: None,
+) -> None:
+    """Opens a window and returns when the user closes it, or after `frames` displayed frames.
+
+    Taichi must have been started, and `display.window_obstacle()` must have found nothing: Taichi ends the
+    process where it cannot open a window. `announce` is called before the first frame. Raises OSError when
+    the log cannot be written.
+    """
+    with contextlib.ExitStack() as stack:
+        journal = stack.enter_context(Journal(log)) if log else None
+        # The toolkit drops its settings, imgui.ini, into the working folder.
+        folder = stack.enter_context(TemporaryDirectory(prefix="taichi_cloth_"))
+        session = Session(scene)
+        stack.callback(session.close)
+        announce(session.simulation)
+        stack.enter_context(contextlib.chdir(folder))
+        window = ti.ui.Window(TITLE, size, vsync=True, pos=POSITION)
+        stack.callback(window.destroy)  # before the fields go, and before Taichi does
+        loop(window, session, Panel(size, Path(folder) / "imgui.ini"), frames, journal)
+
+
+def loop(window: Any, session: Session, panel: Panel, frames: int | None, journal: Journal | None) -> None:
+    """One turn for every picture: input, physics, drawing."""
+    canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
+    clock = FrameClock(time.perf_counter())
+    draw_ms, displayed = 0.0, 0
+    text, told, told_at = "", 0.0, 0
+    while window.running and session.running and displayed != frames:
+        now = time.perf_counter()
+        due = clock.due(now)
+        size = shape(window, panel.window_size)
+        cursor = window.get_cursor_pos()
+
+        if now - told > NUMBERS_EVERY:
+            session.measure()
+            text = numbers(session, draw_ms, (displayed - told_at) / (now - told))
+            told, told_at = now, displayed
+
+        used = not session.hidden and panel.draw(gui, session, text)
+        press_keys(window, session, min(clock.elapsed, LONGEST_HOLD))
+        session.camera.shift = 0.0 if session.hidden else panel.shift(size)
+        on_panel = not session.hidden and panel.place.contains(cursor, size)
+        session.point(cursor, held_buttons(window), size, on_panel=on_panel, widget_changed=used)
+        session.advance(due)
+
+        start = time.perf_counter()
+        draw(canvas, scene, lens, session)
+        draw_ms = 1e3 * (time.perf_counter() - start)
+        if journal:
+            session.measure()
+            journal.write(line_of(session, displayed, cursor, size[0] / size[1], draw_ms))
+        window.show()
+        displayed += 1
+
+
+def press_keys(window: Any, session: Session, seconds: float) -> None:
+    """Does what the keys ask for that were struck since the last picture, or are held down."""
+    struck = [event.key for event in window.get_events(ti.ui.PRESS)]
+    for code in struck:
+        for key in KEYS:
+            if key.code == code and not key.held:
+                session.act(key.action)
+    for key in KEYS:
+        if key.held and window.is_pressed(key.code):
+            session.hold(key.action, seconds)
+
+
+def held_buttons(window: Any) -> frozenset[str]:
+    return frozenset(name for name, code in BUTTON_CODES.items() if window.is_pressed(code))
+
+
+def shape(window: Any, first: tuple[int, int]) -> tuple[int, int]:
+    """Size of the window in the units of its panel. `first` is the size it was opened with."""
+    width, height = window.get_window_shape()
+    # On a Retina display the toolkit reports physical pixels, twice as many each way.
+    scale = max(1, round(width / first[0])) if sys.platform == "darwin" else 1
+    return width // scale, height // scale
+
+
+def draw(canvas: Any, scene: Any, lens: Any, session: Session) -> None:
+    """Hands the picture of a session to the toolkit."""
+    mesh = session.draw_list.update(session.view, session.camera.eye)
+    aim(lens, session.camera)
+    scene.set_camera(lens)
+    light(canvas, scene, session.draw_list.lighting)
+    submit(scene, mesh)
+    canvas.scene(scene)
+
+
+def aim(lens: Any, camera: OrbitCamera) -> None:
+    """Sets the toolkit's camera so that it takes the same picture."""
+    lens.position(*camera.eye)
+    lens.lookat(*camera.looks_at)
+    lens.up(0.0, 1.0, 0.0)
+    lens.fov(degrees(camera.fov))
+
+
+def light(canvas: Any, scene: Any, lighting: Lighting) -> None:
+    canvas.set_background_color(lighting.background)
+    scene.ambient_light(lighting.ambient)
+    for lamp in lighting.lights:
+        scene.point_light(lamp.position, lamp.colour)
+
+
+def submit(scene: Any, mesh: DrawMesh) -> None:
+    """The soup in two draws: what is lit from one side, then what is lit from both."""
+    for first, end, two_sided in ((0, mesh.two_sided_from, False), (mesh.two_sided_from, mesh.corners, True)):
+        if end > first:
+            scene.mesh(
+                mesh.position,
+                normals=mesh.normal,
+                per_vertex_color=mesh.colour,
+                two_sided=two_sided,
+                vertex_offset=first,
+                vertex_count=end - first,
+            )

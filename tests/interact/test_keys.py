@@ -1,0 +1,15 @@
+"""The table of keys."""
+
+from __future__ import annotations
+
+from taichi_cloth.interact.keys import KEYS
+
+# What Taichi 1.7.4 reports (taichi/ui/utils/utils.h); digits, F-keys and punctuation give nothing.
+REPORTED = {*"abcdefghijklmnopqrstuvwxyz", " ", "Escape", "Left", "Right", "Up", "Down"}
+
+
+def test_every_key_is_one_the_window_can_see_and_has_one_meaning() -> None:
+    codes = [key.code for key in KEYS]
+    assert set(codes) <= REPORTED
+    assert len(set(codes)) == len(codes)
+    assert len({key.action for key in KEYS}) == len(KEYS)

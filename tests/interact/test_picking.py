@@ -1,0 +1,126 @@
+"""Which particle a press takes, and where the cursor leads it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from taichi_cloth.interact.camera import OrbitCamera
+from taichi_cloth.interact.picking import TOLERANCE, Handle, pick
+
+SIZE = (1280, 720)
+ASPECT = SIZE[0] / SIZE[1]
+FRONT = OrbitCamera((0, 0, 6), (0, 0, 0), 40)
+
+Floats = NDArray[np.float64]
+
+
+def sheet(count: int = 11, side: float = 2.0) -> tuple[Floats, NDArray[np.int64]]:
+    """A square of count × count particles in the plane z = 0."""
+    ticks = np.linspace(-side / 2, side / 2, count)
+    x, y = np.meshgrid(ticks, -ticks)
+    corner = np.arange(count * count).reshape(count, count)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]))
+    triangles = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), triangles
+
+
+def moved(positions: Floats, z: float) -> Floats:
+    """The sheet brought nearer to the eye of `FRONT`."""
+    return positions + np.array([0, 0, z])
+
+
+def cursor_at(camera: OrbitCamera, point: Floats) -> tuple[float, float]:
+    u, v = camera.to_screen(point, ASPECT)[0][0]
+    return float(u), float(v)
+
+
+@given(st.integers(0, 120), st.floats(-0.09, 0.09), st.floats(-0.09, 0.09))
+def test_a_press_on_the_sheet_takes_the_nearest_corner(index: int, right: float, up: float) -> None:
+    positions, triangles = sheet()
+    press = np.clip(positions[index] + (right, up, 0), -0.999, 0.999) * (1, 1, 0)
+    taken = pick(FRONT, cursor_at(FRONT, press), SIZE, positions, triangles)
+    assert taken is not None
+    assert taken.point == pytest.approx(tuple(press), abs=1e-9)
+    cell = 2 / 10
+    assert np.linalg.norm(positions[taken.index] - press) <= cell / np.sqrt(2) + 1e-9
+    assert taken.depth == pytest.approx(6)
+
+
+def test_the_nearer_of_two_layers_is_taken() -> None:
+    positions, triangles = sheet()
+    both = np.concatenate([positions, moved(positions, 1)])
+    layers = np.concatenate([triangles, triangles + len(positions)])
+    taken = pick(FRONT, (0.5, 0.5), SIZE, both, layers)
+    assert taken is not None
+    assert taken.index == len(positions) + 60
+    assert taken.depth == pytest.approx(5)
+
+
+def test_nothing_is_taken_beside_the_cloth_or_behind_the_eye() -> None:
+    positions, triangles = sheet()
+    assert pick(FRONT, (0.02, 0.9), SIZE, positions, triangles) is None
+    assert pick(FRONT, (0.5, 0.5), SIZE, moved(positions, 12), triangles) is None
+
+
+@pytest.mark.parametrize(("pixels", "found"), [(0.0, True), (0.9 * TOLERANCE, True), (1.2 * TOLERANCE, False)])
+def test_a_sheet_seen_edge_on_is_taken_within_some_pixels(pixels: float, found: bool) -> None:
+    positions, triangles = sheet()
+    camera = OrbitCamera((6, 0, 0), (0, 0, 0), 40)
+    u, v = cursor_at(camera, positions[60])
+    taken = pick(camera, (u + pixels / SIZE[0], v), SIZE, positions, triangles)
+    assert (taken is not None) is found
+    if taken is not None:
+        assert positions[taken.index][1] == pytest.approx(0)  # of the right row
+        assert taken.point == pytest.approx(tuple(positions[taken.index]))
+
+
+BALL = (np.array([0.0, 0, 2]), 0.5)
+BOX = (np.array([0.0, 0, 2]), np.array([1.0, 1, 1]))
+
+
+@pytest.mark.parametrize("solids", [{"balls": [BALL]}, {"boxes": [BOX]}], ids=["ball", "box"])
+def test_a_solid_hides_what_is_behind_it(solids: dict[str, Any]) -> None:
+    positions, triangles = sheet()
+    assert pick(FRONT, (0.5, 0.5), SIZE, positions, triangles, **solids) is None
+    assert pick(FRONT, (0.5, 0.5), SIZE, moved(positions, 3), triangles, **solids) is not None  # in front of it
+    assert pick(FRONT, cursor_at(FRONT, positions[0]), SIZE, positions, triangles, **solids) is not None  # beside it
+
+
+@pytest.mark.parametrize("solids", [{"balls": [BALL]}, {"boxes": [BOX]}], ids=["ball", "box"])
+def test_a_solid_hides_a_thin_cloth_too(solids: dict[str, Any]) -> None:
+    positions, _ = sheet(count=11)
+    no_triangles = np.zeros((0, 3), np.int64)
+    assert pick(FRONT, (0.5, 0.5), SIZE, positions, no_triangles) is not None
+    assert pick(FRONT, (0.5, 0.5), SIZE, positions, no_triangles, **solids) is None
+
+
+cursors = st.tuples(st.floats(0, 1), st.floats(0, 1))
+
+
+@given(cursors, cursors, st.floats(-3, 3), st.floats(-0.4, 0.4))
+def test_a_dragged_particle_keeps_its_depth_and_its_place_under_the_cursor(
+    start: tuple[float, float], end: tuple[float, float], turn: float, tilt: float
+) -> None:
+    camera = OrbitCamera((0, 0, 6), (0, 0, 0), 40)
+    camera.orbit(turn, tilt)
+    particle = np.array([0.3, -0.2, 0.5])
+    handle = Handle(camera, start, ASPECT, particle)
+    assert handle.move(camera, start, ASPECT) == pytest.approx(particle, abs=1e-9)  # no jump
+
+    before, depth = camera.to_screen(particle, ASPECT)
+    after, depth_after = camera.to_screen(handle.move(camera, end, ASPECT), ASPECT)
+    assert depth_after == pytest.approx(depth, abs=1e-9)
+    assert after - before == pytest.approx(np.array([np.subtract(end, start)]), abs=1e-9)
+
+
+def test_a_camera_that_looks_away_leaves_the_particle_where_it_is() -> None:
+    camera = OrbitCamera((0, 0, 6), (0, 0, 0), 40)
+    handle = Handle(camera, (0.5, 0.5), ASPECT, (0.0, 0.0, 0.0))
+    away = OrbitCamera((0, 0, 6), (0, 0, 12), 40)
+    assert handle.move(away, (0.7, 0.5), ASPECT) == pytest.approx([0, 0, 0])
