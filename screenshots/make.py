@@ -6,6 +6,13 @@ opened on a virtual screen; it is left as it is where Xvfb or a Vulkan driver is
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,11 +28,12 @@ from taichi_cloth.view.raster import Raster
 
 HERE = Path(__file__).parent
 STILL_FRAME = {"drape15": 150, "table": 150}  # the moment shown, in frames of 1/60 s
-DEFAULT_STILL_FRAME = 210
+DEFAULT_STILL_FRAME = 85
+PULL = (330, 450)  # first and last frame of the pull in the animation
 
 
-def pictures(name: str, size: tuple[int, int], view: str = "shaded", orbit: float = 0.0) -> Iterator[np.ndarray]:
-    """The scene frame after frame; `orbit` turns the camera by that share of the picture's height a frame."""
+def pictures(name: str, size: tuple[int, int], view: str = "shaded", hand: bool = False) -> Iterator[np.ndarray]:
+    """The scene frame after frame; with a `hand`, the camera drifts by and the cloth is pulled once."""
     scene = tc.load_scene(name)
     camera = OrbitCamera.from_scene(scene.camera)
     raster = Raster(*size)
@@ -34,13 +42,51 @@ def pictures(name: str, size: tuple[int, int], view: str = "shaded", orbit: floa
         while True:
             mesh = draw_list.update(view, camera.eye)
             yield raster.draw(mesh, camera.view_projection(size[0] / size[1]), draw_list.lighting)
+            if hand:
+                pull(simulation)
+                camera.orbit(-0.00018, 0.0)
             simulation.advance_frame()
-            camera.orbit(orbit, 0.0)
+
+
+def pull(simulation: tc.Simulation) -> None:
+    """Takes the lower left corner, lifts it towards the eye and throws it back."""
+    corner = simulation.topology.particle_count - simulation.scene.cloth.columns + 1
+    share = (simulation.frame - PULL[0]) / (PULL[1] - PULL[0])
+    if 0 <= share < 1:
+        here = simulation.positions()[corner]
+        swing = np.sin(np.pi * min(share / 0.8, 1.0) / 2) if share < 0.8 else 1 - 4 * (share - 0.8)
+        goal = np.array([-1.6, 1.1, 0.4]) + swing * np.array([0.4, 1.2, 1.9])
+        step = goal - here
+        simulation.grab(corner, here + step * min(1.0, 0.06 / max(float(np.linalg.norm(step)), 1e-9)))
+    elif simulation.grabbed is not None:
+        simulation.release()
 
 
 def still(name: str, view: str = "shaded") -> np.ndarray:
     moment = STILL_FRAME.get(name, DEFAULT_STILL_FRAME)
     return next(picture for k, picture in enumerate(pictures(name, (960, 540), view)) if k == moment)
+
+
+def window(moment: int) -> np.ndarray:
+    """The real window on a virtual screen, after that many frames of simulated time."""
+    sys.path.insert(0, str(HERE.parent / "tests" / "window"))
+    from screen import Screen
+
+    with tempfile.TemporaryDirectory() as folder:
+        screen, log = Screen(Path(folder)), Path(folder) / "log"
+        command = [sys.executable, "-m", "taichi_cloth", "run", "--size", "1280x720", "--log", str(log)]
+        program = subprocess.Popen(command, env={**os.environ, "DISPLAY": screen.display})
+        try:
+            while program.poll() is None:
+                lines = log.read_text().splitlines() if log.exists() else []
+                if len(lines) > 1 and json.loads(lines[-2])["frame"] >= moment:
+                    return screen.pixels()[40:760, 40:1320]  # the window's place: view/window.py
+                time.sleep(0.1)
+            raise RuntimeError(f"the window ended with exit code {program.returncode}")
+        finally:
+            program.terminate()
+            program.wait()
+            screen.close()
 
 
 def main() -> None:
@@ -51,8 +97,14 @@ def main() -> None:
     for view in VIEWS[1:]:
         write_png(HERE / f"view_{view}.png", still("curtain", view))
         print(f"view_{view}.png")
-    # 12 s of the curtain at 20 frames a second, the camera drifting by.
-    hero = [p for k, p in zip(range(720), pictures("curtain", (640, 360), orbit=-0.0006), strict=False) if k % 3 == 0]
+    if shutil.which("Xvfb"):
+        write_png(HERE / "window.png", np.ascontiguousarray(window(DEFAULT_STILL_FRAME)))
+        print("window.png")
+    else:
+        print("window.png is left as it is: Xvfb is not installed")
+    # 10 s of the curtain at 20 pictures a second.
+    frames = zip(range(600), pictures("curtain", (640, 360), hand=True), strict=False)
+    hero = [picture for k, picture in frames if k % 3 == 0]
     first, *rest = (Image.fromarray(picture) for picture in hero)
     first.save(HERE / "hero.webp", save_all=True, append_images=rest, duration=50, loop=0, quality=60, method=4)
     print(f"hero.webp, {(HERE / 'hero.webp').stat().st_size / 1e6:.2f} MB")

@@ -174,7 +174,7 @@ def render_plan(scene: Scene, plan: Plan, arch: str, *, force: bool = False, res
     from .view import frames
 
     runtime.start(arch)
-    with Simulation(scene) as simulation, sigterm_interrupts():
+    with Simulation(scene) as simulation:
         frames.claim(plan, simulation, force=force, resume=resume)
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
@@ -232,7 +232,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if "action" not in args:  # "--version" and "--help" have ended the program already
         build_parser().error("a command is missing")
     try:
-        return int(args.action(args))
+        with sigterm_interrupts():
+            return int(args.action(args))
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted; finished files are whole", file=sys.stderr)
         return 130

@@ -1,0 +1,39 @@
+"""A virtual screen whose picture can be read. Used by the tests of the window and by `screenshots/make.py`."""
+
+from __future__ import annotations
+
+import os
+import struct
+import subprocess
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Screen:
+    """An X server without a monitor. Its picture is a file."""
+
+    def __init__(self, folder: Path) -> None:
+        read, write = os.pipe()
+        self._file = folder / "Xvfb_screen0"
+        self.server = subprocess.Popen(
+            ["Xvfb", "-displayfd", str(write), "-fbdir", folder, "-screen", "0", "1400x900x24", "-nolisten", "tcp"],
+            pass_fds=[write],
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(write)
+        with os.fdopen(read) as answer:  # ends, empty, where the server does
+            self.display = ":" + answer.readline().strip()
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """What is to be seen, (height, width, RGB); the file has the format of `xwd`."""
+        data = self._file.read_bytes()
+        header = struct.unpack(">25I", data[:100])
+        size, width, height, row_bytes, colours = (header[k] for k in (0, 4, 5, 12, 19))
+        rows = np.frombuffer(data, np.uint8, height * row_bytes, size + 12 * colours).reshape(height, row_bytes)
+        return rows[:, : 4 * width].reshape(height, width, 4)[:, :, 2::-1]
+
+    def close(self) -> None:
+        self.server.terminate()
+        self.server.wait()
