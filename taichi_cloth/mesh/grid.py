@@ -7,8 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-EDGES = ("top", "bottom", "left", "right")
-CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
+from ..scene.model import CORNERS
 
 # The six directions in which a sheet has springs: family, step down the rows, step along the columns.
 DIRECTIONS = (

@@ -13,6 +13,9 @@ Vec3 = tuple[float, float, float]
 
 FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 
+EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, or a particle's index
+CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
+
 SOLVER_NAMES = ("verlet",)  # known without importing a solver, which would import Taichi
 
 

@@ -6,9 +6,8 @@ import re
 from math import isfinite
 from typing import Any
 
-from ..mesh.grid import CORNERS, EDGES
 from .errors import SceneError, nearest, shown
-from .model import Key, Vec3
+from .model import CORNERS, EDGES, Key, Vec3
 
 PIN_NAMES = (*EDGES, *CORNERS)
 
