@@ -122,11 +122,14 @@ def test_render_writes_pictures_and_what_made_them(tmp_path: Path) -> None:
         assert picture.size == (96, 54)
     told = json.loads((tmp_path / "o" / "run.json").read_text())
     assert told["complete"]
-    assert [p["frame"] for p in told["pictures"]] == [0, 3, 6]
+    assert [line["frame"] for line in told["frames"]] == list(range(7))
+    assert [line["frame"] for line in told["frames"] if "draw_ms" in line] == [0, 3, 6]
+    assert told["seed"] == 0
     assert told["settings"]["every"] == 3
     assert "rows = 24" in told["scene_text"]
     assert {"taichi", "numpy", "taichi_cloth"} <= told["machine"].keys()
-    assert told["pictures"][2]["max_strain"] > 0
+    assert told["frames"][6]["max_strain"] > 0
+    assert all(line["physics_ms"] > 0 for line in told["frames"])
 
 
 def test_two_runs_give_the_same_bytes(tmp_path: Path) -> None:

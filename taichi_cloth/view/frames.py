@@ -61,11 +61,11 @@ class Report:
     """What `run.json` holds."""
 
     scene: str
-    scene_text: str
+    seed: int
+    scene_text: str  # the whole scene as TOML: with the settings, all that decides a picture
     settings: dict[str, Any]
     machine: dict[str, str]
-    pictures: list[dict[str, Any]] = field(default_factory=list)
-    frames: int = 0
+    frames: list[dict[str, Any]] = field(default_factory=list)  # one for each simulated frame, as `_line` writes it
     complete: bool = False
 
     def write(self, out: Path) -> None:
@@ -105,10 +105,9 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
     `on_frame(k)` is called after every simulated frame. Raises BlewUp when the cloth does, and OSError
     when a file cannot be written; `run.json` then tells how far the run came, and every PNG is whole.
     """
-    report = Report(
-        simulation.scene.name, scene_to_toml(simulation.scene), plan.settings(), machine(), frames=plan.frames
-    )
-    camera = OrbitCamera.from_scene(simulation.scene.camera)
+    scene = simulation.scene
+    report = Report(scene.name, scene.seed, scene_to_toml(scene), plan.settings(), machine())
+    camera = OrbitCamera.from_scene(scene.camera)
     view_projection = camera.view_projection(plan.width / plan.height)
     raster = Raster(plan.width, plan.height, plan.samples)
     draw_list = DrawList(simulation)
@@ -119,20 +118,19 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
         with writing_behind() as write:
             for k in range(plan.frames):
                 picture, rest = divmod(k, plan.every)
-                if rest == 0:
+                line = _line(simulation, k)
+                if rest == 0 and (picture in in_sheet or not plan.path(picture).exists()):
                     start = time.perf_counter()
-                    if picture in in_sheet or not plan.path(picture).exists():
-                        mesh = draw_list.update(plan.view, camera.eye)
-                        pixels = raster.draw(mesh, view_projection, draw_list.lighting)
-                        if picture in in_sheet:
-                            sheet.append(pixels)
-                        write(plan.path(picture), pixels)
-                    drawn = time.perf_counter()
-                    report.pictures.append(_line(simulation, k, draw_ms=1e3 * (drawn - start)))
+                    mesh = draw_list.update(plan.view, camera.eye)
+                    pixels = raster.draw(mesh, view_projection, draw_list.lighting)
+                    line["draw_ms"] = round(1e3 * (time.perf_counter() - start), 3)
+                    if picture in in_sheet:
+                        sheet.append(pixels)
+                    write(plan.path(picture), pixels)
                 start = time.perf_counter()
                 simulation.advance_frame()
-                if rest == 0:
-                    report.pictures[-1]["physics_ms"] = round(1e3 * (time.perf_counter() - start), 3)
+                line["physics_ms"] = round(1e3 * (time.perf_counter() - start), 3)
+                report.frames.append(line)
                 on_frame(k)
         if sheet:
             factor = max(1, plan.width // 320)
@@ -144,16 +142,12 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
     return report
 
 
-def _line(simulation: Simulation, frame: int, draw_ms: float) -> dict[str, Any]:
+def _line(simulation: Simulation, frame: int) -> dict[str, Any]:
+    """What there is to say of a frame before it is drawn. Raises BlewUp."""
     measures = simulation.measure()
     if not measures.finite:
         raise BlewUp(f"the cloth blew up in frame {frame}: try more substeps, less wind or less stiffness")
-    return {
-        "frame": frame,
-        "draw_ms": round(draw_ms, 3),
-        "max_strain": measures.max_strain,
-        "mean_strain": measures.mean_strain,
-    }
+    return {"frame": frame, "max_strain": measures.max_strain, "mean_strain": measures.mean_strain}
 
 
 @contextmanager

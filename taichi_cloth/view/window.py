@@ -76,6 +76,7 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
 
         used = not session.hidden and panel.draw(gui, session, text)
         press_keys(window, session, min(clock.elapsed, LONGEST_HOLD))
+        session.camera.zoom(wheel(window))
         session.camera.shift = 0.0 if session.hidden else panel.shift(size)
         on_panel = not session.hidden and panel.place.contains(cursor, size)
         session.point(cursor, held_buttons(window), size, on_panel=on_panel, widget_changed=used)
@@ -101,6 +102,14 @@ def press_keys(window: Any, session: Session, seconds: float) -> None:
     for key in KEYS:
         if key.held and window.is_pressed(key.code):
             session.hold(key.action, seconds)
+
+
+def wheel(window: Any) -> float:
+    """Notches the mouse wheel was turned since the last picture, forwards positive.
+
+    Taichi 1.7.4 does not tell; a later one that has `get_scroll_delta` gives (dx, dy) since the last call.
+    """
+    return float(window.get_scroll_delta()[1]) if hasattr(window, "get_scroll_delta") else 0.0
 
 
 def held_buttons(window: Any) -> frozenset[str]:

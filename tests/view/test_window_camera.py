@@ -1,4 +1,4 @@
-"""The toolkit's camera takes the same picture as ours, or a press would miss what the user sees."""
+"""The toolkit's camera takes the same picture as ours, or a press would miss what the user sees; the wheel."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 import taichi as ti
 
 from taichi_cloth.interact.camera import OrbitCamera
-from taichi_cloth.view.window import aim
+from taichi_cloth.view.window import aim, wheel
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3])
@@ -23,3 +23,12 @@ def test_the_toolkit_sees_what_the_orbit_camera_sees(aspect: float, shift: float
     ours = camera.view_projection(aspect)
     assert theirs[[0, 1, 3]] == pytest.approx(ours[[0, 1, 3]], abs=1e-5)  # row 2, depth, runs the other way
     assert np.linalg.matrix_rank(theirs) == 4
+
+
+def test_the_wheel_counts_where_the_toolkit_has_one() -> None:
+    class WithWheel:
+        def get_scroll_delta(self) -> tuple[float, float]:
+            return 0.5, -2.0
+
+    assert wheel(WithWheel()) == -2.0
+    assert wheel(object()) == 0.0
