@@ -41,8 +41,9 @@ def topology_of(scene: Scene) -> Topology:
 
 
 def family_stiffness(scene: Scene) -> dict[str, float]:
-    """Stiffness 0…1 of each spring family; 0 leaves the family out."""
-    return {"structural": scene.springs.structural, "shear": scene.springs.shear, "bend": scene.springs.bend}
+    """Stiffness of each spring family in the unit of the scene's solver; 0 leaves the family out."""
+    section = getattr(scene, SOLVERS[scene.solver.name].springs)
+    return {family: getattr(section, family) for family in ("structural", "shear", "bend")}
 
 
 class Simulation:
@@ -86,12 +87,14 @@ class Simulation:
     def reset(self) -> None:
         """Back to the first frame, bit for bit; parameters that were set keep their values."""
         self.cloth.put(self.topology.start, self.topology.start, self._inverse_mass)
+        self.solver.reset()
         self._hand = None
         self.frame = 0
 
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
         if self._solver is not None:
+            self._solver.close()
             state.give_back(self._solver.cloth)
             self._solver = None
 
@@ -240,6 +243,7 @@ class Simulation:
         """
         saved = read_save(path, scene_to_toml(self.scene), self._moving())
         self.cloth.put(saved["x"], saved["x_prev"], saved["inverse_mass"])
+        self.solver.restore(saved)
         self.frame = int(saved["frame"])
         self._live = {
             name: type(key.value)(value) for (name, key), value in zip(self._keys.items(), saved["live"], strict=True)
@@ -256,6 +260,7 @@ class Simulation:
             "x": self.cloth.taken(self.cloth.x),
             "x_prev": self.cloth.taken(self.cloth.x_prev),
             "inverse_mass": self.cloth.taken(self.cloth.inverse_mass),
+            **self.solver.moving(),
             "frame": np.array(self.frame),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),

@@ -34,13 +34,13 @@ class ClothState:
 
     def upload(self, topology: Topology, families: dict[str, float]) -> None:
         """Fills every field for this cloth at its start, at rest."""
-        self.ends.from_numpy(_padded(topology.ends, self.ends.shape[0]))
-        self.rest.from_numpy(_padded(topology.rest.astype(np.float32), self.rest.shape[0]))
-        self.triangles.from_numpy(_padded(topology.triangles, self.triangles.shape[0]))
+        self.ends.from_numpy(padded(topology.ends, self.ends.shape[0]))
+        self.rest.from_numpy(padded(topology.rest.astype(np.float32), self.rest.shape[0]))
+        self.triangles.from_numpy(padded(topology.triangles, self.triangles.shape[0]))
         first = [b.first for b in topology.batches] + [topology.spring_count]
-        self.batch_first.from_numpy(_padded(np.array(first, np.int32), self.batch_first.shape[0]))
+        self.batch_first.from_numpy(padded(np.array(first, np.int32), self.batch_first.shape[0]))
         share = np.array([families[b.family] for b in topology.batches], np.float32)
-        self.batch_stiffness.from_numpy(_padded(share, self.batch_stiffness.shape[0]))
+        self.batch_stiffness.from_numpy(padded(share, self.batch_stiffness.shape[0]))
         self.particle_count[None] = topology.particle_count
         self.batch_count[None] = len(topology.batches)
         self.triangle_count[None] = topology.triangle_count
@@ -49,7 +49,7 @@ class ClothState:
     def put(self, x: NDArray[Any], x_prev: NDArray[Any], inverse_mass: NDArray[Any]) -> None:
         """Sets the moving part: two (N, 3) arrays [m] and one (N,) array [1/kg]."""
         for field, values in ((self.x, x), (self.x_prev, x_prev), (self.inverse_mass, inverse_mass)):
-            field.from_numpy(_padded(values.astype(np.float32), field.shape[0]))
+            field.from_numpy(padded(values.astype(np.float32), field.shape[0]))
 
     def taken(self, field: Any) -> NDArray[np.float32]:
         """A field over the particles in use, as NumPy."""
@@ -62,7 +62,7 @@ def inverse_mass(topology: Topology) -> NDArray[np.float32]:
     return np.where(topology.pinned, 0, 1 / topology.mass).astype(np.float32)
 
 
-def _padded(values: NDArray[Any], capacity: int) -> NDArray[Any]:
+def padded(values: NDArray[Any], capacity: int) -> NDArray[Any]:
     """`values` with zeros behind them up to the field's length."""
     out = np.zeros((capacity, *values.shape[1:]), values.dtype)
     out[: len(values)] = values

@@ -28,6 +28,24 @@ def project_distance(p: tm.vec3, q: tm.vec3, w_p: float, w_q: float, rest: float
 
 
 @ti.func
+def project_compliant(
+    p: tm.vec3, q: tm.vec3, w_p: float, w_q: float, rest: float, compliance: float, multiplier: float
+):
+    """Corrections of p and q, and of the multiplier λ, for a spring of finite stiffness (Macklin 2016, eq. 17–18).
+
+    `compliance` is 1/(k·h²) [1/kg]. With compliance 0 this is `project_distance` at stiffness 1.
+    """
+    gap = q - p
+    length = gap.norm()
+    w = w_p + w_q
+    change = 0.0
+    if w > 0.0:
+        change = (rest - length - compliance * multiplier) / (w + compliance)
+    push = gap * (change / tm.max(length, TINY))
+    return -push * w_p, push * w_q, change
+
+
+@ti.func
 def triangle_area_normal(a: tm.vec3, b: tm.vec3, c: tm.vec3) -> tm.vec3:
     """Normal of a triangle, as long as its area [m²]."""
     return 0.5 * (b - a).cross(c - a)

@@ -90,12 +90,15 @@ def sheet(
                 pairs.append(batch)
                 first += len(batch)
     ends = np.concatenate(pairs) if pairs else np.zeros((0, 2), np.int32)
+    # Positions are float32 in the kernels. Springs measured between the rounded places are at rest to the
+    # last bit; measured on the ideal grid they would push for ever, and a free sheet would drift.
+    start = (flat @ grid.rotation_matrix(rotation).T + np.asarray(center)).astype(np.float32).astype(np.float64)
     return Topology(
-        start=flat @ grid.rotation_matrix(rotation).T + np.asarray(center),
+        start=start,
         mass=lumped_mass(flat, triangles, area_density),
         pinned=grid.pinned(rows, columns, pins),
         ends=ends,
-        rest=np.linalg.norm(flat[ends[:, 0]] - flat[ends[:, 1]], axis=1),
+        rest=np.linalg.norm(start[ends[:, 0]] - start[ends[:, 1]], axis=1),
         batches=tuple(batches),
         triangles=triangles,
         cells=cells,

@@ -16,7 +16,7 @@ FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, or a particle's index
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 
-SOLVER_NAMES = ("verlet",)  # known without importing a solver, which would import Taichi
+SOLVER_NAMES = ("verlet", "xpbd")  # known without importing a solver, which would import Taichi
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,23 @@ class Cloth:
 
 @dataclass(frozen=True)
 class Springs:
-    """Distance constraints by family. A family set to 0 is left out of the cloth."""
+    """Distance constraints by family, for `verlet`. A family set to 0 is left out of the cloth."""
 
     structural: float = _key(1.0, "share of a neighbour's length error put right in one iteration", low=0.0, high=1.0)
     shear: float = _key(1.0, "the same for both diagonals of each cell", low=0.0, high=1.0)
     bend: float = _key(0.2, "the same for particles two apart", low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class Fabric:
+    """Spring constants by family, for the solvers that take them in SI. A family set to 0 is left out.
+
+    On square cells a structural constant is the fabric's stiffness per metre of width, whatever the grid.
+    """
+
+    structural: float = _key(2000.0, "constant of a spring between neighbours", "N/m", low=0.0, high=1e9)
+    shear: float = _key(1000.0, "the same along both diagonals of each cell", "N/m", low=0.0, high=1e9)
+    bend: float = _key(20.0, "the same for particles two apart", "N/m", low=0.0, high=1e9)
 
 
 @dataclass(frozen=True)
@@ -151,6 +163,7 @@ class Scene:
     seed: int = _key(0, "seed of the gusts", low=0, high=2**31 - 1)
     cloth: Cloth = field(default_factory=Cloth)
     springs: Springs = field(default_factory=Springs)
+    fabric: Fabric = field(default_factory=Fabric)
     solver: Solver = field(default_factory=Solver)
     forces: Forces = field(default_factory=Forces)
     wind: Wind | None = None

@@ -2,7 +2,8 @@
 
 from .base import FrameInput, Solver, Stages
 from .verlet import Verlet
+from .xpbd import Xpbd
 
-SOLVERS = {solver.name: solver for solver in (Verlet,)}
+SOLVERS: dict[str, type[Verlet] | type[Xpbd]] = {solver.name: solver for solver in (Verlet, Xpbd)}
 
 __all__ = ["SOLVERS", "FrameInput", "Solver", "Stages"]

@@ -41,6 +41,7 @@ class Solver(Protocol):
     """One method. It owns how velocity is kept; positions, pins and forces are the same for all."""
 
     name: str
+    springs: str  # the scene's section that holds its spring constants by family
     cloth: ClothState
 
     def advance_frame(self, frame: FrameInput) -> None:
@@ -54,3 +55,15 @@ class Solver(Protocol):
 
     def change_substep(self, old: float, new: float) -> None:
         """Keeps every velocity when the length of a substep [s] changes."""
+
+    def reset(self) -> None:
+        """Forgets everything that moved; the cloth itself is put back by the simulation."""
+
+    def moving(self) -> dict[str, NDArray[np.float32]]:
+        """What a save must hold beside the cloth's positions: arrays of N rows by name."""
+
+    def restore(self, moving: dict[str, NDArray[np.float32]]) -> None:
+        """Takes back what `moving` gave."""
+
+    def close(self) -> None:
+        """Gives its own fields back."""

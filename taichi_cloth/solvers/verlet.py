@@ -73,10 +73,17 @@ class Verlet:
     """Advances a cloth by damped Verlet and relaxation; see `base.Solver` for the contract."""
 
     name = "verlet"
+    springs = "springs"
 
     def __init__(self, cloth: ClothState, stages: Stages) -> None:
         self.cloth = cloth
         self.stages = stages
+
+    def close(self) -> None:
+        pass  # all it needs is in the cloth's own fields
+
+    def reset(self) -> None:
+        pass
 
     def advance_frame(self, frame: FrameInput) -> None:
         advance(
@@ -101,3 +108,9 @@ class Verlet:
 
     def change_substep(self, old: float, new: float) -> None:
         rescale_velocities(self.cloth, new / old)
+
+    def moving(self) -> dict[str, NDArray[np.float32]]:
+        return {}  # velocity is in the cloth's two positions
+
+    def restore(self, moving: dict[str, NDArray[np.float32]]) -> None:
+        pass

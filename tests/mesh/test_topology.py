@@ -62,10 +62,19 @@ def test_no_two_springs_of_a_batch_share_a_particle(r: int, c: int) -> None:
     assert sum(batch.count for batch in topology.batches) == topology.spring_count
 
 
-def test_rest_lengths_do_not_know_of_the_rotation() -> None:
-    level, turned = make(), make(rotation=(-90.0, 30.0, 7.0), center=(50.0, 1.0, 2.0))
-    assert (level.rest == turned.rest).all()
-    assert np.allclose(np.linalg.norm(np.diff(turned.start[turned.ends], axis=1)[:, 0], axis=1), turned.rest)
+def test_rest_lengths_are_those_of_the_grid_but_for_float32() -> None:
+    level, turned = make(), make(rotation=(-90.0, 30.0, 7.0), center=(1.0, 1.0, 2.0))
+    assert turned.rest == pytest.approx(level.rest, rel=1e-6)
+    assert level.rest[level.family("structural")] == pytest.approx(0.5)
+    assert level.rest[level.family("shear")] == pytest.approx(0.5 * np.sqrt(2))
+    assert level.rest[level.family("bend")] == pytest.approx(1.0)
+
+
+def test_the_start_is_at_rest_to_the_last_bit_of_float32() -> None:
+    topology = make(rotation=(20.0, 30.0, 7.0), center=(3.0, 1.0, 2.0))
+    assert (topology.start.astype(np.float32) == topology.start).all()
+    lengths = np.linalg.norm(topology.start[topology.ends[:, 0]] - topology.start[topology.ends[:, 1]], axis=1)
+    assert (lengths == topology.rest).all()
 
 
 def test_a_quarter_turn_is_exact() -> None:

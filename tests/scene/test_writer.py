@@ -84,7 +84,7 @@ def test_the_table_has_every_key_once_with_default_unit_range_and_help() -> None
     assert ("[[spheres]]", "radius", "0.5", "m", "above 0 to 1000 m", "radius as drawn") in rows
     assert ("", "seed", "0", "", "0 to 2147483647", "seed of the gusts") in rows
     assert ("[look]", "check", '"#e9dcc3"', "", "#rrggbb", "second colour of the checks") in rows
-    assert ("[solver]", "name", '"verlet"', "", "verlet", "method that advances the cloth") in rows
+    assert ("[solver]", "name", '"verlet"', "", "verlet, xpbd", "method that advances the cloth") in rows
 
 
 @pytest.mark.parametrize("section", [Scene, *(part.section for part in parts().values())])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.model import Box, Cloth, Forces, Ground, Scene, Solver, Sphere, Springs, Wind
+from taichi_cloth.scene.model import Box, Cloth, Fabric, Forces, Ground, Scene, Solver, Sphere, Springs, Wind
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
 
@@ -151,7 +151,8 @@ def test_a_held_particle_goes_exactly_where_the_hand_is(solver: str) -> None:
 
 
 def test_a_released_particle_has_its_mass_and_the_hands_velocity(solver: str) -> None:
-    free = scene(solver, forces=Forces(gravity=0.0), springs=Springs(0.0, 0.0, 0.0))
+    none = (0.0, 0.0, 0.0)
+    free = scene(solver, forces=Forces(gravity=0.0), springs=Springs(*none), fabric=Fabric(*none))
     with Simulation(free) as simulation:
         start = simulation.positions()[10]
         for k in range(1, 7):

@@ -1,0 +1,74 @@
+"""`xpbd` against closed forms: its own numerical damping, and stretch that iterations and steps do not change."""
+
+import numpy as np
+import pytest
+import taichi as ti
+import taichi.math as tm
+
+from taichi_cloth.kernels.maths import project_compliant
+from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver
+from taichi_cloth.simulation import Simulation
+
+
+@ti.kernel
+def swing(start: float, compliance: float, h: float, steps: int, path: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+    """A mass of 1 kg on a spring of rest length 1 m to a fixed point, let go at `start`."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        x, v = start, 0.0
+        for k in range(steps):
+            predicted = x + h * v
+            _held, move, _multiplier = project_compliant(
+                tm.vec3(0.0), tm.vec3(predicted, 0.0, 0.0), 0.0, 1.0, 1.0, compliance / (h * h), 0.0
+            )
+            v += move[0] / h
+            x = predicted + move[0]
+            path[k] = x
+
+
+@pytest.mark.parametrize("rate", [240, 960, 6000])
+def test_one_spring_shrinks_and_turns_by_the_schemes_own_law(rate: int) -> None:
+    # Macklin 2016, fig. 2: compliance 0.001 m/N. Backward Euler multiplies the amplitude by (1 + ω²h²)^(−1/2) a
+    # step and turns by atan(ωh) (accuracy reference A2).
+    omega, h, steps = np.sqrt(1000.0), 1 / rate, min(rate, 1200)
+    path = np.zeros(steps, np.float32)
+    swing(1.5, 0.001, h, steps, path)
+    shrink, turn = (1 + (omega * h) ** 2) ** -0.5, np.arctan(omega * h)
+    n = np.arange(1, steps + 1)
+    # At rest at the start: x − 1 is the real part of 0.5·(1 + iωh)·(1/(1 + iωh))^(n+1), which is
+    expected = 0.5 * shrink**n * np.cos(n * turn)
+    assert path - 1 == pytest.approx(expected, abs=1e-4)
+
+
+def hanging(substeps: int, iterations: int) -> Scene:
+    return Scene(
+        cloth=Cloth(rows=9, columns=4, width=0.3, height=0.8, center=(0.0, 1.0, 0.0), pins=("top",)),
+        fabric=Fabric(structural=20.0, shear=0.0, bend=0.0),
+        solver=Solver(name="xpbd", substeps=substeps, iterations=iterations, damping=3.0),
+    )
+
+
+@pytest.mark.parametrize(("substeps", "iterations"), [(5, 5), (5, 20), (5, 80), (2, 40), (20, 5)])
+def test_the_elongation_of_a_hanging_sheet_is_the_static_one(substeps: int, iterations: int) -> None:
+    """Accuracy reference A3: spring j carries the weight below it. Zeroing λ in every iteration instead of every
+    substep, the known bug, leaves a fifth of it at 5 iterations and a twenty-fifth at 20 (B3)."""
+    with Simulation(hanging(substeps, iterations)) as simulation:
+        for _ in range(400):
+            simulation.advance_frame()
+        mass = simulation.topology.mass.reshape(9, 4)
+        carried = np.cumsum(mass[::-1], axis=0)[::-1][1:]  # by the spring above each row [kg]
+        expected = np.cumsum(9.81 * carried / 20.0, axis=0)
+        drop = (simulation.topology.start - simulation.positions())[:, 1].reshape(9, 4)[1:]
+        assert expected[-1].min() > 0.01
+        assert drop == pytest.approx(expected, rel=0.01)
+
+
+def test_a_stiffer_fabric_stretches_less_in_proportion() -> None:
+    drops = []
+    for stiffness in (1.0, 0.5):
+        with Simulation(hanging(5, 40)) as simulation:
+            simulation.set("stiffness", stiffness)
+            for _ in range(400):
+                simulation.advance_frame()
+            drops.append((simulation.topology.start - simulation.positions())[-1, 1])
+    assert drops[1] / drops[0] == pytest.approx(2.0, rel=0.02)
