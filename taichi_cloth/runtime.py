@@ -17,10 +17,12 @@ os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 def start(arch: str = "cpu", **options: Any) -> None:
     """Starts Taichi on `arch`, ending what ran before; other options go to `ti.init`.
 
+    The environment's TI_ARCH, which Taichi would follow instead, is set aside.
     Raises ValueError for an arch that is not one of `ARCHS`.
     """
     if arch not in ARCHS:
         raise ValueError(f"unknown arch {arch!r}: {', '.join(ARCHS)}")
+    os.environ.pop("TI_ARCH", None)
     import taichi as ti
 
     with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints its arch, and offers no switch for it

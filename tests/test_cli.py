@@ -190,6 +190,44 @@ def test_a_resume_of_another_run_is_refused(tmp_path: Path) -> None:
         assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize("content", [b"", b"garbage", b"[]", b"3", b"\xff\xfe", b"{}"])
+def test_a_resume_over_a_damaged_report_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "o").mkdir()
+    (tmp_path / "o" / "run.json").write_bytes(content)
+    done = run("render", "drape15", "--out", "o", "--frames", "2", "--resume", *SMALL, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "use --force to start anew" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert (tmp_path / "o" / "run.json").read_bytes() == content
+
+
+def test_a_terminal_that_knows_ascii_only_is_served(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "taichi_cloth", "render", "drape15", "--frames", "1", *SMALL]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "verlet 1?5" in done.stdout
+
+
+def test_a_reader_who_leaves_early_is_no_error(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "taichi_cloth", "render", "drape15", "--frames", "400", *SMALL]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    assert "drape15" in process.stdout.readline()
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    process.stderr.close()
+    assert process.wait(timeout=60) == 1
+
+
+def test_the_environment_does_not_change_the_arch(tmp_path: Path) -> None:
+    environment = {**os.environ, "TI_ARCH": "bogus"}
+    command = [sys.executable, "-m", "taichi_cloth", "render", "drape15", "--frames", "1", *SMALL]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_an_output_that_is_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "o").write_text("mine")
     done = run("render", "drape15", "--out", "o", "--frames", "2", *SMALL, cwd=tmp_path)

@@ -81,7 +81,7 @@ def claim(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> N
         raise OutputInUse(f"{plan.out} is a file, not a folder")
     old = sorted(plan.out.glob("frame_*.png")) if plan.out.is_dir() else []
     if resume and there.exists():
-        made = json.loads(there.read_text())
+        made = _told(there)
         mine = {"scene_text": scene_to_toml(simulation.scene), "settings": plan.settings()}
         for key, value in mine.items():
             if made.get(key) != value:
@@ -97,6 +97,17 @@ def claim(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> N
     plan.out.mkdir(parents=True, exist_ok=True)
     for left_behind in plan.out.glob(".*.part"):  # by a run that was killed outright
         left_behind.unlink()
+
+
+def _told(path: Path) -> dict[str, Any]:
+    """What an older `run.json` says. Raises OutputInUse where it is none."""
+    try:
+        made = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:  # no JSON, or no text
+        made = None
+    if not isinstance(made, dict):
+        raise OutputInUse(f"{path} is damaged: the render cannot be resumed; use --force to start anew")
+    return made
 
 
 def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) -> Report:
