@@ -1,12 +1,17 @@
 """What a solver is given and what it must offer."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
 
 import numpy as np
+import taichi as ti
 from numpy.typing import NDArray
 
 from ..state import ClothState
+
+# How a kernel takes the rows and tables of a `FrameInput`.
+row = ti.types.ndarray(dtype=ti.f32, ndim=1)
+table = ti.types.ndarray(dtype=ti.f32, ndim=2)
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,11 @@ class FrameInput:
     spheres: NDArray[np.float32]  # (spheres, SPHERE_COLUMNS)
     boxes: NDArray[np.float32]  # (boxes, BOX_COLUMNS)
     ground: NDArray[np.float32]  # (0 or 1, GROUND_COLUMNS)
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """All of it in the order above, as every frame kernel ends its signature."""
+        return tuple(getattr(self, f.name) for f in fields(self))
 
 
 class Solver(Protocol):

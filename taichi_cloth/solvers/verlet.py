@@ -16,10 +16,7 @@ from ..kernels.grab import lead_held
 from ..kernels.maths import verlet_step
 from ..kernels.relax import relax_springs
 from ..state import ClothState
-from .base import FrameInput, Stages
-
-row = ti.types.ndarray(dtype=ti.f32, ndim=1)
-table = ti.types.ndarray(dtype=ti.f32, ndim=2)
+from .base import FrameInput, Stages, row, table
 
 
 @ti.func
@@ -86,18 +83,7 @@ class Verlet:
         pass
 
     def advance_frame(self, frame: FrameInput) -> None:
-        advance(
-            self.cloth,
-            self.stages,
-            frame.substeps,
-            frame.iterations,
-            frame.h,
-            frame.held,
-            frame.controls,
-            frame.spheres,
-            frame.boxes,
-            frame.ground,
-        )
+        advance(self.cloth, self.stages, *frame.arguments)
 
     def velocities(self, h: float) -> NDArray[np.float64]:
         x, x_prev = (self.cloth.taken(f).astype(np.float64) for f in (self.cloth.x, self.cloth.x_prev))

@@ -16,10 +16,7 @@ from ..kernels.grab import lead_held
 from ..kernels.relax import relax_compliant
 from ..pool import Pool
 from ..state import ClothState, padded
-from .base import FrameInput, Stages
-
-row = ti.types.ndarray(dtype=ti.f32, ndim=1)
-table = ti.types.ndarray(dtype=ti.f32, ndim=2)
+from .base import FrameInput, Stages, row, table
 
 
 @dataclass(eq=False)
@@ -123,19 +120,7 @@ class Xpbd:
         self.scratch.velocity.fill(0.0)
 
     def advance_frame(self, frame: FrameInput) -> None:
-        advance(
-            self.cloth,
-            self.scratch,
-            self.stages,
-            frame.substeps,
-            frame.iterations,
-            frame.h,
-            frame.held,
-            frame.controls,
-            frame.spheres,
-            frame.boxes,
-            frame.ground,
-        )
+        advance(self.cloth, self.scratch, self.stages, *frame.arguments)
 
     def velocities(self, h: float) -> NDArray[np.float64]:
         return self.cloth.taken(self.scratch.velocity).astype(np.float64)
