@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from math import exp
 from os import PathLike
 from typing import Any
@@ -46,6 +47,11 @@ def family_stiffness(scene: Scene) -> dict[str, float]:
     return {family: getattr(section, family) for family in ("structural", "shear", "bend")}
 
 
+def _give_back(solver: Solver) -> None:
+    solver.close()
+    state.give_back(solver.cloth)
+
+
 class Simulation:
     """One running scene. Needs Taichi to be started (`taichi_cloth.start()`).
 
@@ -72,6 +78,9 @@ class Simulation:
         cloth = state.take(self.topology)
         cloth.upload(self.topology, family_stiffness(scene))
         self._solver: Solver | None = SOLVERS[scene.solver.name](cloth, self._stages)
+        # Gives the fields back once, on close() or when nobody refers to the simulation any more.
+        self._give_back = weakref.finalize(self, _give_back, self._solver)
+        self._give_back.atexit = False  # Taichi may be gone by then
         self._hand: Hand | None = None
         self.frame = 0
 
@@ -93,10 +102,8 @@ class Simulation:
 
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
-        if self._solver is not None:
-            self._solver.close()
-            state.give_back(self._solver.cloth)
-            self._solver = None
+        self._give_back()
+        self._solver = None
 
     def __enter__(self) -> Simulation:
         return self

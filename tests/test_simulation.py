@@ -117,6 +117,15 @@ def test_a_closed_simulation_says_so() -> None:
             call()
 
 
+def test_a_simulation_that_nobody_closed_gives_its_fields_back_too() -> None:
+    for _ in range(600):  # Taichi crashes at the 513th field tree
+        tc.Simulation(SMALL).advance_frame()
+    kept = tc.Simulation(SMALL)
+    start = kept.positions()
+    tc.Simulation(SMALL).advance_frame()
+    assert (kept.positions() == start).all()
+
+
 def test_two_simulations_of_one_size_do_not_touch_each_other() -> None:
     with tc.Simulation(SMALL) as one, tc.Simulation(SMALL) as other:
         start = other.positions()
