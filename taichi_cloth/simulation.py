@@ -21,7 +21,7 @@ from .save_file import read_save, write_save
 from .scene import Scene, live_keys, scene_to_toml
 from .scene.live import check_live
 from .scene.model import FRAME_SECONDS
-from .solvers import SOLVERS, FrameInput, Solver, Stages
+from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
 
 Floats = NDArray[np.float64]
 
@@ -37,14 +37,26 @@ def topology_of(scene: Scene) -> Topology:
         rotation=scene.cloth.rotation,
         area_density=scene.cloth.area_density,
         pins=scene.cloth.pins,
-        families=family_stiffness(scene),
+        directions=[k > 0 for k in constants(scene)],
+        diagonals=scene.cloth.diagonals,
+        lumping=scene.cloth.lumping,
     )
 
 
-def family_stiffness(scene: Scene) -> dict[str, float]:
-    """Stiffness of each spring family in the unit of the scene's solver; 0 leaves the family out."""
-    section = getattr(scene, SOLVERS[scene.solver.name].springs)
-    return {family: getattr(section, family) for family in ("structural", "shear", "bend")}
+def constants(scene: Scene) -> tuple[float, ...]:
+    """Spring constant in each of `grid.DIRECTIONS`, in the unit of the scene's solver; 0 leaves its springs out."""
+    if SOLVERS[scene.solver.name].springs == "springs":
+        s = scene.springs
+        return s.structural, s.structural, s.shear, s.shear, s.bend, s.bend
+    f, cloth = scene.fabric, scene.cloth
+    slim = (cloth.height / (cloth.rows - 1)) / (cloth.width / (cloth.columns - 1))  # a cell's height over its width
+    return f.weft * slim, f.warp / slim, f.shear, f.shear, f.bend * slim, f.bend / slim
+
+
+def stiffness_of(scene: Scene, topology: Topology) -> Floats:
+    """The same for every spring, (E,): an SI constant is one of a whole cell's width, and an edge has half of one."""
+    each: Floats = np.array(constants(scene))[topology.direction]
+    return each if SOLVERS[scene.solver.name].springs == "springs" else each * topology.width
 
 
 def _give_back(solver: Solver) -> None:
@@ -59,7 +71,7 @@ class Simulation:
     from the top-left corner of the sheet. Close it, or use it in a `with` block, when it is done with.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, path: str | None = None) -> None:
         self.scene = scene
         self.topology = topology_of(scene)
         self._stages = Stages(
@@ -67,6 +79,8 @@ class Simulation:
             spheres=bool(scene.spheres),
             boxes=bool(scene.boxes),
             ground=scene.ground is not None,
+            spring_damping=scene.fabric.damping_time > 0,
+            strain_limit=scene.limit is not None,
         )
         self._keys = live_keys(scene)
         self._live = {name: key.value for name, key in self._keys.items()}
@@ -76,8 +90,13 @@ class Simulation:
         self._boxes = box_table(scene.boxes)
         self._ground = ground_table(scene.ground)
         cloth = state.take(self.topology)
-        cloth.upload(self.topology, family_stiffness(scene))
-        self._solver: Solver | None = SOLVERS[scene.solver.name](cloth, self._stages)
+        stiffness = stiffness_of(scene, self.topology)
+        cloth.upload(self.topology, stiffness)
+        kind = SOLVERS[scene.solver.name]
+        self._solver: Solver | None = kind(
+            cloth, self.topology, stiffness, self._stages, path_for(kind, self.topology.shape, path)
+        )
+        self._least_substeps = self._solver.least_substeps(scene.fabric.damping_time)
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
         self._give_back = weakref.finalize(self, _give_back, self._solver)
         self._give_back.atexit = False  # Taichi may be gone by then
@@ -96,7 +115,7 @@ class Simulation:
     def reset(self) -> None:
         """Back to the first frame, bit for bit; parameters that were set keep their values."""
         self.cloth.put(self.topology.start, self.topology.start, self._inverse_mass)
-        self.solver.reset()
+        self.solver.set_velocities(np.zeros_like(self.topology.start), self._substep)
         self._hand = None
         self.frame = 0
 
@@ -142,7 +161,12 @@ class Simulation:
     @property
     def _substep(self) -> float:
         """Length of a substep [s]."""
-        return FRAME_SECONDS / self._live["substeps"]
+        return FRAME_SECONDS / self.substeps
+
+    @property
+    def substeps(self) -> int:
+        """Substeps of a frame: those asked for, or those that the solver needs to be stable if they are more."""
+        return max(int(self._live["substeps"]), self._least_substeps)
 
     # -- the hand --------------------------------------------------------------------------------------
 
@@ -250,7 +274,7 @@ class Simulation:
         """
         saved = read_save(path, scene_to_toml(self.scene), self._moving())
         self.cloth.put(saved["x"], saved["x_prev"], saved["inverse_mass"])
-        self.solver.restore(saved)
+        self.cloth.fill(self.cloth.velocity, saved["velocity"])
         self.frame = int(saved["frame"])
         self._live = {
             name: type(key.value)(value) for (name, key), value in zip(self._keys.items(), saved["live"], strict=True)
@@ -267,7 +291,7 @@ class Simulation:
             "x": self.cloth.taken(self.cloth.x),
             "x_prev": self.cloth.taken(self.cloth.x_prev),
             "inverse_mass": self.cloth.taken(self.cloth.inverse_mass),
-            **self.solver.moving(),
+            "velocity": self.cloth.taken(self.cloth.velocity),
             "frame": np.array(self.frame),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
@@ -282,7 +306,7 @@ class Simulation:
     def _input(self) -> FrameInput:
         start, end = self.seconds, self.seconds + FRAME_SECONDS
         return FrameInput(
-            substeps=int(self._live["substeps"]),
+            substeps=self.substeps,
             iterations=int(self._live["iterations"]),
             h=self._substep,
             held=-1 if self._hand is None else self._hand.particle,
@@ -297,6 +321,8 @@ class Simulation:
         controls[c.GRAVITY] = self._live["gravity"]
         controls[c.KEPT] = exp(-self._live["damping"] * self._substep)
         controls[c.STIFFNESS] = self._live["stiffness"]
+        controls[c.DAMPING_TIME] = self.scene.fabric.damping_time
+        controls[c.MOST_STRAIN] = self._live.get("limit_strain", 0.0)
         wind = self.scene.wind
         if wind is not None:
             # Switched off, the air stands still; it still slows the cloth.

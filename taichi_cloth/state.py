@@ -1,7 +1,7 @@
-"""The moving data of one cloth, as Taichi fields."""
+"""The moving data of one cloth, as Taichi fields: particle by particle, springs as a list."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import taichi as ti
@@ -16,44 +16,55 @@ class ClothState:
     """Fields of one cloth; capacities are powers of two, the counts in use stand in 0-D fields.
 
     Kernels take the counts at run time and the state itself as a template, so that two cloths of one
-    capacity share every compiled kernel. Names and units as in `Topology`.
+    capacity share every compiled kernel. Names and units as in `Topology`. A slot holds one particle.
     """
+
+    in_lanes: ClassVar[bool] = False
 
     x: Any  # [m] vec3 (N,)
     x_prev: Any  # [m] vec3 (N,) where the particle was a substep ago
-    acceleration: Any  # [m/s²] vec3 (N,) by external forces
+    velocity: Any  # [m/s] vec3 (N,) of solvers that keep it; (x − x_prev)/h would lose small steps in float32
+    predicted: Any  # [m] vec3 (N,) where the particle would be without constraints
+    force: Any  # [N] vec3 (N,) gathered in a substep, without gravity
     inverse_mass: Any  # [1/kg] (N,) 0 for pins and the held particle
     ends: Any  # ivec2 (E,)
     rest: Any  # [m] (E,)
+    stiffness: Any  # (E,) in the solver's unit
+    multiplier: Any  # [kg·m] (E,) λ of each spring, summed over the iterations of a substep
     batch_first: Any  # (B + 1,) first spring of each batch, and the count of all springs
-    batch_stiffness: Any  # (B,) share 0…1 of the batch's family
     triangles: Any  # ivec3 (T,)
-    particle_count: Any  # 0-D
+    slot_count: Any  # 0-D
+    spring_count: Any  # 0-D
     batch_count: Any  # 0-D
     triangle_count: Any  # 0-D
 
-    def upload(self, topology: Topology, families: dict[str, float]) -> None:
-        """Fills every field for this cloth at its start, at rest."""
+    def upload(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
+        """Fills every field for this cloth at its start, at rest. `stiffness`: of every spring, (E,)."""
         self.ends.from_numpy(padded(topology.ends, self.ends.shape[0]))
-        self.rest.from_numpy(padded(topology.rest.astype(np.float32), self.rest.shape[0]))
+        self.fill(self.rest, topology.rest)
+        self.fill(self.stiffness, stiffness)
         self.triangles.from_numpy(padded(topology.triangles, self.triangles.shape[0]))
         first = [b.first for b in topology.batches] + [topology.spring_count]
         self.batch_first.from_numpy(padded(np.array(first, np.int32), self.batch_first.shape[0]))
-        share = np.array([families[b.family] for b in topology.batches], np.float32)
-        self.batch_stiffness.from_numpy(padded(share, self.batch_stiffness.shape[0]))
-        self.particle_count[None] = topology.particle_count
+        self.slot_count[None] = topology.particle_count
+        self.spring_count[None] = topology.spring_count
         self.batch_count[None] = len(topology.batches)
         self.triangle_count[None] = topology.triangle_count
+        self.velocity.fill(0.0)
         self.put(topology.start, topology.start, inverse_mass(topology))
 
     def put(self, x: NDArray[Any], x_prev: NDArray[Any], inverse_mass: NDArray[Any]) -> None:
-        """Sets the moving part: two (N, 3) arrays [m] and one (N,) array [1/kg]."""
+        """Sets the places: two (N, 3) arrays [m] and one (N,) array [1/kg]."""
         for field, values in ((self.x, x), (self.x_prev, x_prev), (self.inverse_mass, inverse_mass)):
-            field.from_numpy(padded(values.astype(np.float32), field.shape[0]))
+            self.fill(field, values)
+
+    def fill(self, field: Any, values: NDArray[Any]) -> None:
+        """Sets the beginning of one field."""
+        field.from_numpy(padded(values.astype(np.float32), field.shape[0]))
 
     def taken(self, field: Any) -> NDArray[np.float32]:
         """A field over the particles in use, as NumPy."""
-        values: NDArray[np.float32] = field.to_numpy()[: self.particle_count[None]]
+        values: NDArray[np.float32] = field.to_numpy()[: self.slot_count[None]]
         return values
 
 
@@ -76,14 +87,18 @@ def _allocate(particles: int, springs: int, triangles: int, batches: int) -> Clo
     return ClothState(
         x=vectors(),
         x_prev=vectors(),
-        acceleration=vectors(),
+        velocity=vectors(),
+        predicted=vectors(),
+        force=vectors(),
         inverse_mass=ti.field(ti.f32, particles),
         ends=ti.Vector.field(2, ti.i32, springs),
         rest=ti.field(ti.f32, springs),
+        stiffness=ti.field(ti.f32, springs),
+        multiplier=ti.field(ti.f32, springs),
         batch_first=ti.field(ti.i32, batches),
-        batch_stiffness=ti.field(ti.f32, batches),
         triangles=ti.Vector.field(3, ti.i32, triangles),
-        particle_count=ti.field(ti.i32, ()),
+        slot_count=ti.field(ti.i32, ()),
+        spring_count=ti.field(ti.i32, ()),
         batch_count=ti.field(ti.i32, ()),
         triangle_count=ti.field(ti.i32, ()),
     )

@@ -19,7 +19,7 @@ FLOORS = [
     {"scene", "mesh", "interact"},
     {"measure"},
     {"kernels"},
-    {"pool", "state"},
+    {"pool", "state", "lanes"},
     {"contact", "solvers"},
     {"hand", "save_file", "simulation"},
     {"view"},

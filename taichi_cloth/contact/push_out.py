@@ -16,6 +16,7 @@ from ..kernels.controls import (
     SPHERE_TO,
 )
 from ..kernels.maths import friction_slide, out_of_box, out_of_sphere
+from ..kernels.places import join, part, spread, times
 
 
 @ti.func
@@ -39,25 +40,37 @@ def push_out(
     `passed` is the share of the frame that is over at the end of this substep and `step` the substep's
     share of the frame: a sphere travels in a straight line from its first to its last place of the frame.
     """
-    if ti.static(stages.has_contact):
-        for i in range(cloth.particle_count[None]):
-            if cloth.inverse_mass[i] > 0.0:
+    if ti.static(stages.spheres):
+        for s in range(spheres.shape[0]):
+            travel = vector_at(spheres, s, SPHERE_TO) - vector_at(spheres, s, SPHERE_FROM)
+            center = vector_at(spheres, s, SPHERE_FROM) + travel * passed
+            for i in range(cloth.slot_count[None]):
+                push = out_of_sphere(cloth.x[i], spread(center, cloth.x[i]), spheres[s, SPHERE_REACH])
+                follow(cloth, i, push, travel * step, spheres[s, SPHERE_FRICTION])
+    if ti.static(stages.boxes):
+        for s in range(boxes.shape[0]):
+            center, half = vector_at(boxes, s, BOX_CENTER), vector_at(boxes, s, BOX_HALF)
+            for i in range(cloth.slot_count[None]):
                 x = cloth.x[i]
-                if ti.static(stages.spheres):
-                    for s in range(spheres.shape[0]):
-                        travel = vector_at(spheres, s, SPHERE_TO) - vector_at(spheres, s, SPHERE_FROM)
-                        center = vector_at(spheres, s, SPHERE_FROM) + travel * passed
-                        push = out_of_sphere(x, center, spheres[s, SPHERE_REACH])
-                        x += push + friction_slide(
-                            push, x - cloth.x_prev[i] - travel * step, spheres[s, SPHERE_FRICTION]
-                        )
-                if ti.static(stages.boxes):
-                    for b in range(boxes.shape[0]):
-                        push = out_of_box(
-                            x, vector_at(boxes, b, BOX_CENTER), vector_at(boxes, b, BOX_HALF), boxes[b, BOX_MARGIN]
-                        )
-                        x += push + friction_slide(push, x - cloth.x_prev[i], boxes[b, BOX_FRICTION])
-                if ti.static(stages.ground):
-                    push = tm.vec3(0.0, tm.max(ground[0, GROUND_HEIGHT] - x[1], 0.0), 0.0)
-                    x += push + friction_slide(push, x - cloth.x_prev[i], ground[0, GROUND_FRICTION])
-                cloth.x[i] = x
+                push = out_of_box(x, spread(center, x), spread(half, x), boxes[s, BOX_MARGIN])
+                follow(cloth, i, push, tm.vec3(0.0), boxes[s, BOX_FRICTION])
+    if ti.static(stages.ground):
+        for i in range(cloth.slot_count[None]):
+            x = cloth.x[i]
+            up = ti.max(ground[0, GROUND_HEIGHT] - part(x, 1), 0.0)
+            push = join(up * 0.0, up, up * 0.0, x)
+            follow(cloth, i, push, tm.vec3(0.0), ground[0, GROUND_FRICTION])
+
+
+@ti.func
+def follow(cloth: ti.template(), i: int, push, travel: tm.vec3, friction: float):
+    """Moves a free particle by a push out of a surface, and against sliding on it.
+
+    `travel` is how far the surface moved in this substep [m].
+    """
+    free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
+    move = push
+    if friction > 0.0:
+        slid = cloth.x[i] + push - cloth.x_prev[i] - spread(travel, push)
+        move += friction_slide(push, slid, friction)
+    cloth.x[i] = cloth.x[i] + times(move, free)

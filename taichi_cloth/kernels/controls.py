@@ -14,7 +14,9 @@ HALF_AIR_DENSITY = 9  # [kg/m³] ½ρ
 GUST_TURNS = 10  # 10…12: phase of each gust wave at the start of the frame [turns]
 GRAB_FROM = 13  # 13…15: where the held particle is at the start of the frame [m]
 GRAB_TO = 16  # 16…18: and at its end [m]
-COUNT = 19
+DAMPING_TIME = 19  # [s] a spring's dashpot is this times its stiffness
+MOST_STRAIN = 20  # of the strain limit
+COUNT = 21
 
 # Columns of a row of the sphere table, of the box table and of the ground's only row.
 SPHERE_FROM, SPHERE_TO, SPHERE_REACH, SPHERE_FRICTION, SPHERE_COLUMNS = 0, 3, 6, 7, 8

@@ -7,12 +7,30 @@ from .controls import GRAB_FROM, GRAB_TO
 
 
 @ti.func
-def lead_held(cloth: ti.template(), held: int, controls: ti.template(), passed: float):
-    """Puts the held particle where the hand is when the share `passed` of the frame is over; held < 0: no hand."""
+def lead_held(
+    cloth: ti.template(), stages: ti.template(), held: int, controls: ti.template(), passed: float, frame: float
+):
+    """Puts the held particle where the hand is when the share `passed` of the frame is over; held < 0: no hand.
+
+    `frame` is the length of the frame [s]: forces see the velocity of the hand.
+    """
     if held >= 0:
         start = tm.vec3(controls[GRAB_FROM], controls[GRAB_FROM + 1], controls[GRAB_FROM + 2])
         end = tm.vec3(controls[GRAB_TO], controls[GRAB_TO + 1], controls[GRAB_TO + 2])
-        cloth.x[held] = start + (end - start) * passed
+        place = start + (end - start) * passed
+        velocity = (end - start) / frame
+        if ti.static(cloth.in_lanes):
+            columns, pitch = cloth.columns[None], cloth.pitch[None]
+            column = held % columns
+            slot = held // columns * pitch + column % pitch
+            for c in ti.static(range(3)):
+                cloth.x[slot][c, column // pitch] = place[c]
+                if ti.static(stages.own_velocity):
+                    cloth.velocity[slot][c, column // pitch] = velocity[c]
+        else:
+            cloth.x[held] = place
+            if ti.static(stages.own_velocity):
+                cloth.velocity[held] = velocity
 
 
 @ti.kernel

@@ -65,20 +65,34 @@ def triangles(rows: int, columns: int) -> tuple[NDArray[np.int32], NDArray[np.in
     return cut.reshape(-1, 3).astype(np.int32), cell.repeat(2, axis=1).reshape(-1, 2).astype(np.int32)
 
 
-def springs(rows: int, columns: int, down: int, along: int) -> list[NDArray[np.int32]]:
+def springs(
+    rows: int, columns: int, down: int, along: int, *, alternate: bool = False
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """All springs of one direction as two batches of index pairs, each of shape (E, 2).
 
     No two springs of a batch share a particle: springs of one chain alternate between the batches.
+    `alternate` leaves only the diagonals along which `triangles` cuts the cells.
     """
     index = particle_indices(rows, columns)
-    if along < 0:  # the other diagonal is this one on the mirrored sheet
+    mirrored = along < 0
+    if mirrored:  # the other diagonal is this one on the mirrored sheet
         index, along = index[:, ::-1], -along
     start = index[: rows - down, : columns - along]
     end = index[down:, along:]
     row, column = np.indices(start.shape)
     place = row // down if down else column // along  # number of the spring within its chain
     pairs = np.stack([start, end], axis=-1)
-    return [pairs[place % 2 == parity] for parity in (0, 1)]
+    cell = columns - 2 - column if mirrored else column
+    wanted = (row + cell) % 2 == mirrored if alternate else np.full(start.shape, True)
+    return pairs[wanted & (place % 2 == 0)], pairs[wanted & (place % 2 == 1)]
+
+
+def along_edge(rows: int, columns: int, ends: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Which springs run along an edge of the sheet, shape (E,)."""
+    row, column = np.unravel_index(ends, (rows, columns))
+    on = [row == 0, row == rows - 1, column == 0, column == columns - 1]
+    edge: NDArray[np.bool_] = np.any([side.all(axis=1) for side in on], axis=0)
+    return edge
 
 
 def pinned(rows: int, columns: int, pins: Iterable[str | int]) -> NDArray[np.bool_]:

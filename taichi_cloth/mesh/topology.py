@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +13,15 @@ from . import grid
 
 @dataclass(frozen=True)
 class Batch:
-    """A run of springs `first … first + count` of one family that share no particle (one colour)."""
+    """A run of springs `first … first + count` of one direction that share no particle (one colour)."""
 
-    family: str
+    direction: int  # index in `grid.DIRECTIONS`
     first: int
     count: int
+
+    @property
+    def family(self) -> str:
+        return grid.DIRECTIONS[self.direction][0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +33,16 @@ class Topology:
     pinned: NDArray[np.bool_]  # (N,)
     ends: NDArray[np.int32]  # (E, 2) the two particles of a spring
     rest: NDArray[np.float64]  # [m] (E,) its rest length
+    width: NDArray[np.float64]  # (E,) share of a cell's width that a spring stands for: ½ along an edge
     batches: tuple[Batch, ...]
     triangles: NDArray[np.int32]  # (T, 3)
     cells: NDArray[np.int32]  # (T, 2) row and column of the triangle in the weave
+    shape: tuple[int, int]  # rows and columns of the grid
+
+    @property
+    def direction(self) -> NDArray[np.int64]:
+        """Index in `grid.DIRECTIONS` of every spring, shape (E,)."""
+        return np.repeat([b.direction for b in self.batches], [b.count for b in self.batches]).astype(np.int64)
 
     @property
     def particle_count(self) -> int:
@@ -47,8 +58,17 @@ class Topology:
 
     def family(self, name: str) -> NDArray[np.int64]:
         """Indices of the springs of one family, `structural`, `shear` or `bend`."""
-        runs = [np.arange(b.first, b.first + b.count) for b in self.batches if b.family == name]
-        return np.concatenate([np.zeros(0, np.int64), *runs])
+        return np.flatnonzero([grid.DIRECTIONS[d][0] == name for d in self.direction])
+
+    def by_place(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Numbers of the springs, (E,), as (6, rows, columns): by direction and the upper left of the spring's place.
+
+        Zero where there is no spring.
+        """
+        rows, columns = np.unravel_index(self.ends, self.shape)
+        grids = np.zeros((len(grid.DIRECTIONS), *self.shape))
+        grids[self.direction, rows.min(axis=1), columns.min(axis=1)] = values
+        return grids
 
     @property
     def family_counts(self) -> dict[str, int]:
@@ -69,39 +89,50 @@ def sheet(
     rotation: tuple[float, float, float],
     area_density: float,
     pins: Iterable[str | int],
-    families: Mapping[str, float],
+    directions: Sequence[bool],
+    diagonals: int = 2,
+    lumping: str = "area",
 ) -> Topology:
     """A rectangular sheet; lengths in m, angles in degrees, area density in kg/m².
 
-    `families` gives each family's stiffness; one at 0 is left out. Raises ValueError for a pin that
-    is no edge, corner or particle.
+    `directions` tells which of `grid.DIRECTIONS` have springs, and `diagonals` whether a cell has both or only
+    the one along which its triangles meet. With `lumping` "area" a particle weighs a third of its triangles and a
+    spring along an edge stands for half a cell; with "equal" all are like those inside. Raises ValueError for a
+    pin that is no edge, corner or particle.
     """
     flat = grid.flat_positions(rows, columns, width, height)
     triangles, cells = grid.triangles(rows, columns)
     batches: list[Batch] = []
     pairs: list[NDArray[np.int32]] = []
     first = 0
-    for family, down, along in grid.DIRECTIONS:
-        if families[family] == 0:
+    for direction, (family, down, along) in enumerate(grid.DIRECTIONS):
+        if not directions[direction]:
             continue
-        for batch in grid.springs(rows, columns, down, along):
+        for batch in grid.springs(rows, columns, down, along, alternate=family == "shear" and diagonals == 1):
             if len(batch):
-                batches.append(Batch(family, first, len(batch)))
+                batches.append(Batch(direction, first, len(batch)))
                 pairs.append(batch)
                 first += len(batch)
     ends = np.concatenate(pairs) if pairs else np.zeros((0, 2), np.int32)
     # Positions are float32 in the kernels. Springs measured between the rounded places are at rest to the
     # last bit; measured on the ideal grid they would push for ever, and a free sheet would drift.
     start = (flat @ grid.rotation_matrix(rotation).T + np.asarray(center)).astype(np.float32).astype(np.float64)
+    mass = lumped_mass(flat, triangles, area_density)
+    along_edge = grid.along_edge(rows, columns, ends)
+    if lumping == "equal":
+        mass = np.full(len(flat), area_density * width * height / ((rows - 1) * (columns - 1)))
+        along_edge[:] = False
     return Topology(
         start=start,
-        mass=lumped_mass(flat, triangles, area_density),
+        mass=mass,
         pinned=grid.pinned(rows, columns, pins),
         ends=ends,
         rest=np.linalg.norm(start[ends[:, 0]] - start[ends[:, 1]], axis=1),
+        width=np.where(along_edge, 0.5, 1.0),
         batches=tuple(batches),
         triangles=triangles,
         cells=cells,
+        shape=(rows, columns),
     )
 
 

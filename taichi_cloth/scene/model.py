@@ -16,7 +16,7 @@ FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, or a particle's index
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 
-SOLVER_NAMES = ("verlet", "xpbd")  # known without importing a solver, which would import Taichi
+SOLVER_NAMES = ("verlet", "xpbd", "spring")  # known without importing a solver, which would import Taichi
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,12 @@ class Cloth:
     center: Vec3 = _key((0.0, 2.2, 0.0), "middle of the sheet", "m", low=-1e5, high=1e5)
     rotation: Vec3 = _key((0.0, 0.0, 0.0), "turned about x, then y, then z", "degrees", low=-360.0, high=360.0)
     area_density: float = _key(0.2, "mass of a square metre", "kg/m²", low=0.001, high=1000.0)
+    diagonals: int = _key(2, "shear springs in a cell: 2 cross, 1 alternates with the triangles", low=1, high=2)
+    lumping: str = _key(
+        "area",
+        "area: a particle on an edge has half the mass and an edge's springs half the constant; equal: as those inside",
+        choices=("area", "equal"),
+    )
     pins: tuple[str | int, ...] = _key(
         ("top",), "edges (top, bottom, left, right), corners (top-left, …) or particle indices held in place"
     )
@@ -64,14 +70,17 @@ class Springs:
 
 @dataclass(frozen=True)
 class Fabric:
-    """Spring constants by family, for the solvers that take them in SI. A family set to 0 is left out.
+    """Spring constants for the solvers that take them in SI; one set to 0 leaves its springs out.
 
-    On square cells a structural constant is the fabric's stiffness per metre of width, whatever the grid.
+    On square cells `warp` and `weft` are forces per strain and metre of width, whatever the grid; on others
+    they are scaled by the cell's sides so that they still are.
     """
 
-    structural: float = _key(2000.0, "constant of a spring between neighbours", "N/m", low=0.0, high=1e9)
-    shear: float = _key(1000.0, "the same along both diagonals of each cell", "N/m", low=0.0, high=1e9)
+    warp: float = _key(2000.0, "constant of a spring down a column", "N/m", low=0.0, high=1e9)
+    weft: float = _key(2000.0, "the same along a row", "N/m", low=0.0, high=1e9)
+    shear: float = _key(1000.0, "the same along the diagonals of each cell", "N/m", low=0.0, high=1e9)
     bend: float = _key(20.0, "the same for particles two apart", "N/m", low=0.0, high=1e9)
+    damping_time: float = _key(0.0, "a spring's dashpot is this times its constant", "s", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)
@@ -83,6 +92,13 @@ class Solver:
     iterations: int = _key(12, "sweeps over all constraints in a substep", low=1, high=1000, slider=(1, 40))
     stiffness: float = _key(1.0, "multiplies every family's stiffness", low=0.0, high=1.0, slider=(0.0, 1.0))
     damping: float = _key(1.5, "rate at which velocity is lost", "1/s", low=0.0, high=1e6, slider=(0.0, 10.0))
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit of strain (Provot 1995): after each substep one sweep shortens every spring that is longer."""
+
+    strain: float = _key(0.1, "largest length/rest − 1 that is left alone", low=0.0, high=10.0, slider=(0.0, 0.5))
 
 
 @dataclass(frozen=True)
@@ -165,6 +181,7 @@ class Scene:
     springs: Springs = field(default_factory=Springs)
     fabric: Fabric = field(default_factory=Fabric)
     solver: Solver = field(default_factory=Solver)
+    limit: Limit | None = None
     forces: Forces = field(default_factory=Forces)
     wind: Wind | None = None
     spheres: tuple[Sphere, ...] = ()

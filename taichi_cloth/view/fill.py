@@ -82,14 +82,14 @@ def particle_normals(cloth: ti.template(), normal: ti.template()):
     """Mean normal of the triangles around each particle, weighted by area."""
     ti.loop_config(serialize=True)
     for _ in range(1):  # one serial task: a sum shared by several triangles has an order
-        for i in range(cloth.particle_count[None]):
+        for i in range(cloth.slot_count[None]):
             normal[i] = tm.vec3(0.0)
         for t in range(cloth.triangle_count[None]):
             i, j, k = cloth.triangles[t]
             area_normal = triangle_area_normal(cloth.x[i], cloth.x[j], cloth.x[k])
             for corner in ti.static((i, j, k)):
                 normal[corner] = normal[corner] + area_normal
-        for i in range(cloth.particle_count[None]):
+        for i in range(cloth.slot_count[None]):
             normal[i] = normal[i] / tm.max(normal[i].norm(), TINY)
 
 
@@ -117,7 +117,7 @@ def particle_strains(cloth: ti.template(), strain: ti.template(), springs: int):
     """At every particle the strain of largest size among the first `springs` springs that meet there."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        for i in range(cloth.particle_count[None]):
+        for i in range(cloth.slot_count[None]):
             strain[i] = 0.0
         for e in range(springs):
             i, j = cloth.ends[e]
@@ -155,7 +155,7 @@ def fill_springs(
 @ti.kernel
 def fill_particles(cloth: ti.template(), mesh: ti.template(), first: int, size: float, free: tm.vec3, pinned: tm.vec3):
     """View `particles`: an octahedron for each, shaded like a ball; those without inverse mass in their own colour."""
-    for i in range(cloth.particle_count[None]):
+    for i in range(cloth.slot_count[None]):
         colour = free
         if cloth.inverse_mass[i] == 0.0:
             colour = pinned

@@ -19,8 +19,8 @@ def verlet_step(x: tm.vec3, x_prev: tm.vec3, kept: float, acceleration: tm.vec3,
 
 @ti.kernel
 def project(p: tm.vec3, q: tm.vec3, w_p: float, w_q: float, rest: float, stiffness: float) -> pair:
-    a, b = maths.project_distance(p, q, w_p, w_q, rest, stiffness)
-    return pair([a[0], a[1], a[2], b[0], b[1], b[2]])
+    shift = maths.project_distance(q - p, w_p + w_q, rest, stiffness)
+    return pair([shift * w_p, -shift * w_q])
 
 
 @ti.kernel

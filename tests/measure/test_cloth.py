@@ -15,7 +15,7 @@ STRIP = sheet(
     rotation=(0.0, 0.0, 0.0),
     area_density=3.0,
     pins=("top-left",),
-    families={"structural": 1.0, "shear": 0.0, "bend": 0.0},
+    directions=(True, True, False, False, False, False),
 )
 
 

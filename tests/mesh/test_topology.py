@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from taichi_cloth.mesh import grid
 from taichi_cloth.mesh.topology import Topology, lumped_mass, sheet
 
-ALL = {"structural": 1.0, "shear": 1.0, "bend": 0.2}
+ALL = (True,) * 6
 
 
 def make(rows: int = 5, columns: int = 7, **changes: object) -> Topology:
@@ -21,7 +21,7 @@ def make(rows: int = 5, columns: int = 7, **changes: object) -> Topology:
         "rotation": (0.0, 0.0, 0.0),
         "area_density": 0.2,
         "pins": (),
-        "families": ALL,
+        "directions": ALL,
     }
     return sheet(**{**arguments, **changes})
 
@@ -38,7 +38,7 @@ def test_family_counts(r: int, c: int) -> None:
 
 
 def test_a_family_of_no_stiffness_is_left_out() -> None:
-    topology = make(families={"structural": 1.0, "shear": 0.0, "bend": 0.0})
+    topology = make(directions=(True, True, False, False, False, False))
     assert list(topology.family_counts) == ["structural"]
     assert len(topology.family("shear")) == 0
 

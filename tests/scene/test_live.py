@@ -20,7 +20,8 @@ def test_live_keys_are_in_the_panels_order() -> None:
 
 def test_every_key_with_a_slider_is_live() -> None:
     declared = [key for part in parts().values() for key in keys_of(part.section).values() if key.slider]
-    assert len(declared) == len(ALL)
+    assert len(declared) == len([*ALL, "limit_strain"])
+    assert [*live_keys(load_scene("curtain", limit_strain=0.2))] == [*ALL, "limit_strain"]
 
 
 def test_a_live_key_says_what_it_is() -> None:

@@ -1,4 +1,4 @@
-"""What every solver must keep, whatever its method. A new solver joins by standing in SOLVERS."""
+"""What every solver must keep on every path, whatever its method. A new solver joins by standing in SOLVERS."""
 
 from dataclasses import replace
 
@@ -9,7 +9,13 @@ from taichi_cloth.scene.model import Box, Cloth, Fabric, Forces, Ground, Scene, 
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
 
-pytestmark = pytest.mark.parametrize("solver", sorted(SOLVERS))
+EVERY = [pytest.param(name, path, id=f"{name}-{path}") for name, kind in SOLVERS.items() for path in kind.paths]
+pytestmark = pytest.mark.parametrize(("solver", "path"), EVERY)
+
+SECOND_ORDER = ("spring", "rk4")  # free fall is exact; the others' velocity is that of the substep's end
+# Share of the width by which a sheet at rest may stir. Where nothing damps its springs, the rounding of positions
+# (2.4e-7 m at y = 3 m) shakes them a little.
+REST_NOISE = {"spring": 1e-4, "rk4": 1e-4}
 
 SHEET = Cloth(rows=8, columns=9, width=0.8, height=0.7, center=(0.0, 3.0, 0.0), pins=())
 
@@ -39,8 +45,13 @@ def run(simulation: Simulation, frames: int) -> np.ndarray:
     return simulation.positions()
 
 
-def test_pins_do_not_move_by_a_bit(solver: str) -> None:
-    with Simulation(busy(solver)) as simulation:
+def mean_velocity(simulation: Simulation) -> float:
+    """Of the centre of mass along y [m/s]: springs cannot change it."""
+    return float(np.average(simulation.velocities()[:, 1], weights=simulation.topology.mass))
+
+
+def test_pins_do_not_move_by_a_bit(solver: str, path: str) -> None:
+    with Simulation(busy(solver), path) as simulation:
         before = simulation.positions()
         after = run(simulation, 120)
         pins = simulation.topology.pinned
@@ -48,47 +59,48 @@ def test_pins_do_not_move_by_a_bit(solver: str) -> None:
         assert np.linalg.norm(after - before, axis=1)[~pins].min() > 1e-3
 
 
-def test_a_flat_sheet_without_forces_stays_where_it_is(solver: str) -> None:
-    with Simulation(scene(solver, forces=Forces(gravity=0.0))) as simulation:
+def test_a_flat_sheet_without_forces_stays_where_it_is(solver: str, path: str) -> None:
+    with Simulation(scene(solver, forces=Forces(gravity=0.0)), path) as simulation:
         before = simulation.positions()
-        assert np.abs(run(simulation, 600) - before).max() < 1e-6 * SHEET.width
+        assert np.abs(run(simulation, 600) - before).max() < REST_NOISE.get(solver, 1e-6) * SHEET.width
 
 
-def test_free_fall_follows_its_discrete_closed_form(solver: str) -> None:
-    # n steps of h from rest: −g·h²·n(n+1)/2 (accuracy reference A1.1, first-order schemes).
+def test_free_fall_follows_its_discrete_closed_form(solver: str, path: str) -> None:
+    # n steps of h from rest: −g·h²·n(n+1)/2 (accuracy reference A1.1), and −g·(n·h)²/2 at second order.
     frames = 30
-    with Simulation(scene(solver)) as simulation:
+    with Simulation(scene(solver), path) as simulation:
         before = simulation.positions()
         fall = run(simulation, frames) - before
-        n, h = frames * simulation.scene.solver.substeps, simulation.scene.solver.substeps
-        step = 1 / 60 / h
-        expected = -9.81 * step**2 * n * (n + 1) / 2
+        n = frames * simulation.substeps
+        step = 1 / 60 / simulation.substeps
+        expected = -9.81 * step**2 * n * (n if solver in SECOND_ORDER else n + 1) / 2
         assert fall[:, 1] == pytest.approx(expected, rel=1e-3)  # float32 at y = 3 m loses 0.04 % of g·h² a step
         assert np.abs(fall[:, [0, 2]]).max() < 1e-5
         assert simulation.measure().max_strain < 1e-4
-        assert simulation.velocities()[:, 1] == pytest.approx(-9.81 * n * step, rel=1e-3)
+        assert mean_velocity(simulation) == pytest.approx(-9.81 * n * step, rel=1e-3)
+        assert np.ptp(simulation.velocities()[:, 1]) < (0.02 if solver in REST_NOISE else 1e-3)
 
 
-def test_damping_takes_its_share_of_velocity_every_second(solver: str) -> None:
-    with Simulation(scene(solver, damping=2.0, forces=Forces(gravity=0.0))) as simulation:
+def test_damping_takes_its_share_of_velocity_every_second(solver: str, path: str) -> None:
+    with Simulation(scene(solver, damping=2.0, forces=Forces(gravity=0.0)), path) as simulation:
         simulation.set("gravity", 10.0)
         run(simulation, 6)
         simulation.set("gravity", 0.0)
-        before = simulation.velocities()[:, 1].mean()
+        before = mean_velocity(simulation)
         run(simulation, 30)
-        assert simulation.velocities()[:, 1].mean() / before == pytest.approx(np.exp(-2.0 * 0.5), rel=1e-3)
+        assert mean_velocity(simulation) / before == pytest.approx(np.exp(-2.0 * 0.5), rel=1e-3)
 
 
-def test_the_same_scene_twice_gives_the_same_bits(solver: str) -> None:
+def test_the_same_scene_twice_gives_the_same_bits(solver: str, path: str) -> None:
     runs = []
     for _ in range(2):
-        with Simulation(busy(solver)) as simulation:
+        with Simulation(busy(solver), path) as simulation:
             runs.append(run(simulation, 90))
     assert (runs[0] == runs[1]).all()
 
 
-def test_reset_is_the_start_bit_for_bit(solver: str) -> None:
-    with Simulation(busy(solver)) as simulation:
+def test_reset_is_the_start_bit_for_bit(solver: str, path: str) -> None:
+    with Simulation(busy(solver), path) as simulation:
         start, first = simulation.positions(), run(simulation, 60)
         simulation.grab(40, (1.0, 3.0, 1.0))
         run(simulation, 5)
@@ -108,12 +120,14 @@ def test_reset_is_the_start_bit_for_bit(solver: str) -> None:
         ("damping", 8.0),
         ("sphere_radius", 1.4),
         ("iterations", 3),
-        ("substeps", 9),
+        ("substeps", 90),
         ("wind", False),
     ],
 )
-def test_a_changed_parameter_counts_from_the_next_frame(solver: str, name: str, value: float) -> None:
-    with Simulation(busy(solver)) as changed, Simulation(busy(solver)) as same:
+def test_a_changed_parameter_counts_from_the_next_frame(solver: str, path: str, name: str, value: float) -> None:
+    if name == "iterations" and not SOLVERS[solver].iterates:
+        pytest.skip("this method does not iterate")
+    with Simulation(busy(solver), path) as changed, Simulation(busy(solver), path) as same:
         run(changed, 20)
         run(same, 20)
         assert changed.get(name) != value
@@ -123,16 +137,16 @@ def test_a_changed_parameter_counts_from_the_next_frame(solver: str, name: str, 
         assert np.abs(run(changed, 1) - run(same, 1)).max() > 1e-6
 
 
-def test_changing_the_substeps_keeps_every_velocity(solver: str) -> None:
-    with Simulation(scene(solver)) as simulation:
+def test_changing_the_substeps_keeps_every_velocity(solver: str, path: str) -> None:
+    with Simulation(scene(solver), path) as simulation:
         run(simulation, 10)
         before = simulation.velocities()
         simulation.set("substeps", 13)
         assert simulation.velocities() == pytest.approx(before, rel=1e-3, abs=1e-3)
 
 
-def test_the_cloth_stays_out_of_colliders(solver: str) -> None:
-    with Simulation(busy(solver)) as simulation:
+def test_the_cloth_stays_out_of_colliders(solver: str, path: str) -> None:
+    with Simulation(busy(solver), path) as simulation:
         deepest = 0.0
         for _ in range(120):
             simulation.advance_frame()
@@ -140,8 +154,8 @@ def test_the_cloth_stays_out_of_colliders(solver: str) -> None:
         assert deepest == 0.0
 
 
-def test_a_held_particle_goes_exactly_where_the_hand_is(solver: str) -> None:
-    with Simulation(busy(solver)) as simulation:
+def test_a_held_particle_goes_exactly_where_the_hand_is(solver: str, path: str) -> None:
+    with Simulation(busy(solver), path) as simulation:
         for k in range(20):
             target = (0.02 * k, 3.1, 0.01 * k)
             simulation.grab(30, target)
@@ -150,10 +164,10 @@ def test_a_held_particle_goes_exactly_where_the_hand_is(solver: str) -> None:
         assert simulation.grabbed == 30
 
 
-def test_a_released_particle_has_its_mass_and_the_hands_velocity(solver: str) -> None:
+def test_a_released_particle_has_its_mass_and_the_hands_velocity(solver: str, path: str) -> None:
     none = (0.0, 0.0, 0.0)
-    free = scene(solver, forces=Forces(gravity=0.0), springs=Springs(*none), fabric=Fabric(*none))
-    with Simulation(free) as simulation:
+    free = scene(solver, forces=Forces(gravity=0.0), springs=Springs(*none), fabric=Fabric(*none, 0.0))
+    with Simulation(free, path) as simulation:
         start = simulation.positions()[10]
         for k in range(1, 7):
             simulation.grab(10, start + [0.02 * k, 0, 0])
@@ -163,7 +177,7 @@ def test_a_released_particle_has_its_mass_and_the_hands_velocity(solver: str) ->
         assert simulation.velocities()[10] == pytest.approx([1.2, 0, 0], abs=1e-3)  # 0.02 m a frame
         there = simulation.positions()[10]
         assert run(simulation, 60)[10] == pytest.approx(there + [1.2, 0, 0], abs=1e-2)
-    with Simulation(scene(solver)) as simulation:
+    with Simulation(scene(solver), path) as simulation:
         simulation.grab(10, simulation.positions()[10])
         run(simulation, 5)
         simulation.release()
@@ -171,25 +185,25 @@ def test_a_released_particle_has_its_mass_and_the_hands_velocity(solver: str) ->
         assert run(simulation, 30)[10][1] < before[1] - 0.1  # it falls again
 
 
-def test_a_pin_that_was_grabbed_stays_a_pin(solver: str) -> None:
-    with Simulation(busy(solver)) as simulation:
+def test_a_pin_that_was_grabbed_stays_a_pin(solver: str, path: str) -> None:
+    with Simulation(busy(solver), path) as simulation:
         simulation.grab(0, (-0.5, 3.3, 0.1))
         run(simulation, 3)
         simulation.release()
         assert run(simulation, 30)[0] == pytest.approx((-0.5, 3.3, 0.1), abs=1e-6)
 
 
-def test_a_save_goes_on_bit_for_bit(solver: str, tmp_path: object) -> None:
-    path = tmp_path / "half.npz"
-    with Simulation(busy(solver)) as whole:
+def test_a_save_goes_on_bit_for_bit(solver: str, path: str, tmp_path: object) -> None:
+    file = tmp_path / "half.npz"
+    with Simulation(busy(solver), path) as whole:
         whole.set("wind_z", 6.0)
         whole.grab(33, (0.1, 2.9, 0.2))
         run(whole, 25)
-        whole.save(path)
+        whole.save(file)
         whole.release()
         end = run(whole, 25)
-    with Simulation(busy(solver)) as half:
-        half.load(path)
+    with Simulation(busy(solver), path) as half:
+        half.load(file)
         assert half.frame == 25
         assert half.get("wind_z") == 6.0
         assert half.grabbed == 33

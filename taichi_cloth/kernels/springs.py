@@ -1,0 +1,116 @@
+"""What is done to every spring in turn: relaxed as a distance, relaxed with compliance, pulled, limited.
+
+Each function treats one spring in slot `e` between the particles in slots `a` and `b`, or eight springs at
+once (`places.py`). `over` says that b lies beyond a strip's border (`lanes.py`); a list of springs has none.
+"""
+
+import taichi as ti
+
+from .controls import DAMPING_TIME, MOST_STRAIN, STIFFNESS
+from .maths import TINY, dashpot_pull, project_compliant, project_distance, spring_pull
+from .places import dot, length, next_lane, previous_lane, times
+from .strips import for_strip_springs
+
+
+@ti.func
+def far(value, over: ti.template()):
+    """What stands at a spring's second end, seen from the first."""
+    if ti.static(over):
+        return next_lane(value)
+    else:
+        return value
+
+
+@ti.func
+def add_to_both(field: ti.template(), a: int, b: int, to_a, to_b, over: ti.template()):
+    """Plain sums: `+=` on a field would be atomic, and no two springs of a batch share a particle."""
+    field[a] = field[a] + to_a
+    if ti.static(over):
+        field[b] = field[b] + previous_lane(to_b)
+    else:
+        field[b] = field[b] + to_b
+
+
+@ti.func
+def relax(
+    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
+):
+    """Moves both particles towards the rest length; `stiffness` is the family's share 0…1."""
+    w_a, w_b = cloth.inverse_mass[a], far(cloth.inverse_mass[b], over)
+    gap = far(cloth.x[b], over) - cloth.x[a]
+    shift = project_distance(gap, w_a + w_b, cloth.rest[e], stiffness * controls[STIFFNESS])
+    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b), over)
+
+
+@ti.func
+def relax_compliant(
+    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
+):
+    """The same for a spring of `stiffness` [N/m], with the multiplier it has gathered in this substep."""
+    w_a, w_b = cloth.inverse_mass[a], far(cloth.inverse_mass[b], over)
+    gap = far(cloth.x[b], over) - cloth.x[a]
+    gamma = 0.0
+    grown = 0.0 * w_a
+    if ti.static(stages.spring_damping):
+        before = far(cloth.x_prev[b], over) - cloth.x_prev[a]
+        gamma = controls[DAMPING_TIME] / h
+        grown = dot(gap, gap - before) / ti.max(length(gap), TINY)
+    shift, change = project_compliant(
+        gap,
+        w_a + w_b,
+        cloth.rest[e],
+        stiffness * (controls[STIFFNESS] * h * h),
+        cloth.multiplier[e],
+        gamma,
+        grown,
+    )
+    cloth.multiplier[e] = cloth.multiplier[e] + change
+    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b), over)
+
+
+@ti.func
+def pull(
+    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
+):
+    """Adds the force [N] of a spring-damper to cloth.force."""
+    gap = far(cloth.x[b], over) - cloth.x[a]
+    force = spring_pull(gap, cloth.rest[e], stiffness * controls[STIFFNESS])
+    if ti.static(stages.spring_damping):
+        rate = far(cloth.velocity[b], over) - cloth.velocity[a]
+        force += dashpot_pull(gap, rate, stiffness * (controls[STIFFNESS] * controls[DAMPING_TIME]))
+    add_to_both(cloth.force, a, b, force, -force, over)
+
+
+@ti.func
+def limit(
+    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
+):
+    """Brings a spring that is longer than the strain limit allows back to it (Provot 1995, section 5)."""
+    w_a, w_b = cloth.inverse_mass[a], far(cloth.inverse_mass[b], over)
+    gap = far(cloth.x[b], over) - cloth.x[a]
+    most = cloth.rest[e] * (1.0 + controls[MOST_STRAIN])
+    shift = project_distance(gap, w_a + w_b, ti.min(most, length(gap)), ti.select(stiffness > 0.0, 1.0, 0.0))
+    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b), over)
+
+
+@ti.func
+def limit_strain(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
+    """One sweep of the strain limit, where the scene has one."""
+    if ti.static(stages.strain_limit):
+        for_springs(cloth, stages, limit, controls, h)
+
+
+@ti.func
+def for_springs(cloth: ti.template(), stages: ti.template(), treat: ti.template(), controls: ti.template(), h: float):
+    """One sweep: `treat` on every spring, colour by colour.
+
+    Springs of one colour share no particle, so that none waits for the result of the one before: 6 ns a spring
+    against 15 ns in grid order, and under 1 ns where eight go at once.
+    """
+    if ti.static(cloth.in_lanes):
+        for_strip_springs(cloth, stages, treat, controls, h)
+    else:
+        for s in range(cloth.batch_count[None]):
+            for e in range(cloth.batch_first[s], cloth.batch_first[s + 1]):
+                a, b = cloth.ends[e]
+                treat(cloth, stages, a, b, e, cloth.stiffness[e], False, controls, h)

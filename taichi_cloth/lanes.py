@@ -1,0 +1,105 @@
+"""The same cloth cut into eight strips that SIMD instructions work on side by side (`mesh/strips.py`).
+
+A working copy for the length of a frame: loaded from the particles, moved, stored back. Whoever looks at a
+cloth between frames sees the particles only.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from .mesh import strips
+from .mesh.grid import DIRECTIONS
+from .mesh.topology import Topology
+from .pool import Pool
+from .state import padded
+
+
+@dataclass(eq=False)
+class LaneState:
+    """Fields of one grid in strips; names and units as in `ClothState`. A slot holds eight particles."""
+
+    in_lanes: ClassVar[bool] = True
+
+    x: Any  # 3×8 (S,)
+    x_prev: Any
+    velocity: Any
+    predicted: Any
+    force: Any
+    inverse_mass: Any  # row of eight (S,)
+    rest: Any  # row of eight (6·S,) by direction, then by the upper left of the spring's place
+    multiplier: Any
+    stiffness: Any  # row of eight (6·3·pitch,) by direction, kind of row, slot in the row; 0: no spring
+    has_cell: Any  # row of eight (pitch,) 1 where a cell begins in this column
+    passes: Any  # (P, PASS_COLUMNS) the sweep
+    pass_count: Any  # 0-D
+    rows: Any  # 0-D
+    columns: Any  # 0-D
+    pitch: Any  # 0-D slots in a row
+    slot_count: Any  # 0-D
+    spring_count: Any  # 0-D
+
+    def upload(self, topology: Topology, stiffness: NDArray[np.float64], pitch: int, *, coloured: bool) -> None:
+        """Fills all that a frame does not load. `stiffness`: of every spring, (E,)."""
+        rows, columns = topology.shape
+        rest = strips.pack(topology.by_place(topology.rest).astype(np.float32), pitch)
+        self.rest.from_numpy(padded(rest.reshape(-1, strips.STRIPS), self.rest.shape[0]))
+        by_place = topology.by_place(stiffness)
+        kinds = strips.pack(by_place[:, strips.row_kinds(rows)].astype(np.float32), pitch)
+        self.stiffness.from_numpy(padded(kinds.reshape(-1, strips.STRIPS), self.stiffness.shape[0]))
+        has_cell = strips.pack((np.arange(columns) < columns - 1).astype(np.float32), pitch)
+        self.has_cell.from_numpy(padded(has_cell, self.has_cell.shape[0]))
+        table = strips.passes(by_place.max(axis=(1, 2)) > 0, pitch, coloured=coloured)
+        self.passes.from_numpy(padded(table, self.passes.shape[0]))
+        self.pass_count[None] = len(table)
+        self.rows[None], self.columns[None], self.pitch[None] = rows, columns, pitch
+        self.slot_count[None] = rows * pitch
+        self.spring_count[None] = len(DIRECTIONS) * rows * pitch
+
+
+def _allocate(slots: int, pitch: int) -> LaneState:
+    def places() -> Any:
+        return ti.Matrix.field(3, strips.STRIPS, ti.f32, slots)
+
+    def numbers(count: int) -> Any:
+        return ti.Vector.field(strips.STRIPS, ti.f32, count)
+
+    return LaneState(
+        x=places(),
+        x_prev=places(),
+        velocity=places(),
+        predicted=places(),
+        force=places(),
+        inverse_mass=numbers(slots),
+        rest=numbers(len(DIRECTIONS) * slots),
+        multiplier=numbers(len(DIRECTIONS) * slots),
+        stiffness=numbers(len(DIRECTIONS) * strips.ROW_KINDS * pitch),
+        has_cell=numbers(pitch),
+        passes=ti.Vector.field(strips.PASS_COLUMNS, ti.i32, 2 * len(DIRECTIONS)),
+        pass_count=ti.field(ti.i32, ()),
+        rows=ti.field(ti.i32, ()),
+        columns=ti.field(ti.i32, ()),
+        pitch=ti.field(ti.i32, ()),
+        slot_count=ti.field(ti.i32, ()),
+        spring_count=ti.field(ti.i32, ()),
+    )
+
+
+_pool = Pool(_allocate)
+
+
+def take(topology: Topology, stiffness: NDArray[np.float64], *, coloured: bool) -> LaneState:
+    """A grid in strips, ready to be loaded. `coloured`: for sweeps that move particles as they go."""
+    rows, columns = topology.shape
+    pitch = strips.pitch(columns, 4 if coloured else 2)
+    lanes = _pool.take(rows * pitch, pitch)
+    lanes.upload(topology, stiffness, pitch, coloured=coloured)
+    return lanes
+
+
+def give_back(lanes: LaneState) -> None:
+    """Keeps the fields for the next grid of its size."""
+    _pool.give_back(lanes)

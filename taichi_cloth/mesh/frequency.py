@@ -1,0 +1,64 @@
+"""How fast a cloth's springs can vibrate, which bounds the step of an explicit method. NumPy only."""
+
+from __future__ import annotations
+
+from math import ceil, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .topology import Topology
+
+MARGIN = 1.03  # Lanczos stops from below: after 40 steps it was within 1 % on every grid tried
+STEPS = 40
+
+
+def highest_frequency(topology: Topology, stiffness: NDArray[np.float64]) -> float:
+    """Bound of the angular frequencies [rad/s] of the cloth, whatever its shape; `stiffness` [N/m], (E,).
+
+    A spring of stiffness k along the unit vector n resists by at most k·n·nᵀ, and n·nᵀ ≤ 1: so every vibration of
+    every shape is slower than the fastest one of the network in which springs resist alike in all directions,
+    ω² = max eigenvalue of M⁻¹·L with the weighted graph Laplacian L. The Lanczos iteration finds it; pins stand still.
+    """
+    root = 1 / np.sqrt(topology.mass)
+    root[topology.pinned] = 0
+    a, b = topology.ends.T
+    count = topology.particle_count
+
+    def apply(v: NDArray[np.float64]) -> NDArray[np.float64]:
+        u = root * v
+        pull = stiffness * (u[a] - u[b])
+        total = np.bincount(a, pull, count) - np.bincount(b, pull, count)
+        applied: NDArray[np.float64] = root * total
+        return applied
+
+    start = np.random.default_rng(0).standard_normal(count) * (root > 0)
+    if not len(stiffness) or not start.any():
+        return 0.0
+    v: NDArray[np.float64] = start / np.linalg.norm(start)
+    before = np.zeros(count)
+    diagonal: list[float] = []
+    beside = [0.0]
+    for _ in range(min(STEPS, count)):
+        w = apply(v) - beside[-1] * before
+        diagonal.append(float(w @ v))
+        w -= diagonal[-1] * v
+        beside.append(float(np.linalg.norm(w)))
+        if beside[-1] < 1e-9 * diagonal[0]:
+            break
+        before, v = v, w / beside[-1]
+    off = beside[1 : len(diagonal)]
+    largest = float(np.linalg.eigvalsh(np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1))[-1])
+    return MARGIN * sqrt(max(largest, 0.0))
+
+
+def stable_substeps(frequency: float, damping_time: float, seconds: float) -> int:
+    """Substeps of `seconds` with which symplectic Verlet with dashpots of `damping_time` [s] is stable.
+
+    For one mode of frequency ω, z² − (2 − hτω² − h²ω²)z + (1 − hτω²) = 0 has both roots inside the unit circle
+    while h²ω² + 2hτω² < 4.
+    """
+    if frequency == 0:
+        return 1
+    longest = 4 / frequency**2 / (damping_time + sqrt(damping_time**2 + 4 / frequency**2))
+    return ceil(seconds / longest)

@@ -1,0 +1,66 @@
+"""A grid cut into eight vertical strips that are worked on side by side, as arrays. NumPy only.
+
+Column `strip·pitch + i` of a row stands in lane `strip` of the row's slot `i`, so that one SIMD instruction
+treats eight particles of eight strips, and a neighbour in the same strip is some slots away. The second end
+of a spring that leaves its strip stands in the next lane. Columns that fill up the last strip are empty.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .grid import DIRECTIONS
+
+STRIPS = 8
+
+# The springs that begin in a row differ from row to row in three ways only: where diagonals alternate, rows of even
+# and odd number; and the first and the last row, whose own springs run along an edge.
+EVEN_ROW, ODD_ROW, EDGE_ROW, ROW_KINDS = range(4)
+
+# Columns of a pass: the springs of one direction and one colour, as a loop over rows and groups of slots.
+DIRECTION, DOWN, A_ROW, B_ROW, ALONG, COLOUR, ROW_GROUP, FIRST, GROUP, GROUPS, STRIDE, PASS_COLUMNS = range(12)
+
+
+def pitch(columns: int, multiple: int = 4) -> int:
+    """Slots of a row. A multiple of 4 lets every strip begin with the same colour in all directions."""
+    return -(-columns // (STRIPS * multiple)) * multiple
+
+
+def pack(values: NDArray[Any], pitch: int) -> NDArray[Any]:
+    """(…, rows, columns) → (…, rows, pitch, 8): zero in empty columns."""
+    padded = np.zeros((*values.shape[:-1], STRIPS * pitch), values.dtype)
+    padded[..., : values.shape[-1]] = values
+    strips: NDArray[Any] = padded.reshape(*values.shape[:-1], STRIPS, pitch).swapaxes(-1, -2)
+    return strips
+
+
+def row_kinds(rows: int) -> list[int]:
+    """For each kind of row, the number of one that is of this kind (a grid of two or three rows lacks some)."""
+    return [min(2, rows - 1), 1, 0]
+
+
+def passes(directions: NDArray[np.bool_], pitch: int, *, coloured: bool) -> NDArray[np.int32]:
+    """The sweep over the directions in use, shape (passes, PASS_COLUMNS).
+
+    Coloured, each direction is two passes whose springs share no particle, in the order of `grid.springs`.
+    A sweep that only adds to its particles needs no colours.
+    """
+    table = []
+    for direction, (_, down, along) in enumerate(DIRECTIONS):
+        if not directions[direction]:
+            continue
+        for colour in (0, 1) if coloured else (0,):
+            row = np.zeros(PASS_COLUMNS, np.int32)
+            row[DIRECTION], row[DOWN], row[ALONG], row[COLOUR] = direction, down, abs(along), colour
+            row[A_ROW if along < 0 else B_ROW] = down
+            row[GROUPS], row[GROUP] = 1, pitch
+            if coloured and down:  # the colour changes from chain link to chain link, down the rows …
+                row[ROW_GROUP] = down
+            elif coloured:  # … or along the row
+                row[GROUP], row[STRIDE] = along, 2 * along
+                row[FIRST], row[GROUPS] = colour * along, pitch // (2 * along)
+            table.append(row)
+    return np.array(table, np.int32).reshape(-1, PASS_COLUMNS)

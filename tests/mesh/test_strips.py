@@ -1,0 +1,88 @@
+"""The grid in strips: what stands in which lane, and that a pass never meets a particle twice."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from taichi_cloth.mesh import strips
+from taichi_cloth.mesh.grid import DIRECTIONS, springs
+from taichi_cloth.mesh.strips import (
+    A_ROW,
+    ALONG,
+    B_ROW,
+    COLOUR,
+    DIRECTION,
+    DOWN,
+    FIRST,
+    GROUP,
+    GROUPS,
+    ROW_GROUP,
+    STRIDE,
+)
+
+
+def test_pitch_holds_every_column_in_eight_strips() -> None:
+    assert [strips.pitch(c) for c in (2, 30, 32, 33, 128, 129)] == [4, 4, 4, 8, 16, 20]
+    assert [strips.pitch(c, 2) for c in (2, 16, 17, 65)] == [2, 2, 4, 10]
+
+
+def test_column_c_stands_in_lane_c_over_pitch() -> None:
+    packed = strips.pack(np.arange(30.0)[None], 4)
+    assert packed.shape == (1, 4, 8)
+    assert packed[0, 2, 3] == 3 * 4 + 2
+    assert packed[0, 1, 7] == 29
+    assert (packed[0, 2:, 7] == 0).all()
+
+
+def visited(table: np.ndarray, rows: int, columns: int, pitch: int) -> list[list[tuple[int, int, int]]]:
+    """The springs (direction, particle, particle) of each pass, in the order of `kernels/strips.py`."""
+    found = []
+    for p in table:
+        of_pass = []
+        for y in range(rows - p[DOWN]):
+            if p[ROW_GROUP] == 0 or (y // p[ROW_GROUP]) % 2 == p[COLOUR]:
+                for g in range(p[GROUPS]):
+                    first = p[FIRST] + g * p[STRIDE]
+                    for i in range(first, first + p[GROUP]):
+                        for lane in range(8):
+                            a, b = lane * pitch + i, lane * pitch + i + p[ALONG]
+                            if b < columns:
+                                of_pass.append(
+                                    (int(p[DIRECTION]), (y + p[A_ROW]) * columns + a, (y + p[B_ROW]) * columns + b)
+                                )
+        found.append(of_pass)
+    return found
+
+
+@given(st.integers(2, 9), st.integers(2, 40))
+def test_coloured_passes_are_the_batches_of_the_list(rows: int, columns: int) -> None:
+    pitch = strips.pitch(columns)
+    table = strips.passes(np.full(6, True), pitch, coloured=True)
+    passes = [p for p in visited(table, rows, columns, pitch) if p]
+    batches = [
+        {frozenset(map(int, pair)) for pair in batch}
+        for _, down, along in DIRECTIONS
+        for batch in springs(rows, columns, down, along)
+        if len(batch)
+    ]
+    assert [{frozenset((a, b)) for _, a, b in p} for p in passes] == batches
+
+
+@given(st.integers(2, 9), st.integers(2, 40))
+def test_passes_without_colours_meet_every_spring_once(rows: int, columns: int) -> None:
+    pitch = strips.pitch(columns, 2)
+    table = strips.passes(np.full(6, True), pitch, coloured=False)
+    found = [spring for p in visited(table, rows, columns, pitch) for spring in p]
+    expected = sum(len(b) for _, down, along in DIRECTIONS for b in springs(rows, columns, down, along))
+    assert len(found) == len(set(found)) == expected
+
+
+def test_directions_that_are_not_used_have_no_pass() -> None:
+    table = strips.passes(np.array([True, False, False, False, True, False]), 4, coloured=True)
+    assert [p[DIRECTION] for p in table] == [0, 0, 4, 4]
+
+
+@pytest.mark.parametrize(("rows", "kinds"), [(2, [1, 1, 0]), (3, [2, 1, 0]), (9, [2, 1, 0])])
+def test_a_row_of_each_kind(rows: int, kinds: list[int]) -> None:
+    assert strips.row_kinds(rows) == kinds
