@@ -1,0 +1,70 @@
+// A flat cloth of square cells, cut into eight upright strips: each lane of a vector is one strip.
+//
+// Column j of the cloth is place j % strip of lane j / strip. A spring between two places of a row is then the
+// same expression for eight particles; only springs over the right border of a strip look into the next lane.
+#pragma once
+
+#include <stdint.h>
+#include <stdlib.h>
+
+#include "lanes.h"
+
+#define HALO 2  // places at the end of a row for copies of the next strip's first ones: a bend spring reaches two
+
+typedef struct {
+    int rows, columns;
+    int strip;         // places of a row
+    int stride;        // from a row to the one below it, in places: strip + HALO
+    float side;        // [m] of a cell
+    vec *x;            // [m] where the particles are
+    v8 *inverse_mass;  // [1/kg] 0 where a particle is held, and in lanes beyond the last column
+} sheet;
+
+INLINE int at(const sheet *s, int row, int place) { return row * s->stride + place; }
+
+// Zeros that vectors may be loaded from. Never given back: the program ends with its cloth.
+static inline void *zeros(size_t count, size_t size) {
+    char *p = calloc(count * size + 64, 1);
+    if (p == NULL) abort();
+    return p + (64 - (uintptr_t)p % 64);
+}
+
+// 1 in the lanes whose particle has another one `right` columns on, 0 in the others.
+static inline v8 has_right(const sheet *s, int place, int right) {
+    v8 has;
+    for (int lane = 0; lane < LANES; lane++) has[lane] = lane * s->strip + place + right < s->columns;
+    return has;
+}
+
+static inline void hold(sheet *s, int row, int column) {
+    s->inverse_mass[at(s, row, column % s->strip)][column / s->strip] = 0;
+}
+
+// Copies of the next strip's first places behind the end of a row, in any array of the sheet's shape.
+INLINE void copy_halo(const sheet *s, vec *values, int row) {
+    for (int p = 0; p < HALO; p++)
+        values[at(s, row, s->strip + p)] = vec_from_next_lane(values[at(s, row, p)]);
+}
+
+// Columns go along +x and rows along (0, down_y, down_z) from the corner (-width/2, top, 0) [m]; every cell gives
+// a quarter of its mass to each of its corners. `strip` becomes a multiple of `unit`.
+static inline sheet make_sheet(int rows, int columns, int unit, float width, float top, float down_y, float down_z,
+                               float area_density) {
+    sheet s = {.rows = rows, .columns = columns, .side = width / (columns - 1)};
+    s.strip = ((columns + LANES - 1) / LANES + unit - 1) / unit * unit;
+    s.stride = s.strip + HALO;
+    s.x = zeros((size_t)rows * s.stride, sizeof(vec));
+    s.inverse_mass = zeros((size_t)rows * s.stride, sizeof(v8));
+    for (int row = 0; row < rows; row++)
+        for (int place = 0; place < s.strip; place++)
+            for (int lane = 0; lane < LANES; lane++) {
+                int column = lane * s.strip + place, i = at(&s, row, place);
+                s.x[i].x[lane] = s.side * column - width / 2;
+                s.x[i].y[lane] = s.side * row * down_y + top;
+                s.x[i].z[lane] = s.side * row * down_z;
+                float quarters = (row % (rows - 1) ? 2 : 1) * (column % (columns - 1) ? 2 : 1);
+                float mass = quarters / 4 * area_density * s.side * s.side;
+                s.inverse_mass[i][lane] = column < columns ? 1 / mass : 0;
+            }
+    return s;
+}

@@ -1,0 +1,143 @@
+"""The cloths of benchmarks/floor written again as plain loops in float64: the same maths, nothing shared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Spring = tuple[int, int, float, float]  # first particle, second particle, rest length [m], stiffness
+
+FRAME = 1 / 60  # [s]
+GRAVITY = 9.81  # [m/s²]
+DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))  # rows down, columns right, in sweep order
+
+
+@dataclass
+class Cloth:
+    x: Array  # [m] (N, 3)
+    inverse_mass: Array  # [1/kg] (N,)
+    rows: int
+    columns: int
+    side: float  # [m] of a cell
+
+
+def cloth(rows: int, columns: int, width: float, corner: tuple[float, float, float], down: Array) -> Cloth:
+    side = width / (columns - 1)
+    x = np.array(
+        [np.array(corner) + side * (j * np.array([1, 0, 0]) + i * down) for i in range(rows) for j in range(columns)]
+    )
+    share = np.ones((rows, columns))
+    share[[0, -1]] /= 2
+    share[:, [0, -1]] /= 2
+    return Cloth(x, 1 / (0.2 * side**2 * share.reshape(-1)), rows, columns, side)
+
+
+def springs_by_colour(cloth: Cloth, stiffness: tuple[float, float, float]) -> list[Spring]:
+    """Direction by direction; in each first the springs at even places of their chain, then the odd ones."""
+    order: list[Spring] = []
+    for number, (down, right) in enumerate(DIRECTIONS):
+        for odd in (0, 1):
+            for i in range(cloth.rows - down):
+                for j in range(max(0, -right), cloth.columns - max(0, right)):
+                    place = i // down if down else j // right
+                    if place % 2 == odd:
+                        order.append(_spring(cloth, i, j, down, right, stiffness[number // 2]))
+    return order
+
+
+def springs_in_grid_order(cloth: Cloth, stiffness: tuple[float, float, float]) -> list[Spring]:
+    """Particle by particle, row by row, each with its springs to the right and down."""
+    return [
+        _spring(cloth, i, j, down, right, stiffness[number // 2])
+        for i in range(cloth.rows)
+        for j in range(cloth.columns)
+        for number, (down, right) in enumerate(DIRECTIONS)
+        if i + down < cloth.rows and 0 <= j + right < cloth.columns
+    ]
+
+
+def _spring(cloth: Cloth, i: int, j: int, down: int, right: int, stiffness: float) -> Spring:
+    first = i * cloth.columns + j
+    return first, first + down * cloth.columns + right, cloth.side * float(np.hypot(down, right)), stiffness
+
+
+def relax_frames(
+    rows: int,
+    columns: int,
+    substeps: int,
+    iterations: int,
+    frames: int,
+    *,
+    by_colour: bool = True,
+    wind: bool = True,
+    ball: bool = True,
+) -> Array:
+    """Positions of the curtain of `relax.c` (springs by colour) and `frame.mjs` (grid order)."""
+    c = cloth(rows, columns, 4.35, (-4.35 / 2, 3.975, 0), np.array([0, -1, 0]))
+    c.inverse_mass[:columns] = 0
+    order = (springs_by_colour if by_colour else springs_in_grid_order)(c, (1, 1, 0.2))
+    x, before, w, h = c.x, c.x.copy(), c.inverse_mass, FRAME / substeps
+    free = w > 0
+    for substep in range(1, frames * substeps + 1):
+        a = w[:, None] * (air_forces(c, (x - before) / h) if wind else 0) - [0, GRAVITY, 0]
+        moved = (x - before) * np.exp(-1.5 * h)
+        before = x.copy()
+        x[free] += moved[free] + a[free] * h**2
+        turns = 2 * np.pi * substep * h
+        center = np.array([0.8 * np.sin(turns / 5), 1.3, 0.7 * np.cos(turns / 4)])
+        for _ in range(iterations):
+            for i, j, rest, stiffness in order:
+                gap = x[j] - x[i]
+                if w[i] + w[j] > 0:
+                    part = stiffness * (1 - rest / np.linalg.norm(gap)) / (w[i] + w[j])
+                    x[i] += gap * part * w[i]
+                    x[j] -= gap * part * w[j]
+            if ball:
+                away = x - center
+                distance = np.linalg.norm(away, axis=1)
+                inside = free & (distance < 0.75)
+                x[inside] = center + away[inside] * (0.75 / distance[inside, None])
+    return x
+
+
+def air_forces(c: Cloth, v: Array) -> Array:
+    """Force [N] on each particle: drag and lift of ½·ρ·A·u² on two triangles a cell, C_D = C_L = 1."""
+    force = np.zeros_like(c.x)
+    for i in range(c.rows - 1):
+        for j in range(c.columns - 1):
+            a, b = i * c.columns + j, i * c.columns + j + 1
+            below_a, below_b = a + c.columns, b + c.columns
+            for corners in ([a, below_a, b], [b, below_a, below_b]):
+                p, q, r = c.x[corners]
+                normal = np.cross(q - p, r - p) / 2
+                area = np.linalg.norm(normal)
+                air = np.array([0.4, 0, 0.9]) - v[corners].mean(axis=0)
+                speed = np.linalg.norm(air)
+                along, normal = air / speed, normal / area
+                cos = normal @ along
+                drag = cos * cos * along
+                lift = cos * (normal - cos * along)
+                force[corners] += 0.5 * 1.225 * area * speed**2 * (drag + lift) / 3
+    return force
+
+
+def explicit_frames(rows: int, columns: int, substeps: int, frames: int) -> Array:
+    """Positions of the sheet of `explicit.c`: let go level, held by two corners."""
+    c = cloth(rows, columns, 1.45, (-1.45 / 2, 1.0, 0), np.array([0, 0, 1]))
+    c.inverse_mass[[0, columns - 1]] = 0
+    springs = springs_by_colour(c, (2000, 1000, 20))
+    x, v, w, h = c.x, np.zeros_like(c.x), c.inverse_mass, FRAME / substeps
+    for _ in range(frames * substeps):
+        force = np.zeros_like(x)
+        for i, j, rest, k in springs:
+            gap = x[j] - x[i]
+            pull = k * (1 - rest / np.linalg.norm(gap)) * gap
+            force[i] += pull
+            force[j] -= pull
+        a = force * w[:, None] - np.where(w[:, None] > 0, [0, GRAVITY, 0], 0)
+        v[:] = v * np.exp(-1.0 * h) + h * a
+        x += h * v
+    return x
