@@ -1,6 +1,6 @@
 # Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test lint venv wheel screenshots clean
+.PHONY: help run test lint venv wheel screenshots bench peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -16,6 +16,8 @@ help:
 	@echo "make run    open the cloth (without a screen: render 240 frames to out/curtain)"
 	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
 	@echo "make lint   ruff and mypy"
+	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
+	@echo "make peers  the same cloth in other programs, installed into environments of their own"
 	@echo "make screenshots   draw the pictures in screenshots/ anew"
 
 run: .venv/ready
@@ -31,6 +33,12 @@ lint: .venv/tools
 
 screenshots: .venv/tools
 	$(BIN)/python screenshots/make.py
+
+bench: .venv/ready
+	$(BIN)/taichi-cloth bench $(BENCH)
+
+peers: .venv/ready
+	$(BIN)/python benchmarks/peers/run.py
 
 wheel: .venv/tools
 	$(BIN)/python -m pip wheel --no-deps --wheel-dir dist .

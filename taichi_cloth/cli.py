@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from . import __version__, runtime
-from .errors import BlewUp, OutputInUse
+from .errors import BlewUp, OutputInUse, WrongUse
 from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
+from .scene.model import PRESET_NAMES, SOLVER_NAMES
+from .scene.presets import load_preset
 
 if TYPE_CHECKING:
     from .simulation import Simulation
@@ -94,7 +96,16 @@ def build_parser() -> Parser:
     again.add_argument("--force", action="store_true", help="replace the frames in DIR")
     again.add_argument("--resume", action="store_true", help="go on where an interrupted render stopped")
 
-    command("list", list_scenes, "list the shipped scenes, a line each", "list")
+    listing = command("list", list_scenes, "list the shipped scenes, a line each", "list")
+    listing.add_argument("--presets", action="store_true", help="list the fabrics instead, with the numbers they have")
+
+    bench = command("bench", run_bench, "measure frames, compiling and memory on this machine", "bench --only verlet")
+    bench.add_argument("--only", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver, without the stages")
+    bench.add_argument("--full", action="store_true", help="every solver, path and grid; takes a quarter of an hour")
+    bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
+    bench.add_argument("--csv", type=Path, metavar="FILE", help="write the measurements, a line each")
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write measurements, stages and machine")
+    bench.add_argument("--force", action="store_true", help="replace FILE")
 
     check = command("check", check_file, "check a scene file", "check my_scene.toml")
     what = check.add_mutually_exclusive_group(required=True)
@@ -111,6 +122,9 @@ def scene_options(parser: Parser, nargs: str | None = None) -> None:
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the scene, as in wind_z=6"
     )
     parser.add_argument("--solver", metavar="NAME", help="method that advances the cloth (default: the scene's)")
+    parser.add_argument(
+        "--path", metavar="NAME", help="layout the solver works on, as lanes or list (default: chosen by the grid)"
+    )
     parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi back-end")
 
 
@@ -122,12 +136,13 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
 
 
 def summary(simulation: Simulation, arch: str) -> str:
-    """The line every run prints: scene, solver, substeps × iterations, grid, stages, arch, seed."""
+    """The line every run prints: scene, solver, substeps × iterations, path, grid, stages, arch, seed."""
     scene = simulation.scene
-    return (
-        f"{scene.name} · {scene.solver.name} {scene.solver.substeps}×{scene.solver.iterations}"
+    line = (
+        f"{scene.name} · {simulation.method}"
         f" · {scene.cloth.columns}×{scene.cloth.rows} · {' '.join(simulation.stages)} · {arch} · seed {scene.seed}"
     )
+    return "\n".join(filter(None, [line, simulation.advice]))
 
 
 # -- commands: each returns the exit code --------------------------------------------------------------
@@ -141,16 +156,21 @@ def run_scene(args: argparse.Namespace) -> int:
     if obstacle is None:
         from .view import window
 
-        runtime.start(args.arch)
+        arch = runtime.start(args.arch)
         window.run(
-            scene, size=args.size, frames=args.frames, log=args.log, announce=lambda s: print(summary(s, args.arch))
+            scene,
+            path=args.path,
+            size=args.size,
+            frames=args.frames,
+            log=args.log,
+            announce=lambda s: print(summary(s, arch)),
         )
         return 0
     from .view.frames import Plan
 
     print(f"no window ({obstacle}): rendering frames instead", flush=True)
     plan = Plan(Path("out") / scene.name, args.frames or DEFAULT_FRAMES, sheet=True)
-    return render_plan(scene, plan, args.arch, force=True)
+    return render_plan(scene, plan, args, force=True)
 
 
 def render_scene(args: argparse.Namespace) -> int:
@@ -167,16 +187,18 @@ def render_scene(args: argparse.Namespace) -> int:
         samples=args.samples,
         sheet=args.contact_sheet,
     )
-    return render_plan(scene, plan, args.arch, force=args.force, resume=args.resume)
+    return render_plan(scene, plan, args, force=args.force, resume=args.resume)
 
 
-def render_plan(scene: Scene, plan: Plan, arch: str, *, force: bool = False, resume: bool = False) -> int:
+def render_plan(
+    scene: Scene, plan: Plan, args: argparse.Namespace, *, force: bool = False, resume: bool = False
+) -> int:
     from .progress import frames_progress
     from .simulation import Simulation
     from .view import frames
 
-    runtime.start(arch)
-    with Simulation(scene) as simulation:
+    arch = runtime.start(args.arch)
+    with Simulation(scene, args.path) as simulation:
         frames.claim(plan, simulation, force=force, resume=resume)
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
@@ -186,11 +208,37 @@ def render_plan(scene: Scene, plan: Plan, arch: str, *, force: bool = False, res
 
 
 def list_scenes(args: argparse.Namespace) -> int:
+    if args.presets:
+        for fabric in map(load_preset, PRESET_NAMES):
+            print(
+                f"{fabric.name:9}  {fabric.title:46}  {fabric.area_density:6.4g} kg/m²"
+                f"  warp {fabric.warp:7.0f} N/m  bend {fabric.bending:.1e} N·m"
+            )
+        return 0
     names = scene_names()
     width = max(map(len, names))
     for name in names:
         print(f"{name:{width}}  {load_scene(name).title}")
     return 0
+
+
+def run_bench(args: argparse.Namespace) -> int:
+    from .bench import cases as c
+    from .bench import children, report
+    from .progress import steps_progress
+
+    for path in filter(None, (args.csv, args.json)):
+        report.check_free(path, force=args.force)
+    cases = c.only(c.all_cases() if args.full else c.default_cases(), args.only)
+    stages = [] if args.only else c.stage_cases()
+    with steps_progress(children.steps(cases, stages)) as on_step, children.bench(args.frames, on_step) as bench:
+        rows, stage_rows = bench.measure(cases, stages)
+    report.print_report(rows, stage_rows, bench.floor.missing)
+    if args.csv:
+        report.write_csv(args.csv, rows)
+    if args.json:
+        report.write_json(args.json, rows, stage_rows, bench.floor.missing)
+    return 1 if report.failures(rows, stage_rows) else 0
 
 
 def check_file(args: argparse.Namespace) -> int:
@@ -242,7 +290,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted; finished files are whole", file=sys.stderr)
         return 130
-    except (SceneError, OutputInUse) as error:
+    except (SceneError, OutputInUse, WrongUse) as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of our output has gone, as in `| head -1`: no more to say, not even at exit

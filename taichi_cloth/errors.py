@@ -5,5 +5,9 @@ class OutputInUse(ValueError):
     """The output folder holds something that this run must not, or cannot, go on with. Exit code 2."""
 
 
+class WrongUse(ValueError):
+    """A choice that this program, this scene or this machine does not offer. Exit code 2."""
+
+
 class BlewUp(RuntimeError):
     """The cloth has a position that is no finite number. Exit code 1."""

@@ -17,12 +17,15 @@ from .mesh.topology import Topology
 from .pool import Pool
 from .state import padded
 
+SPARE = 1  # slots more than any grid fills: a kernel may keep a neighbour of another lane there
+
 
 @dataclass(eq=False)
 class LaneState:
     """Fields of one grid in strips; names and units as in `ClothState`. A slot holds eight particles."""
 
     in_lanes: ClassVar[bool] = True
+    gathers: ClassVar[bool] = False
 
     x: Any  # 3×8 (S,)
     x_prev: Any
@@ -62,7 +65,7 @@ class LaneState:
 
 def _allocate(slots: int, pitch: int) -> LaneState:
     def places() -> Any:
-        return ti.Matrix.field(3, strips.STRIPS, ti.f32, slots)
+        return ti.Matrix.field(3, strips.STRIPS, ti.f32, slots + SPARE)
 
     def numbers(count: int) -> Any:
         return ti.Vector.field(strips.STRIPS, ti.f32, count)
@@ -73,7 +76,7 @@ def _allocate(slots: int, pitch: int) -> LaneState:
         velocity=places(),
         predicted=places(),
         force=places(),
-        inverse_mass=numbers(slots),
+        inverse_mass=numbers(slots + SPARE),
         rest=numbers(len(DIRECTIONS) * slots),
         multiplier=numbers(len(DIRECTIONS) * slots),
         stiffness=numbers(len(DIRECTIONS) * strips.ROW_KINDS * pitch),

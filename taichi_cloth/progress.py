@@ -39,3 +39,27 @@ def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
                 print(f"frame {k + 1}/{frames}, {rate(k + 1)}", flush=True)
 
         yield line
+
+
+@contextmanager
+def steps_progress(steps: int) -> Iterator[Callable[[str], None]]:
+    """A function to call with the name of each step as it begins."""
+    begun = 0
+    if sys.stdout.isatty():
+        with Progress(MofNCompleteColumn(), BarColumn(), TextColumn("{task.description}"), transient=True) as progress:
+            task = progress.add_task("", total=steps)
+
+            def show(name: str) -> None:
+                nonlocal begun
+                begun += 1
+                progress.update(task, completed=min(begun - 1, steps), description=name)
+
+            yield show
+    else:
+
+        def line(name: str) -> None:
+            nonlocal begun
+            begun += 1
+            print(f"{begun}/{max(begun, steps)} {name}", flush=True)
+
+        yield line

@@ -7,34 +7,42 @@ import io
 import os
 from typing import Any
 
-ARCHS = ("cpu",)
+from .errors import WrongUse
+
+ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first of the three that is there
 
 # Read by Taichi when it is imported: no banner on stdout, no thread that asks the network for a newer version.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
 
-def start(arch: str = "cpu", **options: Any) -> None:
-    """Starts Taichi on `arch`, ending what ran before; other options go to `ti.init`.
+def start(arch: str = "cpu", **options: Any) -> str:
+    """Starts Taichi on `arch`, ending what ran before; other options go to `ti.init`. Returns the arch that runs.
 
     The environment's TI_ARCH, which Taichi would follow instead, is set aside.
-    Raises ValueError for an arch that is not one of `ARCHS`.
+    Raises ValueError for an arch that is not one of `ARCHS`, and WrongUse for one that this machine does not have.
     """
     if arch not in ARCHS:
         raise ValueError(f"unknown arch {arch!r}: {', '.join(ARCHS)}")
     os.environ.pop("TI_ARCH", None)
     import taichi as ti
 
+    ti.set_logging_level(ti.ERROR)  # or a missing CUDA library is told twice
+    there = [name for name in ARCHS[1:-1] if ti.lang.misc.is_arch_supported(getattr(ti, name))]
+    chosen = next(iter(there), "gpu") if arch == "gpu" else arch
+    if chosen not in ("cpu", *there):
+        raise WrongUse(f"arch {arch} is not there: this machine has {', '.join(['cpu', *there])}")
     settings = {
         "log_level": ti.WARN,
         "enable_fallback": False,
         # Taichi's own passes over a kernel grow faster than its size (12 s for a frame in strips, against 2 s
         # without them); LLVM does most of their work again, and frames are 5–10 % slower.
-        "advanced_optimization": False,
+        "advanced_optimization": chosen != "cpu",
         **options,
     }
     with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints its arch, and offers no switch for it
-        ti.init(arch=getattr(ti, arch), **settings)
+        ti.init(arch=getattr(ti, chosen), **settings)
+    return chosen
 
 
 def start_if_needed() -> None:

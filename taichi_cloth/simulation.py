@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import replace
 from math import exp
 from os import PathLike
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import state
 from .contact.tables import box_table, ground_table, sphere_center, sphere_table
+from .errors import WrongUse
 from .hand import Hand
 from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
@@ -72,36 +74,46 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, path: str | None = None) -> None:
-        self.scene = scene
-        self.topology = topology_of(scene)
+        """`path` forces the layout that is worked on (`Solver.paths`); else the grid's size decides.
+
+        Raises WrongUse for a path that the scene's solver does not have.
+        """
+        self._path = path
         self._stages = Stages(
             wind=scene.wind is not None,
-            spheres=bool(scene.spheres),
-            boxes=bool(scene.boxes),
+            spheres=len(scene.spheres),
+            boxes=len(scene.boxes),
             ground=scene.ground is not None,
             spring_damping=scene.fabric.damping_time > 0,
             strain_limit=scene.limit is not None,
+            tethers=scene.tethers is not None,
         )
         self._keys = live_keys(scene)
         self._live = {name: key.value for name, key in self._keys.items()}
         self._wind_on = True
         self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
-        self._inverse_mass = state.inverse_mass(self.topology)
         self._boxes = box_table(scene.boxes)
         self._ground = ground_table(scene.ground)
-        cloth = state.take(self.topology)
-        stiffness = stiffness_of(scene, self.topology)
-        cloth.upload(self.topology, stiffness)
+        self._open(scene)
+        self._inverse_mass = state.inverse_mass(self.topology)
+        self._hand: Hand | None = None
+        self.frame = 0
+
+    def _open(self, scene: Scene) -> None:
+        """Makes the cloth and the solver of a scene, at the start."""
         kind = SOLVERS[scene.solver.name]
-        self._solver: Solver | None = kind(
-            cloth, self.topology, stiffness, self._stages, path_for(kind, self.topology.shape, path)
-        )
-        self._least_substeps = self._solver.least_substeps(scene.fabric.damping_time)
+        topology = topology_of(scene)
+        path = path_for(kind, topology.shape, self._path)
+        stiffness = stiffness_of(scene, topology)
+        cloth = state.take(topology)
+        cloth.upload(topology, stiffness)
+        self.scene, self.topology = scene, topology
+        self._solver: Solver | None = kind(cloth, topology, stiffness, self._stages, path)
+        self._damping_time = self._solver.damping_time(scene.fabric.damping_time)
+        self._least_substeps = self._solver.least_substeps(self._damping_time)
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
         self._give_back = weakref.finalize(self, _give_back, self._solver)
         self._give_back.atexit = False  # Taichi may be gone by then
-        self._hand: Hand | None = None
-        self.frame = 0
 
     # -- running ---------------------------------------------------------------------------------------
 
@@ -152,6 +164,21 @@ class Simulation:
         self._live[name] = checked
         if self._substep != before:
             self.solver.change_substep(before, self._substep)
+
+    def change_solver(self, name: str) -> None:
+        """Goes on with another method, from the same places and velocities, with the springs of its own section.
+
+        Raises WrongUse, and changes nothing, for an unknown name and where a path was forced that it does not have.
+        """
+        if name not in SOLVERS:
+            raise WrongUse(f"{name!r} is not a solver: {', '.join(SOLVERS)}")
+        path_for(SOLVERS[name], self.topology.shape, self._path)
+        x, velocities = self.positions(), self.velocities()
+        inverse_mass = self.cloth.taken(self.cloth.inverse_mass)
+        self._give_back()
+        self._open(replace(self.scene, solver=replace(self.scene.solver, name=name)))
+        self.cloth.put(x, x, inverse_mass)
+        self.solver.set_velocities(velocities, self._substep)
 
     def _key(self, name: str) -> str:
         if name not in self._keys:
@@ -224,9 +251,29 @@ class Simulation:
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Names of what is switched on: spring families, forces and colliders."""
-        on = {"wind": self._stages.wind, "sphere": self._stages.spheres, "box": self._stages.boxes}
-        return (*self.topology.family_counts, *(n for n, used in on.items() if used), *["ground"] * self._stages.ground)
+        """Names of what is switched on: spring families, limits, forces and colliders."""
+        names = {"strain_limit": "limit", "spheres": "sphere", "boxes": "box"}
+        stages = ("strain_limit", "tethers", "wind", "spheres", "boxes", "ground")
+        on = (names.get(stage, stage) for stage in stages if getattr(self._stages, stage))
+        return (*self.topology.family_counts, *on)
+
+    @property
+    def method(self) -> str:
+        """The solver with its substeps, iterations and path: `verlet 5×12 · lanes`."""
+        iterations = f"×{self._live['iterations']}" if self.solver.iterates else ""
+        return f"{self.solver.name} {self.substeps}{iterations} · {self.solver.path}"
+
+    @property
+    def advice(self) -> str:
+        """One line where the solver takes other substeps or dashpots than asked for; else nothing."""
+        words = []
+        asked, name = int(self._live["substeps"]), self.solver.name
+        if asked < self._least_substeps:
+            words.append(f"{asked} substeps would be unstable with {name}: {self._least_substeps} are taken")
+        wanted = self.scene.fabric.damping_time
+        if self._damping_time < wanted:
+            words.append(f"{name} shortens the dashpots' {1e3 * wanted:.3g} ms to {1e3 * self._damping_time:.3g} ms")
+        return "; ".join(words)
 
     def positions(self) -> Floats:
         """Where every particle is [m], shape (N, 3)."""
@@ -321,8 +368,9 @@ class Simulation:
         controls[c.GRAVITY] = self._live["gravity"]
         controls[c.KEPT] = exp(-self._live["damping"] * self._substep)
         controls[c.STIFFNESS] = self._live["stiffness"]
-        controls[c.DAMPING_TIME] = self.scene.fabric.damping_time
+        controls[c.DAMPING_TIME] = self._damping_time
         controls[c.MOST_STRAIN] = self._live.get("limit_strain", 0.0)
+        controls[c.TETHER_SLACK] = self._live.get("tethers_slack", 1.0)
         wind = self.scene.wind
         if wind is not None:
             # Switched off, the air stands still; it still slows the cloth.

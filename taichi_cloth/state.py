@@ -7,6 +7,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from .mesh import strips
+from .mesh.tethers import MOST, tethers
 from .mesh.topology import Topology
 from .pool import Pool
 
@@ -20,6 +22,7 @@ class ClothState:
     """
 
     in_lanes: ClassVar[bool] = False
+    gathers: ClassVar[bool] = False
 
     x: Any  # [m] vec3 (N,)
     x_prev: Any  # [m] vec3 (N,) where the particle was a substep ago
@@ -78,6 +81,41 @@ def padded(values: NDArray[Any], capacity: int) -> NDArray[Any]:
     out = np.zeros((capacity, *values.shape[1:]), values.dtype)
     out[: len(values)] = values
     return out
+
+
+@dataclass(eq=False)
+class Ties:
+    """Fields of the tethers of one layout: first those to the nearest pins, slot by slot, then to the next."""
+
+    pin: Any  # particle at the end; in strips slot·8 + lane
+    reach: Any  # [m] distance on the flat sheet
+    place: Any  # [m] where that particle is; in strips only
+    count: Any  # 0-D tethers of a particle
+
+
+def tie(work: Any, topology: Topology) -> None:
+    """Gives a cloth or its strips their `ties`, filled. They stay with its fields, and so do compiled kernels."""
+    lanes = work.in_lanes
+    if not hasattr(work, "ties"):
+        room = MOST * work.x.shape[0]
+        work.ties = Ties(
+            pin=ti.Vector.field(strips.STRIPS, ti.i32, room) if lanes else ti.field(ti.i32, room),
+            reach=ti.Vector.field(strips.STRIPS, ti.f32, room) if lanes else ti.field(ti.f32, room),
+            place=ti.Matrix.field(3, strips.STRIPS, ti.f32, room) if lanes else None,
+            count=ti.field(ti.i32, ()),
+        )
+    pins, reach = tethers(topology)
+    work.ties.count[None] = len(pins)
+    reach = reach.astype(np.float32)
+    if lanes:
+        pitch = work.pitch[None]
+        row, column = np.divmod(pins, topology.shape[1])
+        pins = ((row * pitch + column % pitch) * strips.STRIPS + column // pitch).astype(np.int32)
+        pins, reach = (
+            strips.pack(v.reshape(-1, *topology.shape), pitch).reshape(-1, strips.STRIPS) for v in (pins, reach)
+        )
+    for field, values in ((work.ties.pin, pins), (work.ties.reach, reach)):
+        field.from_numpy(padded(values if lanes else values.reshape(-1), field.shape[0]))
 
 
 def _allocate(particles: int, springs: int, triangles: int, batches: int) -> ClothState:

@@ -19,11 +19,13 @@ FLOORS = [
     {"scene", "mesh", "interact"},
     {"measure"},
     {"kernels"},
-    {"pool", "state", "lanes"},
+    {"pool", "state", "lanes", "gather"},
     {"contact", "solvers"},
     {"hand", "save_file", "simulation"},
     {"view"},
-    {"runtime", "cli", "__init__", "__main__"},
+    {"runtime"},
+    {"bench"},
+    {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "progress", "scene", "mesh", "interact", "measure"}
 FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names}

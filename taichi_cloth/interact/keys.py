@@ -25,6 +25,7 @@ KEYS = (
     Key("r", "R", "reset", "start again"),
     Key("g", "G", "wind", "wind on, off"),
     Key("v", "V", "view", "next view"),
+    Key("t", "T", "solver", "next solver"),
     Key("b", "B", "previous_scene", "previous scene"),
     Key("m", "M", "next_scene", "next scene"),
     Key("f", "F", "first_view", "first view point"),

@@ -16,7 +16,8 @@ GRAB_FROM = 13  # 13…15: where the held particle is at the start of the frame 
 GRAB_TO = 16  # 16…18: and at its end [m]
 DAMPING_TIME = 19  # [s] a spring's dashpot is this times its stiffness
 MOST_STRAIN = 20  # of the strain limit
-COUNT = 21
+TETHER_SLACK = 21  # how long a tether may be, as a multiple of the flat sheet's distance
+COUNT = 22
 
 # Columns of a row of the sphere table, of the box table and of the ground's only row.
 SPHERE_FROM, SPHERE_TO, SPHERE_REACH, SPHERE_FRICTION, SPHERE_COLUMNS = 0, 3, 6, 7, 8

@@ -67,17 +67,31 @@ def velocity_of(cloth: ti.template(), stages: ti.template(), i: int, h: float):
 
 
 @ti.func
+def third_of_triangle(cloth: ti.template(), stages: ti.template(), t: int, controls: ti.template(), h, seconds):
+    """Force [N] of the air on each corner of a triangle of the list."""
+    i, j, k = cloth.triangles[t]
+    velocity = (
+        velocity_of(cloth, stages, i, h) + velocity_of(cloth, stages, j, h) + velocity_of(cloth, stages, k, h)
+    ) / 3.0
+    lightest = ti.max(cloth.inverse_mass[i], cloth.inverse_mass[j], cloth.inverse_mass[k])
+    return air_on_triangle(cloth.x[i], cloth.x[j], cloth.x[k], velocity, lightest, controls, h, seconds)
+
+
+@ti.func
 def blow_on_triangles(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, seconds: float):
-    """Adds the air's force [N] to the corners of every triangle of the list."""
-    for t in range(cloth.triangle_count[None]):
-        i, j, k = cloth.triangles[t]
-        velocity = (
-            velocity_of(cloth, stages, i, h) + velocity_of(cloth, stages, j, h) + velocity_of(cloth, stages, k, h)
-        ) / 3.0
-        lightest = ti.max(cloth.inverse_mass[i], cloth.inverse_mass[j], cloth.inverse_mass[k])
-        third = air_on_triangle(cloth.x[i], cloth.x[j], cloth.x[k], velocity, lightest, controls, h, seconds)
-        for corner in ti.static((i, j, k)):  # plain sums: `+=` on a field would be atomic
-            cloth.force[corner] = cloth.force[corner] + third
+    """Adds the air's force to the corners of every triangle of the list."""
+    if ti.static(cloth.gathers):  # each particle asks its own triangles, so that none adds to another's sum
+        for i in range(cloth.slot_count[None]):
+            total = cloth.force[i]
+            for n in range(cloth.triangle_first[i], cloth.triangle_first[i + 1]):
+                total += third_of_triangle(cloth, stages, cloth.triangle_rows[n], controls, h, seconds)
+            cloth.force[i] = total
+    else:
+        for t in range(cloth.triangle_count[None]):
+            third = third_of_triangle(cloth, stages, t, controls, h, seconds)
+            for c in ti.static(range(3)):  # plain sums: `+=` on a field would be atomic
+                corner = cloth.triangles[t][c]
+                cloth.force[corner] = cloth.force[corner] + third
 
 
 @ti.func
@@ -86,7 +100,7 @@ def blow_on_strips(cloth: ti.template(), stages: ti.template(), controls: ti.tem
     pitch = cloth.pitch[None]
     for y in range(cloth.rows[None] - 1):
         for i in range(pitch):
-            falling = (y + i) % 2 == 0  # the cell is cut from a to d; b and c are its other corners, a b over c d
+            falling = (y + i) & 1 == 0  # the cell is cut from a to d; b and c are its other corners, a b over c d
             over = i == pitch - 1
             at_a = y * pitch + i
             at_b = at_a + 1 - pitch if over else at_a + 1

@@ -9,11 +9,13 @@ from .places import LANES
 def load(work: ti.template(), cloth: ti.template(), stages: ti.template()):
     """Particles into strips; nothing to do where the particles themselves are worked on."""
     if ti.static(work.in_lanes):
+        pitch, columns = work.pitch[None], work.columns[None]
         for slot in range(work.slot_count[None]):
+            row, place = slot // pitch, slot % pitch
             for k in range(LANES):
-                column = slot % work.pitch[None] + k * work.pitch[None]
-                if column < work.columns[None]:
-                    i = slot // work.pitch[None] * work.columns[None] + column
+                column = place + k * pitch
+                if column < columns:
+                    i = row * columns + column
                     work.inverse_mass[slot][k] = cloth.inverse_mass[i]
                     for c in ti.static(range(3)):
                         work.x[slot][c, k] = cloth.x[i][c]
@@ -33,11 +35,13 @@ def load(work: ti.template(), cloth: ti.template(), stages: ti.template()):
 def store(work: ti.template(), cloth: ti.template(), stages: ti.template()):
     """Strips back into particles."""
     if ti.static(work.in_lanes):
+        pitch, columns = work.pitch[None], work.columns[None]
         for slot in range(work.slot_count[None]):
+            row, place = slot // pitch, slot % pitch
             for k in range(LANES):
-                column = slot % work.pitch[None] + k * work.pitch[None]
-                if column < work.columns[None]:
-                    i = slot // work.pitch[None] * work.columns[None] + column
+                column = place + k * pitch
+                if column < columns:
+                    i = row * columns + column
                     for c in ti.static(range(3)):
                         cloth.x[i][c] = work.x[slot][c, k]
                         if ti.static(stages.own_velocity):

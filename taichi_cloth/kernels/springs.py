@@ -11,6 +11,8 @@ from .maths import TINY, dashpot_pull, project_compliant, project_distance, spri
 from .places import dot, length, next_lane, previous_lane, times
 from .strips import for_strip_springs
 
+MOST_BATCHES = 12  # two colours in each of six directions
+
 
 @ti.func
 def far(value, over: ti.template()):
@@ -69,15 +71,24 @@ def relax_compliant(
 
 
 @ti.func
-def pull(
-    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
+def force_of(
+    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template()
 ):
-    """Adds the force [N] of a spring-damper to cloth.force."""
+    """Force [N] on a of the spring-damper e between a and b."""
     gap = far(cloth.x[b], over) - cloth.x[a]
     force = spring_pull(gap, cloth.rest[e], stiffness * controls[STIFFNESS])
     if ti.static(stages.spring_damping):
         rate = far(cloth.velocity[b], over) - cloth.velocity[a]
         force += dashpot_pull(gap, rate, stiffness * (controls[STIFFNESS] * controls[DAMPING_TIME]))
+    return force
+
+
+@ti.func
+def pull(
+    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
+):
+    """Adds the force of a spring-damper to both its particles."""
+    force = force_of(cloth, stages, a, b, e, stiffness, over, controls)
     add_to_both(cloth.force, a, b, force, -force, over)
 
 
@@ -101,16 +112,49 @@ def limit_strain(cloth: ti.template(), stages: ti.template(), controls: ti.templ
 
 
 @ti.func
+def add_spring_forces(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
+    """Adds the force [N] of every spring-damper to cloth.force."""
+    if ti.static(cloth.gathers):  # each particle asks its own springs: one loop instead of one for each colour
+        for i in range(cloth.slot_count[None]):
+            total = cloth.force[i]
+            for n in range(cloth.spring_first[i], cloth.spring_first[i + 1]):
+                e = cloth.spring_rows[n]
+                other = cloth.ends[e][0] + cloth.ends[e][1] - i
+                total += force_of(cloth, stages, i, other, e, cloth.stiffness[e], False, controls)
+            cloth.force[i] = total
+    else:
+        for_springs(cloth, stages, pull, controls, h)
+
+
+@ti.func
+def forget_multipliers(cloth: ti.template()):
+    """λ = 0: once a substep. Once an iteration would make every spring too soft."""
+    for e in range(cloth.spring_count[None]):
+        cloth.multiplier[e] = cloth.rest[e] * 0.0
+
+
+@ti.func
 def for_springs(cloth: ti.template(), stages: ti.template(), treat: ti.template(), controls: ti.template(), h: float):
-    """One sweep: `treat` on every spring, colour by colour.
+    """One sweep: `treat` on every spring, colour by colour."""
+    for_springs_from(cloth, stages, 0, treat, controls, h)
+
+
+@ti.func
+def for_springs_from(
+    cloth: ti.template(), stages: ti.template(), first: int, treat: ti.template(), controls: ti.template(), h: float
+):
+    """The same, without the colours before the one of number `first`.
 
     Springs of one colour share no particle, so that none waits for the result of the one before: 6 ns a spring
     against 15 ns in grid order, and under 1 ns where eight go at once.
     """
     if ti.static(cloth.in_lanes):
-        for_strip_springs(cloth, stages, treat, controls, h)
-    else:
-        for s in range(cloth.batch_count[None]):
+        for_strip_springs(cloth, stages, first, treat, controls, h)
+    elif ti.static(cloth.gathers):  # one parallel loop for each colour; a colour that is not there is empty
+        for s in ti.static(range(MOST_BATCHES)):
             for e in range(cloth.batch_first[s], cloth.batch_first[s + 1]):
-                a, b = cloth.ends[e]
-                treat(cloth, stages, a, b, e, cloth.stiffness[e], False, controls, h)
+                treat(cloth, stages, cloth.ends[e][0], cloth.ends[e][1], e, cloth.stiffness[e], False, controls, h)
+    else:
+        for s in range(first, cloth.batch_count[None]):
+            for e in range(cloth.batch_first[s], cloth.batch_first[s + 1]):
+                treat(cloth, stages, cloth.ends[e][0], cloth.ends[e][1], e, cloth.stiffness[e], False, controls, h)

@@ -13,30 +13,32 @@ from ..mesh.strips import (
     FIRST,
     GROUP,
     GROUPS,
-    ROW_GROUP,
     ROW_KINDS,
+    ROW_MASK,
+    ROW_SHIFT,
     STRIDE,
 )
 
 
 @ti.func
 def for_strip_springs(
-    cloth: ti.template(), stages: ti.template(), treat: ti.template(), controls: ti.template(), h: float
+    cloth: ti.template(), stages: ti.template(), start: int, treat: ti.template(), controls: ti.template(), h: float
 ):
-    """`treat` on every spring, pass by pass; within a row first the springs inside the strips, then those between.
+    """`treat` on every spring from pass `start` on, pass by pass.
 
-    One loop over a table: a copy of the body for each direction would compile four times as long.
+    Within a row first come the springs inside the strips, then those between them. One loop over a table: a copy of
+    the body for each direction would compile four times as long.
     """
     pitch = cloth.pitch[None]
     rows = cloth.rows[None]
-    for s in range(cloth.pass_count[None]):
+    for s in range(start, cloth.pass_count[None]):
         p = cloth.passes[s]
         for y in range(rows - p[DOWN]):
-            if p[ROW_GROUP] == 0 or (y // p[ROW_GROUP]) % 2 == p[COLOUR]:
+            if (y >> p[ROW_SHIFT]) & p[ROW_MASK] == p[COLOUR]:
                 a = (y + p[A_ROW]) * pitch
                 b = (y + p[B_ROW]) * pitch + p[ALONG]
                 e = (p[DIRECTION] * rows + y) * pitch
-                kind = y % 2  # EVEN_ROW or ODD_ROW
+                kind = y & 1  # EVEN_ROW or ODD_ROW
                 if y == 0 or y == rows - 1:
                     kind = EDGE_ROW
                 k = (p[DIRECTION] * ROW_KINDS + kind) * pitch

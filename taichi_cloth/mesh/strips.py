@@ -21,7 +21,11 @@ STRIPS = 8
 EVEN_ROW, ODD_ROW, EDGE_ROW, ROW_KINDS = range(4)
 
 # Columns of a pass: the springs of one direction and one colour, as a loop over rows and groups of slots.
-DIRECTION, DOWN, A_ROW, B_ROW, ALONG, COLOUR, ROW_GROUP, FIRST, GROUP, GROUPS, STRIDE, PASS_COLUMNS = range(12)
+# Row y belongs to the pass if (y >> ROW_SHIFT) & ROW_MASK is its colour (a division by a variable takes longer than a
+# spring); within a row the pass treats GROUPS groups of GROUP slots, STRIDE apart.
+DIRECTION, DOWN, A_ROW, B_ROW, ALONG, COLOUR, ROW_SHIFT, ROW_MASK, FIRST, GROUP, GROUPS, STRIDE, PASS_COLUMNS = range(
+    13
+)
 
 
 def pitch(columns: int, multiple: int = 4) -> int:
@@ -54,11 +58,11 @@ def passes(directions: NDArray[np.bool_], pitch: int, *, coloured: bool) -> NDAr
             continue
         for colour in (0, 1) if coloured else (0,):
             row = np.zeros(PASS_COLUMNS, np.int32)
-            row[DIRECTION], row[DOWN], row[ALONG], row[COLOUR] = direction, down, abs(along), colour
+            row[DIRECTION], row[DOWN], row[ALONG] = direction, down, abs(along)
             row[A_ROW if along < 0 else B_ROW] = down
             row[GROUPS], row[GROUP] = 1, pitch
             if coloured and down:  # the colour changes from chain link to chain link, down the rows …
-                row[ROW_GROUP] = down
+                row[ROW_SHIFT], row[ROW_MASK], row[COLOUR] = down - 1, 1, colour
             elif coloured:  # … or along the row
                 row[GROUP], row[STRIDE] = along, 2 * along
                 row[FIRST], row[GROUPS] = colour * along, pitch // (2 * along)

@@ -16,7 +16,9 @@ FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, or a particle's index
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 
-SOLVER_NAMES = ("verlet", "xpbd", "spring")  # known without importing a solver, which would import Taichi
+# Known without importing a solver, which would import Taichi.
+SOLVER_NAMES = ("verlet", "xpbd", "spring", "lines", "rk4", "projective")
+PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,8 @@ class Fabric:
     """Spring constants for the solvers that take them in SI; one set to 0 leaves its springs out.
 
     On square cells `warp` and `weft` are forces per strain and metre of width, whatever the grid; on others
-    they are scaled by the cell's sides so that they still are.
+    they are scaled by the cell's sides so that they still are. A `preset` gives all of them, the cloth's
+    `area_density` and the shares in `springs`; what a scene says itself wins (`presets.py`).
     """
 
     warp: float = _key(2000.0, "constant of a spring down a column", "N/m", low=0.0, high=1e9)
@@ -81,6 +84,11 @@ class Fabric:
     shear: float = _key(1000.0, "the same along the diagonals of each cell", "N/m", low=0.0, high=1e9)
     bend: float = _key(20.0, "the same for particles two apart", "N/m", low=0.0, high=1e9)
     damping_time: float = _key(0.0, "a spring's dashpot is this times its constant", "s", low=0.0, high=1.0)
+    preset: str = _key(
+        "",
+        "measured fabric that fills in what is not written here, in springs and as area_density",
+        choices=(*PRESET_NAMES, ""),
+    )
 
 
 @dataclass(frozen=True)
@@ -99,6 +107,19 @@ class Limit:
     """A limit of strain (Provot 1995): after each substep one sweep shortens every spring that is longer."""
 
     strain: float = _key(0.1, "largest length/rest − 1 that is left alone", low=0.0, high=10.0, slider=(0.0, 0.5))
+
+
+@dataclass(frozen=True)
+class Tethers:
+    """Ties to the pins (Kim et al. 2012): no particle gets farther from one than on the flat sheet, times `slack`.
+
+    For `verlet`, `xpbd` and `lines`; each substep ends with them. Obstacles between a particle and its pin
+    are not seen, and a cloth without pins has no tethers.
+    """
+
+    slack: float = _key(
+        1.01, "longest distance to a pin, in distances on the flat sheet", low=1.0, high=2.0, slider=(1.0, 1.2)
+    )
 
 
 @dataclass(frozen=True)
@@ -182,6 +203,7 @@ class Scene:
     fabric: Fabric = field(default_factory=Fabric)
     solver: Solver = field(default_factory=Solver)
     limit: Limit | None = None
+    tethers: Tethers | None = None
     forces: Forces = field(default_factory=Forces)
     wind: Wind | None = None
     spheres: tuple[Sphere, ...] = ()

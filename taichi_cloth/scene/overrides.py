@@ -50,6 +50,6 @@ def override_places() -> dict[str, list[Place]]:
         for key in keys_of(part.section):
             full[f"{part.one}_{key}"] = [(part, key)]
             bare.setdefault(key, []).append((part, key))
-            if key == "name":
+            if key in ("name", "preset"):
                 full[part.one] = [(part, key)]
     return bare | full

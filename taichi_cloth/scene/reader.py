@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from math import hypot
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -10,7 +11,8 @@ from typing import Any, get_type_hints
 from .errors import SceneError, nearest, shown
 from .library import scene_path
 from .model import Part, Scene, keys_of, parts
-from .overrides import apply_override
+from .overrides import apply_override, override_places
+from .presets import FILLED, load_preset, preset_keys
 from .values import check_value
 
 MOST_BYTES = 1_000_000  # a scene file is a page of text
@@ -21,8 +23,9 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
     """A shipped scene by name, or a TOML file by path, with keys changed by `overrides`.
 
     An override is named `section_key` (`wind_z=6`, `cloth_rows=12`), by the key alone where only one
-    section has it (`substeps=10`), or by a section for its name (`solver="verlet"`). For spheres and boxes
-    it changes the first (`sphere_radius=0.4`). A section the scene lacks is added with its defaults.
+    section has it (`substeps=10`), or by a section for its name (`solver="verlet"`) or preset (`fabric="denim"`,
+    which replaces what the file says of its fabric). For spheres and boxes it changes the first
+    (`sphere_radius=0.4`). A section the scene lacks is added with its defaults.
 
     Raises SceneError, one line with file, key, reason and the nearest valid name.
     """
@@ -32,9 +35,18 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
     if not overrides:
         return scene
     file += " (override)"
-    for key, value in overrides.items():
-        apply_override(data, key, value, file)
+    for key in sorted(overrides, key=_is_preset, reverse=True):
+        apply_override(data, key, overrides[key], file)
+        if _is_preset(key):  # who asks for a fabric wants all of it, and not the file's own numbers
+            for section, filled in FILLED.items():
+                for name in filled:
+                    data.get(section, {}).pop(name, None)
     return _scene(data, file, path.stem)
+
+
+def _is_preset(key: str) -> bool:
+    """Whether an override names the fabric."""
+    return [(part.name, name) for part, name in override_places().get(key, []) if part] == [("fabric", "preset")]
 
 
 def _parse(path: Path) -> dict[str, Any]:
@@ -67,7 +79,22 @@ def _scene(data: dict[str, Any], file: str, name: str) -> Scene:
     for part in sections.values():
         if part.name in data:
             values[part.name] = _part(part, data[part.name], file)
-    return _consistent(Scene(**values, name=name), file)
+    return _consistent(_with_preset(Scene(**values, name=name), data, file), file)
+
+
+def _with_preset(scene: Scene, data: dict[str, Any], file: str) -> Scene:
+    """The scene with the keys that its fabric preset gives and that its file and overrides do not."""
+    if not scene.fabric.preset:
+        return scene
+    given = preset_keys(load_preset(scene.fabric.preset), scene.cloth)
+    filled = {}
+    for name, numbers in given.items():
+        section = getattr(scene, name)
+        missing = {key: value for key, value in numbers.items() if key not in data.get(name, {})}
+        keys = keys_of(type(section))
+        checked = {key: check_value(v, float, keys[key], file, f"{name}.{key}") for key, v in missing.items()}
+        filled[name] = replace(section, **checked)
+    return replace(scene, **filled)
 
 
 def _part(part: Part, data: Any, file: str) -> Any:

@@ -38,7 +38,7 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
 def range_text(key: Key) -> str:
     """What the key may hold, in words: the range with its unit, or the choices."""
     if key.low is None or key.high is None:
-        return "#rrggbb" if key.colour else ", ".join(key.choices)
+        return "#rrggbb" if key.colour else ", ".join(choice or '""' for choice in key.choices)
     return f"{'above ' * key.above_low}{key.low:.10g} to {key.high:.10g} {key.unit}".rstrip()
 
 

@@ -1,25 +1,37 @@
 """The methods, by the name a scene gives."""
 
+import difflib
+
+import taichi as ti
+
+from ..errors import WrongUse
 from ..kernels.places import LANES
 from .base import FrameInput, Solver, Stages
+from .lines import Lines
+from .projective import Projective
+from .rk4 import Rk4
 from .spring import Spring
 from .verlet import Verlet
 from .xpbd import Xpbd
 
-SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Verlet, Xpbd, Spring)}
+SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Verlet, Xpbd, Spring, Lines, Rk4, Projective)}
 
 
 def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = None) -> str:
-    """The layout a solver works on for a grid of (rows, columns).
+    """The layout a solver works on, for a grid of (rows, columns) on the arch that Taichi was started on.
 
-    Raises ValueError where the one that is `asked` for is none of the solver's.
+    Raises WrongUse where the one that is `asked` for is none of the solver's, and where it has none for the arch.
     """
-    if asked is not None:
-        if asked not in kind.paths:
-            raise ValueError(f"{kind.name} has no path {asked!r}: {', '.join(kind.paths)}")
-        return asked
+    if asked is not None and asked not in kind.paths:
+        near = difflib.get_close_matches(asked, kind.paths, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise WrongUse(f"{kind.name} has no path {asked!r}: {', '.join(kind.paths)}{hint}")
+    if ti.cfg.arch not in (ti.x64, ti.arm64):  # a GPU: serial paths would run on one of its threads
+        if "gather" not in kind.paths or asked not in (None, "gather"):
+            raise WrongUse(f"{kind.name} has no path {asked or 'for a GPU'}; with --arch cpu: {', '.join(kind.paths)}")
+        return "gather"
     # Strips of one column or less are mostly empty: then springs one by one are as fast.
-    return "lanes" if "lanes" in kind.paths and shape[1] >= LANES else "list"
+    return asked or ("lanes" if "lanes" in kind.paths and shape[1] >= LANES else "list")
 
 
 __all__ = ["SOLVERS", "FrameInput", "Solver", "Stages", "path_for"]

@@ -1,5 +1,6 @@
 """What a solver is given, what it must offer, and the frame that all of them share."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
@@ -8,9 +9,14 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from .. import lanes
+from ..gather import GatherState
 from ..kernels.layout import load, store
+from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
-from ..state import ClothState
+from ..state import ClothState, tie
+
+SUBSTEPS_A_LAUNCH = 8
+SWEEPS_A_LAUNCH = 4
 
 # How a kernel takes the rows and tables of a `FrameInput`.
 row = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -19,14 +25,15 @@ table = ti.types.ndarray(dtype=ti.f32, ndim=2)
 
 @dataclass(frozen=True)
 class Stages:
-    """The stages a scene names. Part of the compiled kernel: a stage that is False is not compiled."""
+    """The stages a scene names. Part of the compiled kernel: a stage that is False or 0 is not compiled."""
 
     wind: bool = False
-    spheres: bool = False
-    boxes: bool = False
+    spheres: int = 0  # how many
+    boxes: int = 0
     ground: bool = False
     spring_damping: bool = False
     strain_limit: bool = False
+    tethers: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
 
 
@@ -49,13 +56,31 @@ class FrameInput:
         return tuple(getattr(self, f.name) for f in fields(self))
 
 
+@ti.func
+def nothing(
+    cloth: ti.template(),
+    stages: ti.template(),
+    s: int,
+    substeps: int,
+    h: float,
+    held: int,
+    controls: ti.template(),
+    spheres: ti.template(),
+    boxes: ti.template(),
+    ground: ti.template(),
+):
+    """A part of a substep that a method does without."""
+
+
 @ti.kernel
 def run_frame(
-    step: ti.template(),
+    before: ti.template(),
+    sweep: ti.template(),
+    after: ti.template(),
     cloth: ti.template(),
     work: ti.template(),
     stages: ti.template(),
-    steps: int,
+    closing: int,
     substeps: int,
     iterations: int,
     h: float,
@@ -65,16 +90,46 @@ def run_frame(
     boxes: table,
     ground: table,
 ):
-    """A whole frame in one launch: a launch for every colour of every iteration would cost 20 times as much.
+    """A whole frame in one launch, serial: a launch for every colour of every iteration would cost 20 times as much.
 
-    `work` is the layout that `step` moves: the cloth itself, or its strips.
+    `work` is the layout that is moved: the cloth itself, or its strips. `closing`: calls of `before` after the last
+    substep.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
         load(work, cloth, stages)
-        for s in range(steps):
-            step(work, stages, s, substeps, iterations, h, held, controls, spheres, boxes, ground)
+        for s in range(substeps + closing):
+            before(work, stages, s, substeps, h, held, controls, spheres, boxes, ground)
+            if s < substeps:
+                for _k in range(iterations):
+                    sweep(work, stages, s, substeps, h, held, controls, spheres, boxes, ground)
+                after(work, stages, s, substeps, h, held, controls, spheres, boxes, ground)
         store(work, cloth, stages)
+
+
+@ti.kernel
+def run_parts(
+    parts: ti.template(),
+    repeat: ti.template(),
+    cloth: ti.template(),
+    stages: ti.template(),
+    s: int,
+    step: int,
+    substeps: int,
+    h: float,
+    held: int,
+    controls: row,
+    spheres: table,
+    boxes: table,
+    ground: table,
+):
+    """Parts of a substep one after the other, `repeat` times; every loop in them runs in parallel.
+
+    `s` is the number of the substep, and `step` what is added to it from one repetition to the next.
+    """
+    for k in ti.static(range(repeat)):
+        for part in ti.static(parts):
+            part(cloth, stages, s + k * step, substeps, h, held, controls, spheres, boxes, ground)
 
 
 @ti.kernel
@@ -83,20 +138,23 @@ def set_vector(field: ti.template(), i: int, x: float, y: float, z: float):
 
 
 class Solver:
-    """One method: a `step` that moves the cloth by one substep, and how velocity is kept.
+    """One method: the parts of its substep, and how velocity is kept.
 
-    Positions, pins, forces and contact are the same for all; so is the frame. `path` names the layout that
-    is worked on: `list` (springs one by one, any mesh) or `lanes` (eight at a time, grids).
+    Positions, pins, forces and contact are the same for all; so is the frame. `path` names the layout that is worked
+    on: `list` (springs one by one, any mesh), `lanes` (eight at a time, grids) or `gather` (a thread for each
+    particle or spring of a colour, for GPUs).
     """
 
     name: ClassVar[str]
     springs: ClassVar[str]  # the scene's section that holds its spring constants by family
-    step: ClassVar[Any]  # Taichi function: (work, stages, s, substeps, iterations, h, held, controls, colliders …)
+    before: ClassVar[Any] = staticmethod(nothing)  # a substep is `before`, then `sweep` once an iteration, then `after`
+    sweep: ClassVar[Any] = staticmethod(nothing)
+    after: ClassVar[Any] = staticmethod(nothing)
     paths: ClassVar[tuple[str, ...]] = ("list", "lanes")
     own_velocity: ClassVar[bool] = True
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes
     iterates: ClassVar[bool] = True  # `iterations` means something
-    closing_steps: ClassVar[int] = 0  # calls of `step` after the last substep
+    closing: ClassVar[bool] = False  # a frame ends with one more `before`
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
@@ -107,21 +165,45 @@ class Solver:
         self.stages = replace(stages, own_velocity=self.own_velocity)
         coloured = self.coloured or stages.strain_limit
         self._lanes = lanes.take(topology, stiffness, coloured=coloured) if path == "lanes" else None
+        if stages.tethers:
+            tie(self._lanes or cloth, topology)
+        self._gather = GatherState(cloth, topology) if path == "gather" else None
 
     def advance_frame(self, frame: FrameInput) -> None:
         """Advances the cloth by `frame.substeps` substeps of `frame.h` seconds."""
-        run_frame(
-            self.step,
-            self.cloth,
-            self._lanes or self.cloth,
-            self.stages,
-            frame.substeps + self.closing_steps,
-            *frame.arguments,
-        )
+        if self._gather is not None:
+            self._advance_in_parallel(self._gather, frame)
+            return
+        work = self._lanes or self.cloth
+        parts = (self.before, self.sweep, self.after)
+        run_frame(*parts, self.cloth, work, self.stages, int(self.closing), *frame.arguments)
+
+    def _advance_in_parallel(self, work: GatherState, frame: FrameInput) -> None:
+        """The same frame in as few launches as compile in a second or two."""
+        substeps, iterations, *steering = frame.arguments
+
+        def run(parts: tuple[Any, ...], repeat: int, s: int, step: int) -> None:
+            run_parts(parts, repeat, work, self.stages, s, step, substeps, *steering)
+
+        if not self.iterates:
+            for first, count in chunks(substeps, SUBSTEPS_A_LAUNCH):
+                run((self.before, self.after), count, first, 1)
+        else:
+            for s in range(substeps):
+                run((self.before,), 1, s, 0)
+                for _, count in chunks(iterations, SWEEPS_A_LAUNCH):
+                    run((self.sweep,), count, s, 0)
+                run((self.after,), 1, s, 0)
+        if self.closing:
+            run((self.before,), 1, substeps, 0)
 
     def least_substeps(self, damping_time: float) -> int:
         """The fewest substeps of a frame with which the method is stable, with dashpots of this time [s]."""
         return 1
+
+    def damping_time(self, asked: float) -> float:
+        """The damping time [s] of the springs' dashpots that is taken where `asked` is wanted."""
+        return asked
 
     def velocities(self, h: float) -> NDArray[np.float64]:
         """Velocity of every particle [m/s], shape (N, 3), after substeps of h seconds."""
@@ -143,3 +225,34 @@ class Solver:
         if self._lanes is not None:
             lanes.give_back(self._lanes)
             self._lanes = None
+        if self._gather is not None:
+            self._gather.close()
+            self._gather = None
+
+
+class ExplicitSolver(Solver):
+    """A method whose substeps are bounded by the fastest vibration of the cloth's springs."""
+
+    iterates = False
+    coloured = False
+
+    def __init__(
+        self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
+    ) -> None:
+        super().__init__(cloth, topology, stiffness, stages, path)
+        self.frequency = highest_frequency(topology, stiffness)  # [rad/s] bound
+
+    def damping_time(self, asked: float) -> float:
+        """No more than what half as many substeps again can bear.
+
+        Dashpots that follow the stiffness damp fast vibrations out of proportion: those of a fabric would take ten to
+        forty times the substeps (64×64 denim 11246 instead of 280), for vibrations that nobody sees.
+        """
+        return min(asked, longest_dashpot(self.frequency))
+
+
+def chunks(count: int, size: int) -> Iterator[tuple[int, int]]:
+    """`count` as runs of `size` and then of one: (first, length) of each. Two lengths are two compiled kernels."""
+    whole = count // size * size
+    yield from ((first, size) for first in range(0, whole, size))
+    yield from ((first, 1) for first in range(whole, count))

@@ -16,6 +16,7 @@ from ..kernels.grab import lead_held
 from ..kernels.maths import verlet_step
 from ..kernels.places import choose
 from ..kernels.springs import for_springs, limit_strain, relax
+from ..kernels.tethers import pull_tethers
 from .base import Solver, set_vector
 
 
@@ -30,12 +31,11 @@ def predict(cloth: ti.template(), controls: ti.template(), h: float):
 
 
 @ti.func
-def step(
+def before(
     cloth: ti.template(),
     stages: ti.template(),
     s: int,
     substeps: int,
-    iterations: int,
     h: float,
     held: int,
     controls: ti.template(),
@@ -43,15 +43,44 @@ def step(
     boxes: ti.template(),
     ground: ti.template(),
 ):
-    share = 1.0 / substeps
-    passed = (s + 1) * share
+    """External forces, and every particle goes on as it moved."""
     forget_forces(cloth)
     add_air(cloth, stages, controls, h, s * h)
     predict(cloth, controls, h)
-    lead_held(cloth, stages, held, controls, passed, h * substeps)
-    for _ in range(iterations):
-        for_springs(cloth, stages, relax, controls, h)
-        push_out(cloth, stages, spheres, boxes, ground, passed, share)
+    lead_held(cloth, stages, held, controls, (s + 1) / substeps, h * substeps)
+
+
+@ti.func
+def sweep(
+    cloth: ti.template(),
+    stages: ti.template(),
+    s: int,
+    substeps: int,
+    h: float,
+    held: int,
+    controls: ti.template(),
+    spheres: ti.template(),
+    boxes: ti.template(),
+    ground: ti.template(),
+):
+    for_springs(cloth, stages, relax, controls, h)
+    push_out(cloth, stages, spheres, boxes, ground, (s + 1) / substeps, 1.0 / substeps)
+
+
+@ti.func
+def after(
+    cloth: ti.template(),
+    stages: ti.template(),
+    s: int,
+    substeps: int,
+    h: float,
+    held: int,
+    controls: ti.template(),
+    spheres: ti.template(),
+    boxes: ti.template(),
+    ground: ti.template(),
+):
+    pull_tethers(cloth, stages, s, held, controls)
     limit_strain(cloth, stages, controls, h)
 
 
@@ -66,7 +95,10 @@ class Verlet(Solver):
 
     name = "verlet"
     springs = "springs"
-    step = staticmethod(step)
+    before = staticmethod(before)
+    sweep = staticmethod(sweep)
+    after = staticmethod(after)
+    paths = ("list", "lanes", "gather")
     own_velocity = False
 
     def velocities(self, h: float) -> NDArray[np.float64]:

@@ -9,24 +9,17 @@ from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.motion import drift, kick, take_up_corrections
-from ..kernels.springs import for_springs, limit_strain, relax_compliant
+from ..kernels.springs import for_springs, forget_multipliers, limit_strain, relax_compliant
+from ..kernels.tethers import pull_tethers
 from .base import Solver
 
 
 @ti.func
-def forget_multipliers(cloth: ti.template()):
-    """λ = 0 (step 4): once a substep. Once an iteration would make every spring too soft."""
-    for e in range(cloth.spring_count[None]):
-        cloth.multiplier[e] = cloth.rest[e] * 0.0
-
-
-@ti.func
-def step(
+def before(
     cloth: ti.template(),
     stages: ti.template(),
     s: int,
     substeps: int,
-    iterations: int,
     h: float,
     held: int,
     controls: ti.template(),
@@ -34,18 +27,46 @@ def step(
     boxes: ti.template(),
     ground: ti.template(),
 ):
-    """One substep; numbers are those of Algorithm 1."""
-    share = 1.0 / substeps
-    passed = (s + 1) * share
     forget_forces(cloth)
     add_air(cloth, stages, controls, h, s * h)
     kick(cloth, controls, h, controls[KEPT])
     drift(cloth, h)  # (1)
-    lead_held(cloth, stages, held, controls, passed, h * substeps)
+    lead_held(cloth, stages, held, controls, (s + 1) / substeps, h * substeps)
     forget_multipliers(cloth)  # (4)
-    for _ in range(iterations):  # (5)–(13)
-        for_springs(cloth, stages, relax_compliant, controls, h)
-        push_out(cloth, stages, spheres, boxes, ground, passed, share)
+
+
+@ti.func
+def sweep(
+    cloth: ti.template(),
+    stages: ti.template(),
+    s: int,
+    substeps: int,
+    h: float,
+    held: int,
+    controls: ti.template(),
+    spheres: ti.template(),
+    boxes: ti.template(),
+    ground: ti.template(),
+):
+    """Steps (6)–(11), and contact."""
+    for_springs(cloth, stages, relax_compliant, controls, h)
+    push_out(cloth, stages, spheres, boxes, ground, (s + 1) / substeps, 1.0 / substeps)
+
+
+@ti.func
+def after(
+    cloth: ti.template(),
+    stages: ti.template(),
+    s: int,
+    substeps: int,
+    h: float,
+    held: int,
+    controls: ti.template(),
+    spheres: ti.template(),
+    boxes: ti.template(),
+    ground: ti.template(),
+):
+    pull_tethers(cloth, stages, s, held, controls)
     limit_strain(cloth, stages, controls, h)
     take_up_corrections(cloth, h)  # (15)
 
@@ -55,4 +76,7 @@ class Xpbd(Solver):
 
     name = "xpbd"
     springs = "fabric"
-    step = staticmethod(step)
+    before = staticmethod(before)
+    sweep = staticmethod(sweep)
+    after = staticmethod(after)
+    paths = ("list", "lanes", "gather")

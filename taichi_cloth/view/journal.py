@@ -38,6 +38,7 @@ def line_of(
     return {
         "displayed": displayed,
         "scene": simulation.scene.name,
+        "solver": simulation.solver.name,
         "frame": simulation.frame,
         "physics_ms": round(session.physics_ms, 3),
         "draw_ms": round(draw_ms, 3),

@@ -17,7 +17,7 @@ from .session import Session
 NAME = "taichi_cloth"
 MARGIN = 10  # [pixels]
 WIDTH = 392  # [pixels] a slider takes 65 % of it and leaves 17 letters for its label
-HEIGHT = 660  # [pixels] of all that is below
+HEIGHT = 680  # [pixels] of all that is below
 LETTERS = (WIDTH - 2 * 8) // 7  # in a line: the toolkit's padding is 8 pixels, every letter 7 pixels wide
 COLUMN = 25  # [letters]
 
@@ -87,6 +87,7 @@ def buttons(session: Session) -> Iterator[tuple[str, str]]:
     yield "step", "Step"
     yield "reset", "Reset"
     yield "view", "Next view"
+    yield "solver", "Next solver"
     yield "previous_scene", "Previous scene"
     yield "next_scene", "Next scene"
 
@@ -99,7 +100,8 @@ def numbers(session: Session, draw_ms: float, pictures: float) -> str:
         f"{simulation.scene.name} · {session.view} · frame {simulation.frame} · {pictures:.0f} fps",
         f"physics {session.physics_ms:.1f} + drawing {draw_ms:.1f} of {budget:.1f} ms",
         f"strain: max {100 * measures.max_strain:.1f} %, mean {100 * measures.mean_strain:.1f} %",
-        f"{simulation.scene.solver.name}: {' '.join(simulation.stages)}",
+        f"{simulation.method}: {' '.join(simulation.stages)}",
+        *filter(None, [simulation.advice]),
     )
     return "\n".join(textwrap.fill(line, LETTERS, subsequent_indent="  ") for line in lines)
 

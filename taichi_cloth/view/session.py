@@ -9,11 +9,13 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..errors import WrongUse
 from ..interact.camera import OrbitCamera
 from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
 from ..measure.cloth import Measures
 from ..scene import Scene, load_scene, scene_names
+from ..scene.model import SOLVER_NAMES
 from ..simulation import Simulation
 from .draw_list import VIEWS, DrawList
 
@@ -41,7 +43,7 @@ class Grip:
 class Session:
     """One running scene with its camera and the user's hand. `act` takes the actions named in `keys.KEYS`."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, path: str | None = None) -> None:
         self.running = True
         self.frozen = False
         self.hidden = False
@@ -50,10 +52,11 @@ class Session:
         self.note = ""  # one line for the user
         self.pointer = Pointer()
         self._first = scene
+        self._path = path
         self._open(scene)
 
     def _open(self, scene: Scene) -> None:
-        self.simulation = Simulation(scene)
+        self.simulation = Simulation(scene, self._path)
         try:
             self.draw_list = DrawList(self.simulation)
         except BaseException:
@@ -87,6 +90,8 @@ class Session:
                 self.simulation.set("wind", not self.simulation.get("wind"))
             case "view":
                 self.view = VIEWS[(VIEWS.index(self.view) + 1) % len(VIEWS)]
+            case "solver":
+                self._next_solver()
             case "previous_scene":
                 self._turn_to(-1)
             case "next_scene":
@@ -116,6 +121,18 @@ class Session:
         self._let_go()
         self.close()
         self._open(scene)
+
+    def _next_solver(self) -> None:
+        """Goes on with the next method; the hand keeps what it holds."""
+        name = self.simulation.solver.name
+        try:
+            self.simulation.change_solver(SOLVER_NAMES[(SOLVER_NAMES.index(name) + 1) % len(SOLVER_NAMES)])
+        except WrongUse as error:
+            self.note = str(error)
+            return
+        self.draw_list.close()
+        self.draw_list = DrawList(self.simulation)
+        self.note = ""
 
     # -- the mouse -------------------------------------------------------------------------------------
 

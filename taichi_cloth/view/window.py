@@ -33,6 +33,7 @@ LONGEST_HOLD = 0.1  # [s] a held key acts at most this long in one picture, what
 def run(
     scene: Scene,
     *,
+    path: str | None = None,
     size: tuple[int, int] = (1280, 720),
     frames: int | None = None,
     log: Path | None = None,
@@ -48,7 +49,7 @@ def run(
         journal = stack.enter_context(Journal(log)) if log else None
         # The toolkit drops its settings, imgui.ini, into the working folder.
         folder = stack.enter_context(TemporaryDirectory(prefix="taichi_cloth_"))
-        session = Session(scene)
+        session = Session(scene, path)
         stack.callback(session.close)
         announce(session.simulation)
         stack.enter_context(contextlib.chdir(folder))

@@ -204,7 +204,7 @@ def test_contact_pushes_free_particles_out_and_leaves_pins(cloth_of) -> None:
     spheres = np.array([[0, 0, 0, 0, 0, 1.0, 0.4, 0]], np.float32)  # travels 1 m along z within the frame
     boxes = np.array([[0.5, 0.5, 0, 0.1, 0.1, 0.1, 0.02, 0]], np.float32)
     ground = np.array([[-0.4, 0]], np.float32)
-    stages = Stages(wind=False, spheres=True, boxes=True, ground=True)
+    stages = Stages(spheres=1, boxes=1, ground=True)
     push(cloth, stages, spheres, boxes, ground, 0.2)
     x = cloth.taken(cloth.x)
     assert (x[12] == topology.start[12]).all()
@@ -221,7 +221,7 @@ def test_friction_of_the_ground_holds_a_slow_slide(cloth_of) -> None:
     cloth = cloth_of(topology)
     lowered = topology.start - [0, 0.01, 0]
     cloth.put(lowered + [0.002, 0, 0], lowered, state.inverse_mass(topology))
-    stages = Stages(wind=False, spheres=False, boxes=False, ground=True)
+    stages = Stages(ground=True)
     push(
         cloth,
         stages,

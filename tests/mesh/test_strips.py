@@ -17,7 +17,8 @@ from taichi_cloth.mesh.strips import (
     FIRST,
     GROUP,
     GROUPS,
-    ROW_GROUP,
+    ROW_MASK,
+    ROW_SHIFT,
     STRIDE,
 )
 
@@ -41,7 +42,7 @@ def visited(table: np.ndarray, rows: int, columns: int, pitch: int) -> list[list
     for p in table:
         of_pass = []
         for y in range(rows - p[DOWN]):
-            if p[ROW_GROUP] == 0 or (y // p[ROW_GROUP]) % 2 == p[COLOUR]:
+            if (y >> p[ROW_SHIFT]) & p[ROW_MASK] == p[COLOUR]:
                 for g in range(p[GROUPS]):
                     first = p[FIRST] + g * p[STRIDE]
                     for i in range(first, first + p[GROUP]):

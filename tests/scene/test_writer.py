@@ -70,7 +70,7 @@ def test_every_key_is_written_with_its_unit() -> None:
     assert "\n[wind]\nx = 3.0  # m/s\n" in text
     assert text.count("[[boxes]]") == 3
     for part in parts().values():
-        assert (f"[{part.name}]" in text) == (part.name != "limit")
+        assert (f"[{part.name}]" in text) == (part.name not in ("limit", "tethers"))
         assert f"[{part.name}]" not in text or all(f"\n{key} = " in text for key in keys_of(part.section))
 
 
@@ -84,7 +84,14 @@ def test_the_table_has_every_key_once_with_default_unit_range_and_help() -> None
     assert ("[[spheres]]", "radius", "0.5", "m", "above 0 to 1000 m", "radius as drawn") in rows
     assert ("", "seed", "0", "", "0 to 2147483647", "seed of the gusts") in rows
     assert ("[look]", "check", '"#e9dcc3"', "", "#rrggbb", "second colour of the checks") in rows
-    assert ("[solver]", "name", '"verlet"', "", "verlet, xpbd, spring", "method that advances the cloth") in rows
+    assert (
+        "[solver]",
+        "name",
+        '"verlet"',
+        "",
+        "verlet, xpbd, spring, lines, rk4, projective",
+        "method that advances the cloth",
+    ) in rows
 
 
 @pytest.mark.parametrize("section", [Scene, *(part.section for part in parts().values())])

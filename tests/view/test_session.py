@@ -14,6 +14,7 @@ from taichi_cloth.interact.camera import OrbitCamera
 from taichi_cloth.interact.keys import KEYS
 from taichi_cloth.interact.pointer import Owner
 from taichi_cloth.scene import load_scene, scene_names
+from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.view.session import HOLD, Session
 
 SIZE = (1280, 720)
@@ -171,3 +172,31 @@ def test_a_camera_key_held_for_a_second_goes_the_same_way_at_any_frame_rate(sess
     for _ in range(100):
         session.hold("zoom_in", 0.01)
     assert session.camera.distance == pytest.approx(fast.distance)
+
+
+def test_the_solver_changes_while_the_cloth_moves_and_is_held(session: Session) -> None:
+    cursor = take(session)
+    session.advance(20)
+    for name in (*SOLVER_NAMES[1:], SOLVER_NAMES[0]):
+        before, speed = session.simulation.positions(), session.simulation.velocities()
+        session.act("solver")
+        assert session.simulation.solver.name == session.simulation.scene.solver.name == name
+        assert (session.simulation.positions() == before).all()  # nothing jumps
+        assert session.simulation.velocities() == pytest.approx(speed, abs=1e-2)
+        assert session.simulation.grabbed == PARTICLE
+        point(session, cursor, "left")
+        session.advance(3)
+        assert session.measure().finite
+        assert session.measure().max_strain < 0.6
+    point(session, (0.3, 0.3))
+    assert session.simulation.grabbed is None
+
+
+def test_a_solver_without_the_forced_path_is_not_taken() -> None:
+    session = Session(load_scene("curtain", solver="spring"), "gather")
+    try:
+        session.act("solver")
+        assert session.simulation.solver.name == "spring"
+        assert "has no path 'gather'" in session.note
+    finally:
+        session.close()

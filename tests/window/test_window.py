@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.view.draw_list import VIEWS
 from taichi_cloth.view.panel import HEIGHT, MARGIN, NAME, WIDTH
 from taichi_cloth.view.panel_place import saved_place
@@ -184,6 +185,11 @@ def test_keys(desk: Start) -> None:
     desk.until(lambda line: line["scene"] == "curtain", "the scene before")
     desk.key("space")
     desk.until(lambda line: line["frame"] > 5, "going on")
+    for name in (*SOLVER_NAMES[1:], SOLVER_NAMES[0]):
+        desk.key("t")
+        changed = desk.until(lambda line, name=name: line["solver"] == name, f"the solver {name}")
+        desk.until(lambda line, since=changed: line["frame"] > since["frame"] + 5, f"going on with {name}")
+        assert desk.now()["max_strain"] < 1.0
 
 
 def test_the_camera(desk: Start) -> None:

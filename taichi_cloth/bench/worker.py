@@ -1,0 +1,121 @@
+"""One measurement in a process of its own: its kernels, its cache and its memory are nobody else's.
+
+`python -m taichi_cloth.bench.worker` reads a line of JSON for each order and answers each with one:
+
+    {"cases": [...], "cache": folder}  → how long each case took to compile, and what it turned out to be
+    {"frames": n, "seconds": s}        → milliseconds of each frame of each case, n or what s seconds allow
+    end of the input                   → strain and size of each case, and the peak of the memory
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+import sys
+import time
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from .. import runtime
+from ..simulation import Simulation
+from .cases import Case, scene_of, static_strain
+
+
+def timed_frame(simulation: Simulation) -> float:
+    """Milliseconds of one frame."""
+    import taichi as ti
+
+    start = time.perf_counter()
+    simulation.advance_frame()
+    ti.sync()
+    return 1e3 * (time.perf_counter() - start)
+
+
+def first_frame(simulation: Simulation) -> dict[str, Any]:
+    """Compiles: what the first frame takes longer than the second."""
+    compiling, running = timed_frame(simulation), timed_frame(simulation)
+    return {
+        "compile_s": (compiling - running) / 1e3,
+        "path": simulation.solver.path,
+        "substeps": simulation.substeps,
+        "springs": simulation.topology.spring_count,
+    }
+
+
+def frames(simulations: list[Simulation], count: int, seconds: float) -> list[list[float]]:
+    """Times of frames, of all simulations in turn, so that a slow moment of the machine meets all alike."""
+    ms: list[list[float]] = [[] for _ in simulations]
+    end = time.perf_counter() + seconds
+    while len(ms[0]) < count and (not ms[0] or time.perf_counter() < end):
+        for simulation, times in zip(simulations, ms, strict=True):
+            times.append(timed_frame(simulation))
+    return ms
+
+
+def state_bytes(simulation: Simulation) -> int:
+    """Size of the fields of the cloth and of what its solver keeps beside it."""
+    total = 0
+    for state in {id(s): s for s in (simulation.cloth, *vars(simulation.solver).values())}.values():
+        if dataclasses.is_dataclass(state):
+            for field in dataclasses.fields(state):
+                values = getattr(state, field.name)
+                if hasattr(values, "dtype") and hasattr(values, "shape"):
+                    total += 4 * prod(values.shape) * getattr(values, "n", 1) * getattr(values, "m", 1)
+    return total
+
+
+def peak_bytes() -> int | None:
+    """Most memory this process has had; None where the system does not tell."""
+    status = Path("/proc/self/status")
+    if status.exists():  # getrusage would start with the peak of the parent
+        found = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())
+        return int(found[1]) * 1024 if found else None
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def outcome(simulation: Simulation) -> dict[str, Any]:
+    measures = simulation.measure()
+    strain = measures.max_strain if measures.finite else None
+    return {
+        "max_strain": strain,
+        "static_strain": static_strain(simulation.scene),
+        "state_bytes": state_bytes(simulation),
+    }
+
+
+def main() -> None:
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # whatever else prints does not end up among the answers
+
+    def answer(message: Any) -> None:
+        answers.write(json.dumps(message) + "\n")
+        answers.flush()
+
+    order = json.loads(sys.stdin.readline() or "null")
+    if order is None:
+        return
+    runtime.start(offline_cache_file_path=order["cache"])
+    simulations, compiled = [], []
+    for words in order["cases"]:
+        case = Case(**words)
+        simulations.append(Simulation(scene_of(case), case.path))
+        compiled.append(first_frame(simulations[-1]))
+    answer(compiled)
+    for line in sys.stdin:
+        order = json.loads(line)
+        answer(frames(simulations, order["frames"], order["seconds"]))
+    answer({"cases": [outcome(simulation) for simulation in simulations], "peak_bytes": peak_bytes()})
+    for simulation in simulations:
+        simulation.close()
+    runtime.stop()  # writes the cache
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""Ties to the pins that hold only when they are taut (Kim, Chentanez and Müller 2012, *Long range attachments*)."""
+
+import taichi as ti
+
+from .controls import TETHER_SLACK
+from .maths import TINY
+from .places import LANES, length, times
+
+
+@ti.func
+def tether_shift(gap, most):
+    """Shift that brings a place at `gap` from a pin back to the distance `most`; 0 where it is no farther."""
+    return times(gap, ti.min(most / ti.max(length(gap), TINY), 1.0) - 1.0)
+
+
+@ti.func
+def look_up_pins(cloth: ti.template(), ties: ti.template()):
+    """Where the pins are now that the particles in strips are tied to."""
+    for n in range(ties.count[None] * cloth.slot_count[None]):
+        for k in range(LANES):
+            pin = ties.pin[n][k]
+            for c in ti.static(range(3)):
+                ties.place[n][c, k] = cloth.x[pin // LANES][c, pin % LANES]
+
+
+@ti.func
+def pin_of(cloth: ti.template(), n: int):
+    """Where the pin of tether n is."""
+    if ti.static(cloth.in_lanes):
+        return cloth.ties.place[n]
+    else:
+        return cloth.x[cloth.ties.pin[n]]
+
+
+@ti.func
+def pull_tethers(cloth: ti.template(), stages: ti.template(), s: int, held: int, controls: ti.template()):
+    """Takes every free particle back to where its tethers reach, where the scene has some; pins do not move.
+
+    Within a frame pins only move where a hand leads one.
+    """
+    if ti.static(stages.tethers):
+        if ti.static(cloth.in_lanes):
+            if s == 0 or held >= 0:
+                look_up_pins(cloth, cloth.ties)
+        for i in range(cloth.slot_count[None]):
+            free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
+            x = cloth.x[i]
+            for t in range(cloth.ties.count[None]):
+                n = t * cloth.slot_count[None] + i
+                gap = x - pin_of(cloth, n)
+                x += times(tether_shift(gap, cloth.ties.reach[n] * controls[TETHER_SLACK]), free)
+            cloth.x[i] = x

@@ -1,0 +1,136 @@
+"""`rk4`: the classical Runge–Kutta method with four stages, on the forces of `spring`. Fourth order: the method to
+compare the others with where the motion is smooth (Hairer, Nørsett and Wanner 1993, *Solving Ordinary Differential
+Equations I*, table II.1.2).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from ..contact.push_out import push_out
+from ..kernels.controls import KEPT
+from ..kernels.forces import acceleration_of, add_air, forget_forces
+from ..kernels.grab import lead_held
+from ..kernels.motion import take_up_corrections
+from ..kernels.places import LANES, choose
+from ..kernels.springs import add_spring_forces, limit_strain
+from ..mesh.frequency import stable_runge_kutta_substeps
+from ..mesh.topology import Topology
+from ..scene.model import FRAME_SECONDS
+from ..state import ClothState
+from .base import ExplicitSolver, Stages
+
+
+@dataclass(eq=False)
+class Slopes:
+    """What a substep remembers besides its start `x_prev`, in the layout that is worked on."""
+
+    first_velocity: Any  # [m/s] at the start of the substep
+    velocity: Any  # [m/s] mean of the stages so far, by their weights
+    acceleration: Any  # [m/s²] the same
+
+
+def slopes_of(work: Any) -> Slopes:
+    """Slopes for a state. They stay with its fields, which are used again (`pool.py`), and so do compiled kernels."""
+    if not hasattr(work, "slopes"):
+        slots = work.x.shape[0]
+        work.slopes = Slopes(
+            *(
+                ti.Matrix.field(3, LANES, ti.f32, slots) if work.in_lanes else ti.Vector.field(3, ti.f32, slots)
+                for _ in range(3)
+            )
+        )
+    slopes: Slopes = work.slopes
+    return slopes
+
+
+@ti.func
+def begin(cloth: ti.template()):
+    """Remembers the start of the substep; what cannot move has no velocity."""
+    for i in range(cloth.slot_count[None]):
+        v = cloth.velocity[i]
+        v = choose(cloth.inverse_mass[i] > 0.0, v, v * 0.0)
+        cloth.x_prev[i] = cloth.x[i]
+        cloth.velocity[i] = v
+        cloth.slopes.first_velocity[i] = v
+        cloth.slopes.velocity[i] = v * 0.0
+        cloth.slopes.acceleration[i] = v * 0.0
+
+
+@ti.func
+def go_on(cloth: ti.template(), controls: ti.template(), rate: float, weight: float, ahead: float):
+    """Adds the slope of this stage to the mean, and from the start goes `ahead` [s] along it.
+
+    `rate` [1/s] is that at which velocity is lost: damping is one more acceleration here.
+    """
+    for i in range(cloth.slot_count[None]):
+        v = cloth.velocity[i]
+        a = acceleration_of(cloth, i, controls) - v * rate
+        a = choose(cloth.inverse_mass[i] > 0.0, a, a * 0.0)
+        cloth.slopes.velocity[i] = cloth.slopes.velocity[i] + v * weight
+        cloth.slopes.acceleration[i] = cloth.slopes.acceleration[i] + a * weight
+        cloth.x[i] = cloth.x_prev[i] + v * ahead
+        cloth.velocity[i] = cloth.slopes.first_velocity[i] + a * ahead
+
+
+@ti.func
+def finish(cloth: ti.template(), h: float):
+    """From the start along the mean slope."""
+    for i in range(cloth.slot_count[None]):
+        cloth.x[i] = cloth.x_prev[i] + cloth.slopes.velocity[i] * h
+        cloth.velocity[i] = cloth.slopes.first_velocity[i] + cloth.slopes.acceleration[i] * h
+        cloth.predicted[i] = cloth.x[i]
+
+
+@ti.func
+def after(
+    cloth: ti.template(),
+    stages: ti.template(),
+    s: int,
+    substeps: int,
+    h: float,
+    held: int,
+    controls: ti.template(),
+    spheres: ti.template(),
+    boxes: ti.template(),
+    ground: ti.template(),
+):
+    """One substep. In every stage the held particle is where the hand is at that stage's time."""
+    share = 1.0 / substeps
+    passed = (s + 1) * share
+    rate = -ti.log(controls[KEPT]) / h
+    begin(cloth)
+    for stage in range(4):
+        outer = stage == 0 or stage == 3
+        time = ti.select(stage == 0, 0.0, ti.select(stage == 3, 1.0, 0.5))  # of this stage, in substeps
+        lead_held(cloth, stages, held, controls, (s + time) * share, h * substeps)
+        forget_forces(cloth)
+        add_air(cloth, stages, controls, h, (s + time) * h)
+        add_spring_forces(cloth, stages, controls, h)
+        go_on(cloth, controls, rate, 1.0 / 6.0 if outer else 1.0 / 3.0, h if stage == 2 else 0.5 * h)
+    finish(cloth, h)
+    lead_held(cloth, stages, held, controls, passed, h * substeps)
+    push_out(cloth, stages, spheres, boxes, ground, passed, share)
+    limit_strain(cloth, stages, controls, h)
+    take_up_corrections(cloth, h)
+
+
+class Rk4(ExplicitSolver):
+    """Advances a cloth by the classical Runge–Kutta method."""
+
+    name = "rk4"
+    springs = "fabric"
+    after = staticmethod(after)
+    paths = ("list", "lanes")
+
+    def __init__(
+        self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
+    ) -> None:
+        super().__init__(cloth, topology, stiffness, stages, path)
+        slopes_of(self._lanes or cloth)
+
+    def least_substeps(self, damping_time: float) -> int:
+        return stable_runge_kutta_substeps(self.frequency, damping_time, FRAME_SECONDS)

@@ -1,0 +1,244 @@
+"""Measured fabrics: their files, the springs that stand for them, and what a scene may still say itself. No Taichi."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from taichi_cloth import cli
+from taichi_cloth.scene import SceneError, key_table, load_scene, presets, scene_to_toml
+from taichi_cloth.scene.library import asset_folder
+from taichi_cloth.scene.model import PRESET_NAMES, Cloth, Fabric, Springs
+from taichi_cloth.scene.presets import bend_constant, load_preset, preset_keys, spring_constants
+
+Write = Callable[[str | bytes], Path]
+Refuse = Callable[..., SceneError]
+
+# Warp, weft and diagonal constants [N/m], found with another program.
+CONSTANTS = {
+    "silk": (4280.7, 1580.5, 19.57),
+    "cotton": (8544.7, 6344.5, 55.83),
+    "denim": (14891.8, 9291.3, 109.52),
+    "leather": (43500.0, 43500.0, 21750.0),
+    "rubber": (1267.5, 1267.5, 633.75),
+    "chainmail": (1999750.0, 2999750.0, 250.05),
+}
+
+
+def strip_stiffness(warp: float, weft: float, shear: float) -> tuple[float, float, float]:
+    """Stiffness along warp, weft and 45° of a grid with these springs, by inverting its 3×3 matrix.
+
+    In a cell of side c a spring along the unit vector n with constant k and length l adds k·l²/c²·(n nᵀ)⊗(n nᵀ).
+    """
+    stiffness = np.zeros((3, 3))
+    for constant, length, angle in ((warp, 1, 0), (weft, 1, 90), (shear, 2**0.5, 45), (shear, 2**0.5, -45)):
+        x, y = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        strain = np.array([x * x, y * y, x * y])  # of the spring, for strains xx, yy and the engineering shear
+        stiffness += constant * length**2 * np.outer(strain, strain)
+    compliance = np.linalg.inv(stiffness)
+    pulled = np.array([0.5, 0.5, 0.5])  # unit stress at 45°
+    return 1 / compliance[0, 0], 1 / compliance[1, 1], 1 / float(pulled @ compliance @ pulled)
+
+
+# -- the files ---------------------------------------------------------------------------------------------
+
+
+def test_the_names_are_those_of_the_files() -> None:
+    assert set(PRESET_NAMES) == {path.stem for path in (asset_folder() / "presets").glob("*.toml")}
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_every_number_has_a_source(name: str) -> None:
+    fabric = load_preset(name)
+    assert fabric.title
+    assert set(fabric.sources) == {"area_density", "warp", "weft", "bias", "bending", "damping", "springs"}
+    assert all(len(source.split()) > 3 for source in fabric.sources.values())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("value = 15000.0\nsource", "value = 15000.0\nno_source", "warp.source: every number needs a source"),
+        ("value = 15000.0", "value = -1", "warp.value: a number above 0 and up to 1e+09 is needed, not -1"),
+        ("value = 15000.0", "value = nan", "warp.value: a number above 0 and up to 1e+09 is needed, not nan"),
+        ("value = 15000.0", "value = true", "warp.value: a number above 0 and up to 1e+09 is needed, not true"),
+        ("value = 15000.0", "worth = 15000.0", "warp.value: a number above 0 and up to 1e+09 is needed, not None"),
+        ("structural = 1.0", "structural = 1.5", "springs.structural: a number above 0 and up to 1 is needed, not 1.5"),
+        ("[weft] ", "[woof] ", "a fabric has area_density, bending, bias"),
+    ],
+)
+def test_a_file_that_is_wrong_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str, said: str
+) -> None:
+    text = (asset_folder() / "presets" / "denim.toml").read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / "presets").mkdir()
+    (tmp_path / "presets" / "denim.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
+    monkeypatch.setattr(presets, "asset_folder", lambda: tmp_path)
+    with pytest.raises(SceneError) as caught:
+        load_preset("denim")
+    assert f"denim.toml: {said}" in str(caught.value)
+
+
+# -- measured stiffness to springs -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_the_springs_of_a_fabric(name: str) -> None:
+    fabric = load_preset(name)
+    found = spring_constants(fabric.warp, fabric.weft, fabric.bias)
+    assert found == pytest.approx(CONSTANTS[name], rel=1e-4)
+    assert strip_stiffness(*found) == pytest.approx((fabric.warp, fabric.weft, fabric.bias), rel=1e-9)
+
+
+constants = st.floats(0.1, 1e6)
+
+
+@given(constants, constants, constants)
+def test_the_springs_are_found_back_from_their_stiffness(warp: float, weft: float, shear: float) -> None:
+    # Diagonals far stiffer than a thread leave it a small difference of large numbers.
+    assert spring_constants(*strip_stiffness(warp, weft, shear)) == pytest.approx(
+        (warp, weft, shear), rel=1e-6, abs=1e-6 * max(warp, weft, shear)
+    )
+
+
+def test_a_bias_stiffer_than_any_grid_is_refused() -> None:
+    with pytest.raises(ValueError, match="no grid of springs has 2000, 1000 and 9000 N/m"):
+        spring_constants(2000.0, 1000.0, 9000.0)
+
+
+@pytest.mark.parametrize("side", [0.001, 0.05])
+def test_a_skip_one_spring_has_the_hinges_energy_at_one_radian_and_less_below(side: float) -> None:
+    bending = 6e-5
+    constant = bend_constant(bending, side)
+
+    def energy(turn: float) -> float:
+        chord = np.hypot(side + side * cos(turn), side * sin(turn))
+        return float(constant * (2 * side - chord) ** 2 / 2)
+
+    assert energy(1.0) == pytest.approx(bending / 2)
+    assert bending * 0.5**2 / 2 / energy(0.5) == pytest.approx(3.87, abs=0.01)
+
+
+def test_cells_of_a_sheet_that_count_for_bending_and_one_diagonal_that_stands_for_two() -> None:
+    fabric = load_preset("denim")
+    oblong = preset_keys(fabric, Cloth(rows=11, columns=21, width=1.0, height=1.0))["fabric"]
+    square = preset_keys(fabric, Cloth(rows=11, columns=11, width=0.75, height=0.75, diagonals=1))["fabric"]
+    assert oblong["bend"] == pytest.approx(bend_constant(fabric.bending, 0.075))
+    assert square["bend"] == pytest.approx(oblong["bend"])
+    assert square["shear"] == 2 * oblong["shear"]
+    assert square["warp"] == oblong["warp"]
+
+
+# -- in a scene --------------------------------------------------------------------------------------------
+
+GRID = "[cloth]\nrows = 11\ncolumns = 11\nwidth = 1.0\nheight = 1.0\n"
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_a_scene_names_a_fabric(write: Write, name: str) -> None:
+    scene = load_scene(write(GRID + f"[fabric]\npreset = '{name}'"))
+    fabric = load_preset(name)
+    assert scene.cloth.area_density == fabric.area_density
+    assert (scene.fabric.warp, scene.fabric.weft, scene.fabric.shear) == pytest.approx(CONSTANTS[name], rel=1e-4)
+    assert scene.fabric.bend == pytest.approx(bend_constant(fabric.bending, 0.1))
+    assert scene.fabric.damping_time == fabric.damping
+    assert scene.springs == Springs(fabric.structural, fabric.shear, fabric.bend)
+    assert scene.fabric.preset == name
+
+
+def test_no_preset_changes_nothing(write: Write) -> None:
+    assert load_scene(write("[fabric]\npreset = ''")) == load_scene(write(""))
+
+
+def test_what_the_file_says_wins(write: Write) -> None:
+    path = write("[cloth]\narea_density = 0.3\n[fabric]\nwarp = 9\npreset = 'silk'\nbend = 0\n[springs]\nshear = 0.7")
+    scene, silk = load_scene(path), load_preset("silk")
+    assert (scene.cloth.area_density, scene.fabric.warp, scene.fabric.bend, scene.springs.shear) == (0.3, 9, 0, 0.7)
+    assert scene.fabric.weft == pytest.approx(CONSTANTS["silk"][1], rel=1e-4)
+    assert (scene.fabric.damping_time, scene.springs.bend) == (silk.damping, silk.bend)
+
+
+def test_a_value_that_is_the_default_wins_too(write: Write) -> None:
+    assert load_scene(write("[fabric]\npreset = 'silk'\nwarp = 2000")).fabric.warp == 2000
+
+
+def test_overrides_are_as_good_as_the_file(write: Write) -> None:
+    path = write(GRID + "[fabric]\nwarp = 9")
+    for override in ({"preset": "denim"}, {"fabric": "denim"}, {"fabric_preset": "denim"}):
+        scene = load_scene(path, **override)
+        assert (scene.fabric.warp, scene.fabric.weft) == pytest.approx(CONSTANTS["denim"][:2], rel=1e-4)
+    assert load_scene(path, preset="denim", weft=5.0, area_density=1.0).fabric.weft == 5
+    assert load_scene(path, area_density=1.0, preset="denim").cloth.area_density == 1
+    path = write(GRID + "[fabric]\npreset = 'silk'")
+    assert load_scene(path, fabric="denim") == load_scene(write(GRID + "[fabric]\npreset = 'denim'"))
+    assert load_scene(path, fabric="").fabric == Fabric()
+
+
+def test_bending_follows_the_grid_of_an_override(write: Write) -> None:
+    path = write(GRID + "[fabric]\npreset = 'cotton'")
+    fine = load_scene(path, rows=21, columns=21)
+    assert fine.fabric.bend == pytest.approx(4 * load_scene(path).fabric.bend)
+
+
+def test_an_unknown_fabric_is_one_line(
+    write: Write, refuse: Refuse, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write("[fabric]\npreset = 'denm'")
+    assert str(refuse(path)) == (
+        f"{path}: fabric.preset: 'denm' is not one of:"
+        " silk, cotton, denim, leather, rubber, chainmail, \"\" (did you mean 'denim'?)"
+    )
+    assert refuse("curtain", preset="wool", rows=3).key == "fabric.preset"
+    assert refuse("curtain", fabric=3).reason == "a text in quotes is needed, not 3"
+    assert cli.main(["check", str(path)]) == 2
+    assert cli.main(["render", "curtain", "--set", "fabric=denm"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert all(line.endswith("(did you mean 'denim'?)") for line in lines)
+    with pytest.raises(SceneError, match="did you mean 'chainmail'"):
+        load_preset("chain mail")
+
+
+def test_a_fabric_out_of_a_keys_range_is_refused(write: Write, refuse: Refuse) -> None:
+    path = write("[cloth]\nrows = 2048\ncolumns = 2048\nwidth = 0.001\nheight = 0.001\n[fabric]\npreset = 'rubber'")
+    assert "is out of range: 0 to 1000000000 N/m" in str(refuse(path))
+    assert refuse(path).key == "fabric.bend"
+
+
+@pytest.mark.parametrize("more", [{}, {"warp": 7.5}, {"springs_bend": 0.0, "diagonals": 1}])
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_a_scene_with_a_fabric_survives_being_written(write: Write, name: str, more: dict[str, Any]) -> None:
+    scene = load_scene(write(GRID), preset=name, **more)
+    text = scene_to_toml(scene)
+    assert f'\npreset = "{name}"\n' in text
+    assert load_scene(write(text)) == scene
+
+
+def test_the_table_of_keys_says_which_there_are() -> None:
+    [row] = [row for row in key_table() if row[:2] == ("[fabric]", "preset")]
+    assert row[2:5] == ('""', "", 'silk, cotton, denim, leather, rubber, chainmail, ""')
+
+
+def test_list_has_a_line_for_every_fabric(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["list", "--presets"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(PRESET_NAMES)
+    denim = " ".join(lines[2].split())
+    assert denim == "denim Denim: a heavy cotton twill 0.407 kg/m² warp 15000 N/m bend 6.0e-05 N·m"
+    assert max(map(len, lines)) <= 120
+
+
+def test_a_fabric_asked_for_beside_the_file_replaces_what_the_file_says() -> None:
+    assert load_scene("curtain").springs.bend != load_preset("silk").bend
+    silk = load_scene("curtain", fabric="silk")
+    assert silk.springs.bend == load_preset("silk").bend
+    assert silk.cloth.area_density == load_preset("silk").area_density
+    assert load_scene("curtain", springs_bend=0.3, fabric="silk").springs.bend == 0.3

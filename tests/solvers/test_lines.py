@@ -1,0 +1,169 @@
+"""`lines` against closed forms and dense algebra: stretch, one exact solve, and error at few substeps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichi_cloth.scene.model import Cloth, Fabric, Forces, Scene, Solver, Tethers
+from taichi_cloth.simulation import Simulation
+
+PATHS = ["list", "lanes"]
+
+
+def hanging(substeps: int, fabric: Fabric) -> Scene:
+    return Scene(
+        cloth=Cloth(rows=9, columns=4, width=0.3, height=0.8, center=(0.0, 1.0, 0.0), pins=("top",)),
+        fabric=fabric,
+        solver=Solver(name="lines", substeps=substeps, iterations=1, damping=3.0),
+    )
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("substeps", [1, 2, 5, 20])
+def test_the_elongation_of_a_hanging_sheet_is_the_static_one(substeps: int, path: str) -> None:
+    """Accuracy reference A3: spring j carries the weight below it, with one iteration."""
+    with Simulation(hanging(substeps, Fabric(warp=20.0, weft=20.0, shear=0.0, bend=0.0)), path) as simulation:
+        for _ in range(400):
+            simulation.advance_frame()
+        mass = simulation.topology.mass.reshape(9, 4)
+        carried = np.cumsum(mass[::-1], axis=0)[::-1][1:]  # by the spring above each row [kg]
+        constant = 20.0 * np.array([0.5, 1, 1, 0.5])  # a column on the edge has half of the mass and of the constant
+        expected = np.cumsum(9.81 * carried / constant, axis=0)
+        drop = (simulation.topology.start - simulation.positions())[:, 1].reshape(9, 4)[1:]
+        assert expected[-1].min() > 0.01
+        assert drop == pytest.approx(expected, rel=0.01)
+
+
+def moved_chain(x: np.ndarray, w: np.ndarray, rest: np.ndarray, k: np.ndarray, h: float) -> np.ndarray:
+    """Where one exact solve of a linearised chain leaves its particles, by dense algebra."""
+    gap = np.diff(x, axis=0)
+    long = np.linalg.norm(gap, axis=1)
+    gradient = np.zeros((len(gap), *x.shape))  # of each length by each particle
+    for j in range(len(gap)):
+        gradient[j, j], gradient[j, j + 1] = -gap[j] / long[j], gap[j] / long[j]
+    flat = gradient.reshape(len(gap), -1)
+    matrix = (flat * np.repeat(w, 3)) @ flat.T + np.diag(1 / (k * h * h))
+    change = np.linalg.solve(matrix, -(long - rest))
+    return x + (flat.T @ change).reshape(x.shape) * w[:, None]
+
+
+DIRECTIONS = {  # constants of which only one is not 0, and the particles of each chain of two or more
+    "rows": (Fabric(0.0, 900.0, 0.0, 0.0), lambda i: list(i)),
+    "columns": (Fabric(900.0, 0.0, 0.0, 0.0), lambda i: list(i.T)),
+}
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_one_solve_is_that_of_dense_algebra(direction: str, path: str) -> None:
+    fabric, chains_of = DIRECTIONS[direction]
+    rows, columns, h = 11, 19, 1 / 60
+    scene = Scene(
+        cloth=Cloth(rows=rows, columns=columns, width=1.8, height=1.0, pins=("top-left", 24, 25, "right")),
+        fabric=fabric,
+        solver=Solver(name="lines", substeps=1, iterations=1, damping=0.0),
+        forces=Forces(gravity=0.0),
+    )
+    with Simulation(scene, path) as simulation:
+        topology = simulation.topology
+        random = np.random.default_rng(5)
+        x = topology.start + random.normal(size=topology.start.shape) * 0.03
+        x = x.astype(np.float32).astype(np.float64)
+        w = np.where(topology.pinned, 0, 1 / topology.mass)
+        simulation.cloth.put(x, x, w)
+        simulation.advance_frame()
+        moved = simulation.positions()
+        stiffness = simulation.cloth.stiffness.to_numpy()
+        springs = {tuple(sorted(pair)): e for e, pair in enumerate(topology.ends.tolist())}
+        expected = x.copy()
+        for chain in chains_of(np.arange(rows * columns).reshape(rows, columns)):
+            e = [springs[a, b] for a, b in zip(chain[:-1].tolist(), chain[1:].tolist(), strict=True)]
+            expected[chain] = moved_chain(x[chain], w[chain], topology.rest[e], stiffness[e].astype(float), h)
+    assert np.abs(expected - x).max() > 0.01
+    assert moved == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_diagonals_too(path: str) -> None:
+    """Falling, then rising ones, each by dense algebra, on a sheet whose strips are not full."""
+    rows, columns, h = 7, 21, 1 / 60
+    scene = Scene(
+        cloth=Cloth(rows=rows, columns=columns, width=2.0, height=0.6, pins=("top",)),
+        fabric=Fabric(0.0, 0.0, 700.0, 0.0),
+        solver=Solver(name="lines", substeps=1, iterations=1, damping=0.0),
+        forces=Forces(gravity=0.0),
+    )
+    with Simulation(scene, path) as simulation:
+        topology = simulation.topology
+        x = topology.start + np.random.default_rng(7).normal(size=topology.start.shape) * 0.02
+        x = x.astype(np.float32).astype(np.float64)
+        w = np.where(topology.pinned, 0, 1 / topology.mass)
+        simulation.cloth.put(x, x, w)
+        simulation.advance_frame()
+        springs = {tuple(sorted(pair)): e for e, pair in enumerate(topology.ends.tolist())}
+        expected = x.copy()
+        index = np.arange(rows * columns).reshape(rows, columns)
+        for grid in (index, index[:, ::-1]):
+            for offset in range(-rows + 1, columns):
+                chain = np.diagonal(grid, offset)
+                e = [springs[tuple(sorted(pair))] for pair in zip(chain[:-1].tolist(), chain[1:].tolist(), strict=True)]
+                if e:
+                    rest = topology.rest[e]
+                    expected[chain] = moved_chain(expected[chain], w[chain], rest, np.full(len(e), 700.0), h)
+        assert np.abs(expected - x).max() > 0.005
+        assert simulation.positions() == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_chains_between_pins_and_without_springs_stay_finite(path: str) -> None:
+    scene = hanging(2, Fabric(1e6, 1e6, 1e5, 1.0))
+    scene = replace(scene, cloth=replace(scene.cloth, columns=9, pins=("top", "left", 1, 10, 11, 12)))
+    with Simulation(scene, path) as simulation:
+        for _ in range(30):
+            simulation.advance_frame()
+        assert simulation.measure().max_strain < 0.01
+        simulation.set("stiffness", 0.0)  # no springs any more: everything falls
+        for _ in range(30):
+            simulation.advance_frame()
+        assert simulation.measure().finite
+        assert simulation.positions()[-1, 1] < simulation.topology.start[-1, 1] - 0.2
+
+
+def sheet_let_go(solver: str, substeps: int, tethers: Tethers | None = None) -> Scene:
+    """A sheet nearly level, let go from two corners (the case of the project's table of methods)."""
+    return Scene(
+        cloth=Cloth(
+            rows=64,
+            columns=64,
+            width=1.45,
+            height=1.45,
+            center=(0.0, 2.0, 0.0),
+            rotation=(-80.0, 0.0, 0.0),
+            pins=("top-left", "top-right"),
+        ),
+        fabric=Fabric(2000.0, 2000.0, 1000.0, 20.0),
+        solver=Solver(name=solver, substeps=substeps, iterations=1, damping=0.0),
+        tethers=tethers,
+    )
+
+
+def track(scene: Scene, frames: int = 30) -> np.ndarray:
+    with Simulation(scene) as simulation:
+        for _ in range(frames):
+            simulation.advance_frame()
+        return simulation.positions()
+
+
+def test_it_is_several_times_nearer_to_the_truth_than_xpbd_at_the_same_substeps() -> None:
+    truth = track(sheet_let_go("spring", 300))
+
+    def error(scene: Scene) -> float:
+        """Root mean square distance from the truth, in sides."""
+        return float(np.sqrt(np.mean(np.sum((track(scene) - truth) ** 2, axis=1)))) / 1.45
+
+    xpbd = error(sheet_let_go("xpbd", 10))
+    lines = error(sheet_let_go("lines", 10))
+    tethered = error(sheet_let_go("lines", 10, Tethers()))
+    assert lines < xpbd / 2.5
+    assert tethered < xpbd / 8

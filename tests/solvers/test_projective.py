@@ -1,0 +1,133 @@
+"""`projective` against backward Euler solved by Newton's method in float64, and against closed forms."""
+
+import numpy as np
+import pytest
+
+from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver
+from taichi_cloth.simulation import Simulation, stiffness_of
+from taichi_cloth.solvers import SOLVERS, projective
+
+PATHS = SOLVERS["projective"].paths
+
+
+def soft(iterations: int) -> Scene:
+    return Scene(
+        cloth=Cloth(rows=6, columns=9, width=0.8, height=0.5, center=(0.0, 0.0, 0.0), pins=("top-left", "top-right")),
+        fabric=Fabric(warp=60.0, weft=40.0, shear=20.0, bend=1.0),
+        solver=Solver(name="projective", substeps=1, iterations=iterations, damping=0.0),
+    )
+
+
+def backward_euler(simulation: Simulation, x0: np.ndarray, v0: np.ndarray, held: dict[int, np.ndarray]) -> np.ndarray:
+    """The places a frame later: M·(x − y) = h²·f(x), by Newton's method. `held`: particles led to a place."""
+    topology, h = simulation.topology, 1 / 60
+    stiffness = stiffness_of(simulation.scene, topology)
+    a, b = topology.ends.T
+    free = ~topology.pinned
+    y = x0 + h * v0 + h**2 * np.array([0, -9.81, 0])
+    y[~free] = x0[~free]
+    for i, place in held.items():
+        free[i], y[i] = False, place
+    x = y.copy()
+    loose = np.repeat(free, 3)
+    for _ in range(50):
+        gap = x[b] - x[a]
+        long = np.linalg.norm(gap, axis=1)
+        n = gap / long[:, None]
+        pull = (stiffness * (long - topology.rest))[:, None] * n
+        left = topology.mass[:, None] * (y - x)
+        np.add.at(left, a, h**2 * pull)
+        np.add.at(left, b, -(h**2) * pull)
+        hessian = np.zeros((len(x), 3, len(x), 3))
+        for e in range(len(a)):
+            slack = max(0.0, 1 - topology.rest[e] / long[e])  # as if no spring could push across: keeps it positive
+            outer = np.outer(n[e], n[e])
+            block = h**2 * stiffness[e] * (outer + slack * (np.eye(3) - outer))
+            for i, j, sign in ((a[e], a[e], 1), (b[e], b[e], 1), (a[e], b[e], -1), (b[e], a[e], -1)):
+                hessian[i, :, j, :] += sign * block
+        matrix = hessian.reshape(3 * len(x), -1) + np.diag(np.repeat(topology.mass, 3))
+        way = np.zeros(3 * len(x))
+        way[loose] = np.linalg.solve(matrix[np.ix_(loose, loose)], left.reshape(-1)[loose])
+        x = x + way.reshape(-1, 3)
+        if np.abs(way).max() < 1e-12:
+            return x
+    raise AssertionError("Newton's method did not converge")
+
+
+@pytest.mark.parametrize("grabbed", [False, True])
+@pytest.mark.parametrize("path", PATHS)
+def test_with_many_rounds_a_substep_is_that_of_backward_euler(path: str, grabbed: bool) -> None:
+    with Simulation(soft(600), path) as simulation:
+        x0 = simulation.positions()
+        v0 = np.random.default_rng(2).normal(0.0, 0.5, x0.shape).astype(np.float32).astype(np.float64)
+        v0[simulation.topology.pinned] = 0
+        simulation.solver.set_velocities(v0, 1 / 60)
+        held = {22: x0[22] + [0.01, -0.02, 0.05]} if grabbed else {}
+        for i, place in held.items():
+            simulation.grab(i, place)
+        simulation.advance_frame()
+        expected = backward_euler(simulation, x0, v0, held)
+        assert np.abs(expected - x0).max() > 0.01
+        assert simulation.positions() == pytest.approx(expected, abs=1e-4 * simulation.scene.cloth.width)
+
+
+def hanging(iterations: int) -> Scene:
+    return Scene(
+        cloth=Cloth(rows=9, columns=4, width=0.3, height=0.8, center=(0.0, 1.0, 0.0), pins=("top",)),
+        fabric=Fabric(warp=20.0, weft=20.0, shear=0.0, bend=0.0),
+        solver=Solver(name="projective", substeps=5, iterations=iterations, damping=3.0),
+    )
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_the_elongation_of_a_hanging_sheet_is_the_static_one(path: str) -> None:
+    """Accuracy reference A3: spring j carries the weight below it."""
+    with Simulation(hanging(10), path) as simulation:
+        for _ in range(400):
+            simulation.advance_frame()
+        mass = simulation.topology.mass.reshape(9, 4)
+        carried = np.cumsum(mass[::-1], axis=0)[::-1][1:]  # by the spring above each row [kg]
+        constant = 20.0 * np.array([0.5, 1, 1, 0.5])  # a column on the edge has half of the mass and of the constant
+        expected = np.cumsum(9.81 * carried / constant, axis=0)
+        drop = (simulation.topology.start - simulation.positions())[:, 1].reshape(9, 4)[1:]
+        assert expected[-1].min() > 0.01
+        assert drop == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_ten_rounds_are_nearer_to_backward_euler_than_one(path: str) -> None:
+    distances = []
+    for iterations in (1, 10):
+        with Simulation(soft(iterations), path) as simulation:
+            x0 = simulation.positions()
+            v0 = np.random.default_rng(2).normal(0.0, 0.5, x0.shape)
+            v0[simulation.topology.pinned] = 0
+            simulation.solver.set_velocities(v0, 1 / 60)
+            simulation.advance_frame()
+            distances.append(np.abs(simulation.positions() - backward_euler(simulation, x0, v0, {})).mean())
+    assert distances[1] < 0.25 * distances[0]
+
+
+def test_the_factor_is_made_once_until_the_equation_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    class Counted(projective.Factor):
+        def __init__(self, *arguments: object) -> None:
+            made.append(1)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(projective, "Factor", Counted)
+    with Simulation(hanging(2), "list") as simulation:
+        for frame in range(100):
+            if frame == 50:
+                simulation.grab(30, simulation.positions()[30])
+            simulation.advance_frame()
+        assert len(made) == 1
+        simulation.set("substeps", 6)
+        simulation.advance_frame()
+        assert len(made) == 2
+        simulation.set("stiffness", 0.5)
+        simulation.set("gravity", 3.0)
+        simulation.advance_frame()
+        simulation.advance_frame()
+        assert len(made) == 3

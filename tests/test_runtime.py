@@ -1,0 +1,57 @@
+"""Starting Taichi on what the machine has, and saying what it has not."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+import taichi as ti
+
+from taichi_cloth import runtime
+from taichi_cloth.errors import WrongUse
+from taichi_cloth.scene import load_scene
+from taichi_cloth.simulation import Simulation
+
+HERE = [a for a in ("cuda", "vulkan", "metal") if ti.lang.misc.is_arch_supported(getattr(ti, a))]
+AWAY = [a for a in ("cuda", "vulkan", "metal") if a not in HERE]
+
+
+@pytest.mark.parametrize("arch", AWAY)
+def test_an_arch_that_is_not_there_is_refused_and_never_replaced(arch: str) -> None:
+    with pytest.raises(WrongUse, match=f"arch {arch} is not there: this machine has cpu"):
+        runtime.start(arch)
+    done = subprocess.run(
+        [sys.executable, "-m", "taichi_cloth", "render", "curtain", "--frames", "1", "--arch", arch],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [f"taichi-cloth: arch {arch} is not there: this machine has {told()}"]
+
+
+def told() -> str:
+    return ", ".join(["cpu", *HERE])
+
+
+@pytest.mark.parametrize("arch", HERE)
+def test_every_arch_that_is_there_moves_the_same_cloth(arch: str) -> None:
+    """Whatever it is: here Mesa's software Vulkan, elsewhere a GPU."""
+    ends = []
+    for name in ("cpu", arch):
+        assert runtime.start(name) == name
+        with Simulation(load_scene("curtain", rows=8, columns=10, substeps=2, iterations=3)) as simulation:
+            assert simulation.solver.path == ("lanes" if name == "cpu" else "gather")
+            for _ in range(5):
+                simulation.advance_frame()
+            ends.append(simulation.positions())
+    runtime.start("cpu")
+    assert ends[1] == pytest.approx(ends[0], abs=1e-4)
+
+
+@pytest.mark.skipif(not HERE, reason="no GPU and no Vulkan")
+def test_gpu_is_the_first_that_is_there_and_serial_paths_are_refused_on_it() -> None:
+    assert runtime.start("gpu") == HERE[0]
+    with pytest.raises(WrongUse, match="verlet has no path list; with --arch cpu: list, lanes, gather"):
+        Simulation(load_scene("curtain"), path="list")
+    runtime.start("cpu")
