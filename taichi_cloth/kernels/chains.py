@@ -60,7 +60,7 @@ def solve_chains(cloth: ti.template(), stages: ti.template(), controls: ti.templ
         solve_rows_of_strips(cloth, cloth.chains.crossed, stages, controls, h)
         for n in range(cloth.chains.direction_count[None]):
             direction = cloth.chains.directions[n]
-            solve_strips(cloth, cloth.chains, stages, direction[0], True, direction[1], controls, h)
+            solve_strips(cloth, cloth.chains.links, stages, direction[0], True, direction[1], controls, h)
     else:
         solve_list(cloth, cloth.chains, stages, controls, h)
 
@@ -169,7 +169,7 @@ def solve_strips(
     """The chains that go down the rows and `along` the columns: 0, 1 or −1 a row.
 
     `links` has a place for the spring of each slot, with a column more at both sides that holds what stands beyond
-    the strip, and a row of nothing above and below.
+    the strip, and a row of zeros above and below.
     """
     rows, pitch = strips.rows[None], strips.pitch[None]
     wide = pitch + 2
@@ -178,18 +178,11 @@ def solve_strips(
     right_up = along < 0  # the right end of a spring is its upper one
     sign = -1.0 if right_up else 1.0  # n goes from left to right
     spare = ti.static(strips.x.shape[0] - 1)
-    for i in range(wide):
-        for r in range(2):
-            q = r * rows * wide + i
-            links.normal[q] = links.normal[q] * 0.0
-            links.share[q] = links.share[q] * 0.0
-            links.coupling[q] = links.coupling[q] * 0.0
-            links.change[q] = links.change[q] * 0.0
     for y in range(rows - 1):
         at_left = (y + 1 if right_up else y) * pitch
         at_right = (y if right_up else y + 1) * pitch + ti.abs(along)
         e = (direction * rows + y) * pitch
-        kind = y % 2
+        kind = y & 1
         if y == 0 or y == rows - 1:
             kind = EDGE_ROW
         k = (direction * ROW_KINDS + kind) * pitch
@@ -273,7 +266,7 @@ def solve_rows_of_strips(
         turn(cloth, cloth.x, crossed, crossed.x)
         if ti.static(stages.spring_damping):
             turn(cloth, cloth.x_prev, crossed, crossed.x_prev)
-        solve_strips(crossed, cloth.chains, stages, 0, False, 0, controls, h)
+        solve_strips(crossed, crossed.links, stages, 0, False, 0, controls, h)
         turn_back(cloth, cloth.x, crossed, crossed.x)
 
 

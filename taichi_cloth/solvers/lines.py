@@ -102,6 +102,16 @@ class ChainList:
 
 
 @dataclass(eq=False)
+class Links:
+    """Scratch of the chains in one set of strips, for one direction after another (`kernels.chains.solve_strips`)."""
+
+    normal: Any  # 3×8
+    share: Any  # row of eight
+    coupling: Any
+    change: Any
+
+
+@dataclass(eq=False)
 class Crossed:
     """The strips of rows: as `LaneState`, with rows and columns changed over, and one direction of springs."""
 
@@ -111,6 +121,7 @@ class Crossed:
     rest: Any
     multiplier: Any
     stiffness: Any  # (ROW_KINDS·pitch,)
+    links: Links
     rows: Any  # 0-D
     pitch: Any  # 0-D
     spring_count: Any  # 0-D
@@ -118,14 +129,11 @@ class Crossed:
 
 @dataclass(eq=False)
 class ChainStrips:
-    """Fields of the chains of a grid in strips; scratch serves one direction after another."""
+    """What the strips of a grid need for their chains."""
 
+    links: Links
     crossed: Crossed
-    normal: Any  # 3×8
-    share: Any  # row of eight
-    coupling: Any
-    change: Any
-    directions: Any  # (3,) direction, and its step along the columns
+    directions: Any  # (4,) direction of springs, and its step along the columns; those that go down the rows
     direction_count: Any  # 0-D
     has_rows: Any  # 0-D whether rows have springs
     first_bend: Any  # 0-D the first pass of bend springs
@@ -166,25 +174,26 @@ def strip_chains(lanes: Any, topology: Topology, stiffness: NDArray[np.float64])
         def places() -> Any:
             return ti.Matrix.field(3, LANES, ti.f32, room)
 
-        def numbers(count: int = room) -> Any:
-            return ti.Vector.field(LANES, ti.f32, count)
+        def numbers() -> Any:
+            return ti.Vector.field(LANES, ti.f32, room)
+
+        def made_links() -> Links:
+            return Links(normal=places(), share=numbers(), coupling=numbers(), change=numbers())
 
         lanes.chains = ChainStrips(
+            links=made_links(),
             crossed=Crossed(
                 x=places(),
                 x_prev=places(),
                 inverse_mass=numbers(),
                 rest=numbers(),
                 multiplier=numbers(),
-                stiffness=numbers(room),
+                stiffness=numbers(),
+                links=made_links(),
                 rows=number(),
                 pitch=number(),
                 spring_count=number(),
             ),
-            normal=places(),
-            share=numbers(),
-            coupling=numbers(),
-            change=numbers(),
             directions=ti.Vector.field(2, ti.i32, len(CHAINED)),
             direction_count=number(),
             has_rows=number(),
@@ -192,6 +201,9 @@ def strip_chains(lanes: Any, topology: Topology, stiffness: NDArray[np.float64])
         )
     found: ChainStrips = lanes.chains
     crossed = found.crossed
+    for links in (found.links, crossed.links):
+        for scratch in vars(links).values():
+            scratch.fill(0.0)
     pitch = strips.pitch(rows, 1)
     crossed.rows[None], crossed.pitch[None], crossed.spring_count[None] = columns, pitch, columns * pitch
     rest = topology.by_place(topology.rest)[0].T.astype(np.float32)
