@@ -272,22 +272,24 @@ def solve_rows_of_strips(
 
 @ti.func
 def turn(cloth: ti.template(), places: ti.template(), crossed: ti.template(), turned: ti.template()):
-    """Places, or numbers, of strips of columns into those of rows."""
-    pitch, across = cloth.pitch[None], crossed.pitch[None]
-    for y in range(cloth.rows[None]):
-        lane, j = y // across, y % across
+    """Places, or numbers, of strips of columns into those of rows. Lanes without a row take the last."""
+    pitch, across, last = cloth.pitch[None], crossed.pitch[None], cloth.rows[None] - 1
+    for j in range(across):
         for i in range(pitch):
-            for k in range(LANES):
+            for k in range(LANES):  # column k·pitch + i, rows lane·across + j
                 slot = (k * pitch + i) * across + j
-                if ti.static(places.m == 1):
-                    turned[slot][lane] = places[y * pitch + i][k]
-                else:
-                    for c in ti.static(range(3)):
-                        turned[slot][c, lane] = places[y * pitch + i][c, k]
+                for lane in ti.static(range(LANES)):
+                    source = ti.min(lane * across + j, last) * pitch + i
+                    if ti.static(places.m == 1):
+                        turned[slot][lane] = places[source][k]
+                    else:
+                        for c in ti.static(range(3)):
+                            turned[slot][c, lane] = places[source][c, k]
 
 
 @ti.func
 def turn_back(cloth: ti.template(), places: ti.template(), crossed: ti.template(), turned: ti.template()):
+    """And places back again."""
     pitch, across = cloth.pitch[None], crossed.pitch[None]
     for y in range(cloth.rows[None]):
         lane, j = y // across, y % across

@@ -1,12 +1,14 @@
 """Tethers: by hand numbers, and on a curtain that would stretch far without."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import taichi as ti
 import taichi.math as tm
 
 from taichi_cloth.kernels.tethers import tether_shift
-from taichi_cloth.scene.model import Cloth, Scene, Solver, Springs, Tethers
+from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver, Springs, Tethers
 from taichi_cloth.simulation import Simulation
 
 
@@ -54,6 +56,13 @@ def longest(scene: Scene, path: str, frames: int = 60) -> float:
 def test_a_tethered_curtain_gets_no_longer_than_its_slack(solver: str, path: str) -> None:
     assert longest(curtain(None, solver), path) > 1.2
     assert longest(curtain(Tethers(1.02), solver), path) < 1.02 + 1e-5
+
+
+@pytest.mark.parametrize("path", ["list", "lanes"])
+def test_lines_have_tethers_too(path: str) -> None:
+    soft = Fabric(20.0, 20.0, 10.0, 1.0)
+    assert longest(replace(curtain(None, "lines"), fabric=soft), path) > 1.05
+    assert longest(replace(curtain(Tethers(1.02), "lines"), fabric=soft), path) < 1.02 + 1e-5
 
 
 def test_a_pin_that_a_hand_leads_takes_its_tethers_along() -> None:

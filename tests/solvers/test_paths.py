@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.model import Box, Cloth, Fabric, Forces, Ground, Limit, Scene, Solver, Sphere, Wind
+from taichi_cloth.scene.model import Box, Cloth, Fabric, Forces, Ground, Limit, Scene, Solver, Sphere, Tethers, Wind
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS, path_for
 
@@ -28,6 +28,7 @@ def busy(solver: str) -> Scene:
         solver=Solver(name=solver, damping=1.0, substeps=4, iterations=6),
         wind=Wind(x=1.0, z=4.0),
         limit=Limit(0.02),
+        tethers=Tethers(1.005),
         spheres=(Sphere(center=(0.0, 1.85, 0.1), radius=0.1, margin=0.02, sway=(0.3, 0.0, 0.0), friction=0.3),),
         boxes=(Box(center=(-0.4, 1.95, 0.1), size=(0.1, 0.05, 0.1)),),
         ground=Ground(height=1.85),
