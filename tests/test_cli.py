@@ -115,7 +115,7 @@ def test_render_writes_pictures_and_what_made_them(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     lines = done.stdout.splitlines()
-    assert lines[0] == "curtain · verlet 5×12 · 30×24 · structural shear bend wind sphere ground · cpu · seed 0"
+    assert lines[0] == "curtain · verlet 5×12 · lanes · 30×24 · structural shear bend wind sphere ground · cpu · seed 0"
     assert lines[-1] == "3 pictures in o, contact_sheet.png among them"
     names = sorted(p.name for p in (tmp_path / "o").iterdir())
     assert names == ["contact_sheet.png", "frame_00000.png", "frame_00001.png", "frame_00002.png", "run.json"]
