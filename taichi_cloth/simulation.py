@@ -18,47 +18,15 @@ from .hand import Hand
 from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
 from .measure.cloth import Measures, energies, penetration, spring_strains
-from .mesh.topology import Topology, sheet
+from .mesh.from_scene import stiffness_of, topology_of
 from .save_file import read_save, write_save
 from .scene import Scene, live_keys, scene_to_toml
 from .scene.live import check_live
 from .scene.model import FRAME_SECONDS
 from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
+from .state.fields import put
 
 Floats = NDArray[np.float64]
-
-
-def topology_of(scene: Scene) -> Topology:
-    """The cloth a scene describes, before any Taichi."""
-    return sheet(
-        rows=scene.cloth.rows,
-        columns=scene.cloth.columns,
-        width=scene.cloth.width,
-        height=scene.cloth.height,
-        center=scene.cloth.center,
-        rotation=scene.cloth.rotation,
-        area_density=scene.cloth.area_density,
-        pins=scene.cloth.pins,
-        directions=[k > 0 for k in constants(scene)],
-        diagonals=scene.cloth.diagonals,
-        lumping=scene.cloth.lumping,
-    )
-
-
-def constants(scene: Scene) -> tuple[float, ...]:
-    """Spring constant in each of `grid.DIRECTIONS`, in the unit of the scene's solver; 0 leaves its springs out."""
-    if SOLVERS[scene.solver.name].springs == "springs":
-        s = scene.springs
-        return s.structural, s.structural, s.shear, s.shear, s.bend, s.bend
-    f, cloth = scene.fabric, scene.cloth
-    slim = (cloth.height / (cloth.rows - 1)) / (cloth.width / (cloth.columns - 1))  # a cell's height over its width
-    return f.weft * slim, f.warp / slim, f.shear, f.shear, f.bend * slim, f.bend / slim
-
-
-def stiffness_of(scene: Scene, topology: Topology) -> Floats:
-    """The same for every spring, (E,): an SI constant is one of a whole cell's width, and an edge has half of one."""
-    each: Floats = np.array(constants(scene))[topology.direction]
-    return each if SOLVERS[scene.solver.name].springs == "springs" else each * topology.width
 
 
 def _give_back(solver: Solver) -> None:
@@ -102,9 +70,9 @@ class Simulation:
     def _open(self, scene: Scene) -> None:
         """Makes the cloth and the solver of a scene, at the start."""
         kind = SOLVERS[scene.solver.name]
-        topology = topology_of(scene)
+        topology = topology_of(scene, kind.springs)
         path = path_for(kind, topology.shape, self._path)
-        stiffness = stiffness_of(scene, topology)
+        stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)
         self.scene, self.topology = scene, topology
@@ -321,7 +289,7 @@ class Simulation:
         """
         saved = read_save(path, scene_to_toml(self.scene), self._moving())
         self.cloth.put(saved["x"], saved["x_prev"], saved["inverse_mass"])
-        self.cloth.fill(self.cloth.velocity, saved["velocity"])
+        put(self.cloth.velocity, saved["velocity"])
         self.frame = int(saved["frame"])
         self._live = {
             name: type(key.value)(value) for (name, key), value in zip(self._keys.items(), saved["live"], strict=True)

@@ -19,7 +19,7 @@ FLOORS = [
     {"scene", "mesh", "interact"},
     {"measure"},
     {"kernels"},
-    {"pool", "state", "lanes", "gather"},
+    {"state"},
     {"contact", "solvers"},
     {"hand", "save_file", "simulation"},
     {"view"},

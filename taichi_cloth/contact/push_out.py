@@ -26,57 +26,46 @@ def vector_at(table: ti.template(), row: int, column: int) -> tm.vec3:
 
 
 @ti.func
-def push_out(
-    cloth: ti.template(),
-    stages: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-    passed: float,
-    step: float,
-):
-    """Moves every free particle out of the scene's colliders, one collider after another.
-
-    `passed` is the share of the frame that is over at the end of this substep and `step` the substep's
-    share of the frame: a sphere travels in a straight line from its first to its last place of the frame.
-    """
+def push_out(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    """Moves every free particle out of the scene's colliders, one collider after another."""
     if ti.static(cloth.gathers):  # one parallel loop for each collider: in a loop over them they would race
         for s in ti.static(range(stages.spheres)):
-            out_of_one_sphere(cloth, spheres, s, passed, step)
+            out_of_one_sphere(cloth, now, s)
         for s in ti.static(range(stages.boxes)):
-            out_of_one_box(cloth, boxes, s)
+            out_of_one_box(cloth, now, s)
     else:
         if ti.static(stages.spheres > 0):
-            for s in range(spheres.shape[0]):
-                out_of_one_sphere(cloth, spheres, s, passed, step)
+            for s in range(now.spheres.shape[0]):
+                out_of_one_sphere(cloth, now, s)
         if ti.static(stages.boxes > 0):
-            for s in range(boxes.shape[0]):
-                out_of_one_box(cloth, boxes, s)
+            for s in range(now.boxes.shape[0]):
+                out_of_one_box(cloth, now, s)
     if ti.static(stages.ground):
         for i in range(cloth.slot_count[None]):
             x = cloth.x[i]
-            up = ti.max(ground[0, GROUND_HEIGHT] - part(x, 1), 0.0)
+            up = ti.max(now.ground[0, GROUND_HEIGHT] - part(x, 1), 0.0)
             push = join(up * 0.0, up, up * 0.0, x)
-            follow(cloth, i, push, tm.vec3(0.0), ground[0, GROUND_FRICTION])
+            follow(cloth, i, push, tm.vec3(0.0), now.ground[0, GROUND_FRICTION])
 
 
 @ti.func
-def out_of_one_sphere(cloth: ti.template(), spheres: ti.template(), s: int, passed: float, step: float):
-    travel = vector_at(spheres, s, SPHERE_TO) - vector_at(spheres, s, SPHERE_FROM)
-    center = vector_at(spheres, s, SPHERE_FROM) + travel * passed
-    reach, friction = spheres[s, SPHERE_REACH], spheres[s, SPHERE_FRICTION]
+def out_of_one_sphere(cloth: ti.template(), now: ti.template(), s: int):
+    """A sphere travels in a straight line from its first to its last place of the frame."""
+    travel = vector_at(now.spheres, s, SPHERE_TO) - vector_at(now.spheres, s, SPHERE_FROM)
+    center = vector_at(now.spheres, s, SPHERE_FROM) + travel * ((now.s + 1.0) / now.substeps)
+    reach, friction = now.spheres[s, SPHERE_REACH], now.spheres[s, SPHERE_FRICTION]
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
-        follow(cloth, i, out_of_sphere(x, spread(center, x), reach), travel * step, friction)
+        follow(cloth, i, out_of_sphere(x, spread(center, x), reach), travel / now.substeps, friction)
 
 
 @ti.func
-def out_of_one_box(cloth: ti.template(), boxes: ti.template(), s: int):
-    center, half = vector_at(boxes, s, BOX_CENTER), vector_at(boxes, s, BOX_HALF)
+def out_of_one_box(cloth: ti.template(), now: ti.template(), s: int):
+    center, half = vector_at(now.boxes, s, BOX_CENTER), vector_at(now.boxes, s, BOX_HALF)
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
-        push = out_of_box(x, spread(center, x), spread(half, x), boxes[s, BOX_MARGIN])
-        follow(cloth, i, push, tm.vec3(0.0), boxes[s, BOX_FRICTION])
+        push = out_of_box(x, spread(center, x), spread(half, x), now.boxes[s, BOX_MARGIN])
+        follow(cloth, i, push, tm.vec3(0.0), now.boxes[s, BOX_FRICTION])
 
 
 @ti.func

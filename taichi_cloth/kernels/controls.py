@@ -4,6 +4,8 @@ One float32 row handed over as an array costs 8 µs of a launch; a struct or vec
 60–300 µs (measured, Taichi 1.7.4 on two x86 cores). The names below are its columns.
 """
 
+from typing import Any, NamedTuple
+
 GRAVITY = 0  # [m/s²] downwards
 KEPT = 1  # share of velocity left after one substep
 STIFFNESS = 2  # 0…1, multiplies the stiffness of every family
@@ -26,3 +28,16 @@ GROUND_HEIGHT, GROUND_FRICTION, GROUND_COLUMNS = 0, 1, 2
 
 # Turns a second of the three gust waves: periods of 1.3 to 3.1 s in no simple ratio, so that no gust repeats soon.
 GUST_RATES = (0.43, 0.77, 0.32)
+
+
+class Substep(NamedTuple):
+    """What steers one substep, bundled while compiling: none of it is copied."""
+
+    s: Any  # its number in the frame
+    substeps: Any
+    h: Any  # [s] its length
+    held: Any  # index of the held particle, -1 for none
+    controls: Any  # the row above
+    spheres: Any  # a row for each collider
+    boxes: Any
+    ground: Any

@@ -140,13 +140,13 @@ def forget_forces(cloth: ti.template()):
 
 
 @ti.func
-def add_air(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, seconds: float):
-    """Adds the air's force [N] where the scene has wind."""
+def add_air(cloth: ti.template(), stages: ti.template(), now: ti.template(), steps: float):
+    """Adds the air's force [N] after so many substeps of the frame, where the scene has wind."""
     if ti.static(stages.wind):
         if ti.static(cloth.in_lanes):
-            blow_on_strips(cloth, stages, controls, h, seconds)
+            blow_on_strips(cloth, stages, now.controls, now.h, steps * now.h)
         else:
-            blow_on_triangles(cloth, stages, controls, h, seconds)
+            blow_on_triangles(cloth, stages, now.controls, now.h, steps * now.h)
 
 
 @ti.func

@@ -7,18 +7,15 @@ from .controls import GRAB_FROM, GRAB_TO
 
 
 @ti.func
-def lead_held(
-    cloth: ti.template(), stages: ti.template(), held: int, controls: ti.template(), passed: float, frame: float
-):
-    """Puts the held particle where the hand is when the share `passed` of the frame is over; held < 0: no hand.
-
-    `frame` is the length of the frame [s]: forces see the velocity of the hand.
-    """
+def lead_held(cloth: ti.template(), stages: ti.template(), now: ti.template(), steps: float):
+    """Puts the held particle where the hand is after so many substeps of the frame; forces see the hand's velocity."""
+    controls = ti.static(now.controls)
+    held = now.held
     if held >= 0:
         start = tm.vec3(controls[GRAB_FROM], controls[GRAB_FROM + 1], controls[GRAB_FROM + 2])
         end = tm.vec3(controls[GRAB_TO], controls[GRAB_TO + 1], controls[GRAB_TO + 2])
-        place = start + (end - start) * passed
-        velocity = (end - start) / frame
+        place = start + (end - start) * (steps / now.substeps)
+        velocity = (end - start) / (now.h * now.substeps)
         if ti.static(cloth.in_lanes):
             columns, pitch = cloth.columns[None], cloth.pitch[None]
             column = held % columns

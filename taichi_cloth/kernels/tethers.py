@@ -33,14 +33,14 @@ def pin_of(cloth: ti.template(), n: int):
 
 
 @ti.func
-def pull_tethers(cloth: ti.template(), stages: ti.template(), s: int, held: int, controls: ti.template()):
+def pull_tethers(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Takes every free particle back to where its tethers reach, where the scene has some; pins do not move.
 
     Within a frame pins only move where a hand leads one.
     """
     if ti.static(stages.tethers):
         if ti.static(cloth.in_lanes):
-            if s == 0 or held >= 0:
+            if now.s == 0 or now.held >= 0:
                 look_up_pins(cloth, cloth.ties)
         for i in range(cloth.slot_count[None]):
             free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
@@ -48,5 +48,5 @@ def pull_tethers(cloth: ti.template(), stages: ti.template(), s: int, held: int,
             for t in range(cloth.ties.count[None]):
                 n = t * cloth.slot_count[None] + i
                 gap = x - pin_of(cloth, n)
-                x += times(tether_shift(gap, cloth.ties.reach[n] * controls[TETHER_SLACK]), free)
+                x += times(tether_shift(gap, cloth.ties.reach[n] * now.controls[TETHER_SLACK]), free)
             cloth.x[i] = x

@@ -113,7 +113,7 @@ class Limit:
 class Tethers:
     """Ties to the pins (Kim et al. 2012): no particle gets farther from one than on the flat sheet, times `slack`.
 
-    For `verlet`, `xpbd` and `lines`; each substep ends with them. Obstacles between a particle and its pin
+    Each substep ends with them, whatever the solver. Obstacles between a particle and its pin
     are not seen, and a cloth without pins has no tethers.
     """
 

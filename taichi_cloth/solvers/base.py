@@ -1,19 +1,21 @@
 """What a solver is given, what it must offer, and the frame that all of them share."""
 
+import dataclasses
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from .. import lanes
-from ..gather import GatherState
+from ..kernels.controls import Substep
 from ..kernels.layout import load, store
 from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
-from ..state import ClothState, tie
+from ..state import ClothState, fields, lanes
+from ..state.gather import GatherState
+from ..state.ties import tie
 
 SUBSTEPS_A_LAUNCH = 8
 SWEEPS_A_LAUNCH = 4
@@ -53,22 +55,11 @@ class FrameInput:
     @property
     def arguments(self) -> tuple[Any, ...]:
         """All of it in the order above, as `run_frame` takes it."""
-        return tuple(getattr(self, f.name) for f in fields(self))
+        return tuple(getattr(self, f.name) for f in dataclasses.fields(self))
 
 
 @ti.func
-def nothing(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def nothing(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """A part of a substep that a method does without."""
 
 
@@ -99,11 +90,12 @@ def run_frame(
     for _ in range(1):
         load(work, cloth, stages)
         for s in range(substeps + closing):
-            before(work, stages, s, substeps, h, held, controls, spheres, boxes, ground)
+            now = ti.static(Substep(s, substeps, h, held, controls, spheres, boxes, ground))
+            before(work, stages, now)
             if s < substeps:
                 for _k in range(iterations):
-                    sweep(work, stages, s, substeps, h, held, controls, spheres, boxes, ground)
-                after(work, stages, s, substeps, h, held, controls, spheres, boxes, ground)
+                    sweep(work, stages, now)
+                after(work, stages, now)
         store(work, cloth, stages)
 
 
@@ -128,8 +120,29 @@ def run_parts(
     `s` is the number of the substep, and `step` what is added to it from one repetition to the next.
     """
     for k in ti.static(range(repeat)):
+        now = ti.static(Substep(s + k * step, substeps, h, held, controls, spheres, boxes, ground))
         for part in ti.static(parts):
-            part(cloth, stages, s + k * step, substeps, h, held, controls, spheres, boxes, ground)
+            part(cloth, stages, now)
+
+
+@ti.kernel
+def run_part(
+    part: ti.template(),
+    cloth: ti.template(),
+    stages: ti.template(),
+    s: int,
+    substeps: int,
+    h: float,
+    held: int,
+    controls: row,
+    spheres: table,
+    boxes: table,
+    ground: table,
+):
+    """One part of a substep, serial, for a method that goes back to Python in between."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        part(cloth, stages, ti.static(Substep(s, substeps, h, held, controls, spheres, boxes, ground)))
 
 
 @ti.kernel
@@ -211,7 +224,7 @@ class Solver:
 
     def set_velocities(self, velocities: NDArray[np.float64], h: float) -> None:
         """Gives every particle a velocity [m/s], shape (N, 3), for substeps of h seconds."""
-        self.cloth.fill(self.cloth.velocity, velocities)
+        fields.put(self.cloth.velocity, velocities)
 
     def set_velocity(self, particle: int, velocity: NDArray[np.float64], h: float) -> None:
         """Gives one particle a velocity [m/s] for substeps of h seconds."""

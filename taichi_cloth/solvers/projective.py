@@ -21,7 +21,6 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from .. import lanes
 from ..contact.push_out import push_out
 from ..kernels.controls import KEPT, STIFFNESS
 from ..kernels.forces import add_air, forget_forces
@@ -30,9 +29,12 @@ from ..kernels.maths import TINY
 from ..kernels.motion import drift, kick, take_up_corrections
 from ..kernels.places import LANES, choose, dot, times
 from ..kernels.springs import add_spring_forces, add_to_both, far, for_springs, limit_strain
+from ..kernels.tethers import pull_tethers
 from ..mesh.topology import Topology
-from ..state import ClothState
-from .base import FrameInput, Solver, Stages, row, table
+from ..state import ClothState, lanes
+from ..state.fields import like_places
+from ..state.pool import attached
+from .base import FrameInput, Solver, Stages, row, run_part, table
 
 TOLERANCE = 1e-4  # conjugate gradients end when the residual is this share of the first; the next round sees the rest
 MOST_PRODUCTS = 300  # or after so many products
@@ -42,24 +44,13 @@ MOST_PRODUCTS = 300  # or after so many products
 
 
 @ti.func
-def before(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Every particle to y, where it would be without springs, and the held one to the hand."""
     forget_forces(cloth)
-    add_air(cloth, stages, controls, h, s * h)
-    kick(cloth, controls, h, controls[KEPT])
-    drift(cloth, h)
-    lead_held(cloth, stages, held, controls, (s + 1) / substeps, h * substeps)
+    add_air(cloth, stages, now, now.s)
+    kick(cloth, now.controls, now.h, now.controls[KEPT])
+    drift(cloth, now.h)
+    lead_held(cloth, stages, now, now.s + 1.0)
 
 
 @ti.func
@@ -71,22 +62,12 @@ def missing(cloth: ti.template(), i: int, h: float):
 
 
 @ti.func
-def after(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Contact and the strain limit, and the velocity that goes with the new places."""
-    push_out(cloth, stages, spheres, boxes, ground, (s + 1) / substeps, 1.0 / substeps)
-    limit_strain(cloth, stages, controls, h)
-    take_up_corrections(cloth, h)
+    pull_tethers(cloth, stages, now)
+    push_out(cloth, stages, now)
+    limit_strain(cloth, stages, now.controls, now.h)
+    take_up_corrections(cloth, now.h)
 
 
 # -- by conjugate gradients ----------------------------------------------------------------------------------------
@@ -102,16 +83,9 @@ class Search:
     product: Any  # of the matrix and the direction
 
 
-def search_of(work: Any) -> None:
-    """Gives a state its `search`. It stays with the fields, which are used again (`pool.py`), like their kernels."""
-    if not hasattr(work, "search"):
-        slots = work.x.shape[0]
-        work.search = Search(
-            *(
-                ti.Matrix.field(3, LANES, ti.f32, slots) if work.in_lanes else ti.Vector.field(3, ti.f32, slots)
-                for _ in range(4)
-            )
-        )
+def search_of(work: Any) -> Search:
+    """The search of a state."""
+    return attached(work, "search", lambda: Search(*(like_places(work) for _ in range(4))))
 
 
 @ti.func
@@ -165,22 +139,11 @@ def go_the_way(cloth: ti.template(), search: ti.template(), stages: ti.template(
 
 
 @ti.func
-def sweep(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """One round without a matrix. A particle that is not free takes no part: its residual is 0."""
     forget_forces(cloth)
-    add_spring_forces(cloth, stages, controls, h)
-    go_the_way(cloth, cloth.search, stages, controls, h)
+    add_spring_forces(cloth, stages, now.controls, now.h)
+    go_the_way(cloth, cloth.search, stages, now.controls, now.h)
 
 
 # -- by a factor ---------------------------------------------------------------------------------------------------
@@ -197,27 +160,6 @@ def write_missing(cloth: ti.template(), stages: ti.template(), controls: ti.temp
 
 
 @ti.kernel
-def run_before(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: row,
-    spheres: table,
-    boxes: table,
-    ground: table,
-    both: table,
-):
-    """And leaves the first right side in `both`."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        before(cloth, stages, s, substeps, h, held, controls, spheres, boxes, ground)
-        write_missing(cloth, stages, controls, h, both)
-
-
-@ti.kernel
 def run_round(cloth: ti.template(), stages: ti.template(), more: int, h: float, controls: row, both: table):
     """Goes the way that stands in `both`, and leaves the next right side there if there are `more` rounds."""
     ti.loop_config(serialize=True)
@@ -227,24 +169,6 @@ def run_round(cloth: ti.template(), stages: ti.template(), more: int, h: float, 
                 cloth.x[i] = cloth.x[i] + ti.math.vec3(both[0, i], both[1, i], both[2, i])
         if more:
             write_missing(cloth, stages, controls, h, both)
-
-
-@ti.kernel
-def run_after(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: row,
-    spheres: table,
-    boxes: table,
-    ground: table,
-):
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        after(cloth, stages, s, substeps, h, held, controls, spheres, boxes, ground)
 
 
 @ti.kernel
@@ -332,11 +256,13 @@ class Projective(Solver):
         substeps, iterations, h, held, *steering = frame.arguments
         for s in range(substeps):
             here = (self.cloth, self.stages, s, substeps, h, held, *steering)
-            run_before(*here, both)
+            run_part(self.before, *here)
+            both.fill(0.0)
+            run_round(self.cloth, self.stages, True, h, frame.controls, both)
             for k in range(iterations):
                 factor.solve(both, held)
                 run_round(self.cloth, self.stages, k + 1 < iterations, h, frame.controls, both)
-            run_after(*here)
+            run_part(self.after, *here)
 
     def _factorised(self, scale: float) -> Factor:
         """The factor for springs of `scale` [s²] times their stiffness: the last one, as long as nothing changes."""

@@ -15,12 +15,15 @@ from ..kernels.controls import KEPT
 from ..kernels.forces import acceleration_of, add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.motion import take_up_corrections
-from ..kernels.places import LANES, choose
+from ..kernels.places import choose
 from ..kernels.springs import add_spring_forces, limit_strain
+from ..kernels.tethers import pull_tethers
 from ..mesh.frequency import stable_runge_kutta_substeps
 from ..mesh.topology import Topology
 from ..scene.model import FRAME_SECONDS
 from ..state import ClothState
+from ..state.fields import like_places
+from ..state.pool import attached
 from .base import ExplicitSolver, Stages
 
 
@@ -34,17 +37,8 @@ class Slopes:
 
 
 def slopes_of(work: Any) -> Slopes:
-    """Slopes for a state. They stay with its fields, which are used again (`pool.py`), and so do compiled kernels."""
-    if not hasattr(work, "slopes"):
-        slots = work.x.shape[0]
-        work.slopes = Slopes(
-            *(
-                ti.Matrix.field(3, LANES, ti.f32, slots) if work.in_lanes else ti.Vector.field(3, ti.f32, slots)
-                for _ in range(3)
-            )
-        )
-    slopes: Slopes = work.slopes
-    return slopes
+    """The slopes of a state."""
+    return attached(work, "slopes", lambda: Slopes(*(like_places(work) for _ in range(3))))
 
 
 @ti.func
@@ -86,36 +80,24 @@ def finish(cloth: ti.template(), h: float):
 
 
 @ti.func
-def after(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """One substep. In every stage the held particle is where the hand is at that stage's time."""
-    share = 1.0 / substeps
-    passed = (s + 1) * share
-    rate = -ti.log(controls[KEPT]) / h
+    rate = -ti.log(now.controls[KEPT]) / now.h
     begin(cloth)
     for stage in range(4):
         outer = stage == 0 or stage == 3
         time = ti.select(stage == 0, 0.0, ti.select(stage == 3, 1.0, 0.5))  # of this stage, in substeps
-        lead_held(cloth, stages, held, controls, (s + time) * share, h * substeps)
+        lead_held(cloth, stages, now, now.s + time)
         forget_forces(cloth)
-        add_air(cloth, stages, controls, h, (s + time) * h)
-        add_spring_forces(cloth, stages, controls, h)
-        go_on(cloth, controls, rate, 1.0 / 6.0 if outer else 1.0 / 3.0, h if stage == 2 else 0.5 * h)
-    finish(cloth, h)
-    lead_held(cloth, stages, held, controls, passed, h * substeps)
-    push_out(cloth, stages, spheres, boxes, ground, passed, share)
-    limit_strain(cloth, stages, controls, h)
-    take_up_corrections(cloth, h)
+        add_air(cloth, stages, now, now.s + time)
+        add_spring_forces(cloth, stages, now.controls, now.h)
+        go_on(cloth, now.controls, rate, 1.0 / 6.0 if outer else 1.0 / 3.0, now.h if stage == 2 else 0.5 * now.h)
+    finish(cloth, now.h)
+    lead_held(cloth, stages, now, now.s + 1.0)
+    pull_tethers(cloth, stages, now)
+    push_out(cloth, stages, now)
+    limit_strain(cloth, stages, now.controls, now.h)
+    take_up_corrections(cloth, now.h)
 
 
 class Rk4(ExplicitSolver):

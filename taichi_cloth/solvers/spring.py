@@ -11,52 +11,32 @@ from ..kernels.forces import add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.motion import drift, kick, take_up_corrections
 from ..kernels.springs import add_spring_forces, limit_strain
+from ..kernels.tethers import pull_tethers
 from ..mesh.frequency import stable_substeps
 from ..scene.model import FRAME_SECONDS
 from .base import ExplicitSolver
 
 
 @ti.func
-def before(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Forces at the present places. Half a kick opens the frame and half a kick closes it; two halves are one."""
     forget_forces(cloth)
-    add_air(cloth, stages, controls, h, s * h)
-    add_spring_forces(cloth, stages, controls, h)
+    add_air(cloth, stages, now, now.s)
+    add_spring_forces(cloth, stages, now.controls, now.h)
     share = 1.0
-    if s == 0 or s == substeps:
+    if now.s == 0 or now.s == now.substeps:
         share = 0.5
-    kick(cloth, controls, share * h, ti.pow(controls[KEPT], share))
+    kick(cloth, now.controls, share * now.h, ti.pow(now.controls[KEPT], share))
 
 
 @ti.func
-def after(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
-    drift(cloth, h)
-    lead_held(cloth, stages, held, controls, (s + 1) / substeps, h * substeps)
-    push_out(cloth, stages, spheres, boxes, ground, (s + 1) / substeps, 1.0 / substeps)
-    limit_strain(cloth, stages, controls, h)
-    take_up_corrections(cloth, h)
+def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    drift(cloth, now.h)
+    lead_held(cloth, stages, now, now.s + 1.0)
+    pull_tethers(cloth, stages, now)
+    push_out(cloth, stages, now)
+    limit_strain(cloth, stages, now.controls, now.h)
+    take_up_corrections(cloth, now.h)
 
 
 class Spring(ExplicitSolver):

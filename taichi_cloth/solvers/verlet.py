@@ -17,6 +17,7 @@ from ..kernels.maths import verlet_step
 from ..kernels.places import choose
 from ..kernels.springs import for_springs, limit_strain, relax
 from ..kernels.tethers import pull_tethers
+from ..state import fields
 from .base import Solver, set_vector
 
 
@@ -31,57 +32,24 @@ def predict(cloth: ti.template(), controls: ti.template(), h: float):
 
 
 @ti.func
-def before(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """External forces, and every particle goes on as it moved."""
     forget_forces(cloth)
-    add_air(cloth, stages, controls, h, s * h)
-    predict(cloth, controls, h)
-    lead_held(cloth, stages, held, controls, (s + 1) / substeps, h * substeps)
+    add_air(cloth, stages, now, now.s)
+    predict(cloth, now.controls, now.h)
+    lead_held(cloth, stages, now, now.s + 1.0)
 
 
 @ti.func
-def sweep(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
-    for_springs(cloth, stages, relax, controls, h)
-    push_out(cloth, stages, spheres, boxes, ground, (s + 1) / substeps, 1.0 / substeps)
+def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    for_springs(cloth, stages, relax, now.controls, now.h)
+    push_out(cloth, stages, now)
 
 
 @ti.func
-def after(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
-    pull_tethers(cloth, stages, s, held, controls)
-    limit_strain(cloth, stages, controls, h)
+def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    pull_tethers(cloth, stages, now)
+    limit_strain(cloth, stages, now.controls, now.h)
 
 
 @ti.kernel
@@ -106,7 +74,7 @@ class Verlet(Solver):
         return (x - x_prev) / h
 
     def set_velocities(self, velocities: NDArray[np.float64], h: float) -> None:
-        self.cloth.fill(self.cloth.x_prev, self.cloth.taken(self.cloth.x) - velocities * h)
+        fields.put(self.cloth.x_prev, self.cloth.taken(self.cloth.x) - velocities * h)
 
     def set_velocity(self, particle: int, velocity: NDArray[np.float64], h: float) -> None:
         before = self.cloth.x[particle] - ti.Vector([float(v) * h for v in velocity])

@@ -15,60 +15,27 @@ from .base import Solver
 
 
 @ti.func
-def before(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     forget_forces(cloth)
-    add_air(cloth, stages, controls, h, s * h)
-    kick(cloth, controls, h, controls[KEPT])
-    drift(cloth, h)  # (1)
-    lead_held(cloth, stages, held, controls, (s + 1) / substeps, h * substeps)
+    add_air(cloth, stages, now, now.s)
+    kick(cloth, now.controls, now.h, now.controls[KEPT])
+    drift(cloth, now.h)  # (1)
+    lead_held(cloth, stages, now, now.s + 1.0)
     forget_multipliers(cloth)  # (4)
 
 
 @ti.func
-def sweep(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
+def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Steps (6)–(11), and contact."""
-    for_springs(cloth, stages, relax_compliant, controls, h)
-    push_out(cloth, stages, spheres, boxes, ground, (s + 1) / substeps, 1.0 / substeps)
+    for_springs(cloth, stages, relax_compliant, now.controls, now.h)
+    push_out(cloth, stages, now)
 
 
 @ti.func
-def after(
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: ti.template(),
-    spheres: ti.template(),
-    boxes: ti.template(),
-    ground: ti.template(),
-):
-    pull_tethers(cloth, stages, s, held, controls)
-    limit_strain(cloth, stages, controls, h)
-    take_up_corrections(cloth, h)  # (15)
+def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    pull_tethers(cloth, stages, now)
+    limit_strain(cloth, stages, now.controls, now.h)
+    take_up_corrections(cloth, now.h)  # (15)
 
 
 class Xpbd(Solver):

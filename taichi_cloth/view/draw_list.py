@@ -7,8 +7,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..pool import Pool
 from ..simulation import Simulation
+from ..state.pool import Pool
 from . import fill, solids
 from .draw_mesh import DrawMesh
 from .lighting import studio

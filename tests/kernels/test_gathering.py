@@ -11,24 +11,23 @@ from taichi_cloth.kernels import springs
 from taichi_cloth.kernels.forces import acceleration_of, add_air, forget_forces, wind_at
 from taichi_cloth.mesh.topology import Topology, sheet
 from taichi_cloth.solvers import Stages
+from taichi_cloth.solvers.base import run_part
 from taichi_cloth.view.fill import particle_normals
 
 row = ti.types.ndarray(dtype=ti.f32, ndim=1)
-table = ti.types.ndarray(dtype=ti.f32, ndim=2)
 
 H = 1 / 300
 WINDY = Stages(wind=True)
 CALM = Stages()
+NONE = np.zeros((0, 8), np.float32)  # no collider
 
 
-@ti.kernel
-def gather_into_predicted(cloth: ti.template(), stages: ti.template(), controls: row, h: float):
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        forget_forces(cloth)
-        add_air(cloth, stages, controls, h, 0.0)
-        for i in range(cloth.slot_count[None]):
-            cloth.predicted[i] = acceleration_of(cloth, i, controls)
+@ti.func
+def gather_into_predicted(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    forget_forces(cloth)
+    add_air(cloth, stages, now, 0.0)
+    for i in range(cloth.slot_count[None]):
+        cloth.predicted[i] = acceleration_of(cloth, i, now.controls)
 
 
 @ti.kernel
@@ -49,19 +48,12 @@ def relax(cloth: state.ClothState, stiffness: float) -> None:
     relax_once(cloth, controls)
 
 
-@ti.kernel
-def push(cloth: ti.template(), stages: ti.template(), spheres: table, boxes: table, ground: table, passed: float):
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        push_out(cloth, stages, spheres, boxes, ground, passed, 0.2)
-
-
 STIFFNESS = (1.0, 1.0, 1.0, 1.0, 0.5, 0.5)  # of each of grid.DIRECTIONS
 
 
 def gather(cloth: state.ClothState, stages: Stages, controls: np.ndarray, h: float) -> np.ndarray:
     """Accelerations by all external forces [m/s²]."""
-    gather_into_predicted(cloth, stages, controls, h)
+    run_part(gather_into_predicted, cloth, stages, 0, 1, h, -1, controls, NONE, NONE, NONE)
     return cloth.taken(cloth.predicted)
 
 
@@ -205,7 +197,7 @@ def test_contact_pushes_free_particles_out_and_leaves_pins(cloth_of) -> None:
     boxes = np.array([[0.5, 0.5, 0, 0.1, 0.1, 0.1, 0.02, 0]], np.float32)
     ground = np.array([[-0.4, 0]], np.float32)
     stages = Stages(spheres=1, boxes=1, ground=True)
-    push(cloth, stages, spheres, boxes, ground, 0.2)
+    run_part(push_out, cloth, stages, 0, 5, H, -1, wind(), spheres, boxes, ground)
     x = cloth.taken(cloth.x)
     assert (x[12] == topology.start[12]).all()
     free = np.delete(x, 12, axis=0)
@@ -222,14 +214,8 @@ def test_friction_of_the_ground_holds_a_slow_slide(cloth_of) -> None:
     lowered = topology.start - [0, 0.01, 0]
     cloth.put(lowered + [0.002, 0, 0], lowered, state.inverse_mass(topology))
     stages = Stages(ground=True)
-    push(
-        cloth,
-        stages,
-        np.zeros((0, 8), np.float32),
-        np.zeros((0, 8), np.float32),
-        np.array([[-0.5, 0.5]], np.float32),
-        1.0,
-    )
+    ground = np.array([[-0.5, 0.5]], np.float32)
+    run_part(push_out, cloth, stages, 4, 5, H, -1, wind(), NONE, NONE, ground)
     x = cloth.taken(cloth.x)
     assert x[20:, 0] == pytest.approx(lowered[20:, 0], abs=1e-6)  # 0.002 < 0.5 · 0.01: it sticks
     assert x[:5, 0] == pytest.approx(lowered[:5, 0] + 0.002, abs=1e-6)

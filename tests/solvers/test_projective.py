@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from taichi_cloth.mesh.from_scene import stiffness_of
 from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver
-from taichi_cloth.simulation import Simulation, stiffness_of
+from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS, projective
 
 PATHS = SOLVERS["projective"].paths
@@ -21,7 +22,7 @@ def soft(iterations: int) -> Scene:
 def backward_euler(simulation: Simulation, x0: np.ndarray, v0: np.ndarray, held: dict[int, np.ndarray]) -> np.ndarray:
     """The places a frame later: M·(x − y) = h²·f(x), by Newton's method. `held`: particles led to a place."""
     topology, h = simulation.topology, 1 / 60
-    stiffness = stiffness_of(simulation.scene, topology)
+    stiffness = stiffness_of(simulation.scene, "fabric", topology)
     a, b = topology.ends.T
     free = ~topology.pinned
     y = x0 + h * v0 + h**2 * np.array([0, -9.81, 0])

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from taichi_cloth.mesh.from_scene import stiffness_of
 from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver
-from taichi_cloth.simulation import Simulation, stiffness_of
+from taichi_cloth.simulation import Simulation
 
 DAMPING, DAMPING_TIME, FRAMES = 1.0, 1e-3, 24
 # Soft enough for the fastest vibration to take five substeps of a whole frame: errors far above float32's rounding.
@@ -36,7 +37,7 @@ def solved() -> np.ndarray:
     """The same by plain NumPy in float64, 64 substeps of a frame."""
     with Simulation(SCENE) as simulation:
         topology, v = simulation.topology, first_velocities(simulation)
-    stiffness = stiffness_of(SCENE, topology)[:, None]
+    stiffness = stiffness_of(SCENE, "fabric", topology)[:, None]
     a, b = topology.ends.T
     free = ~topology.pinned[:, None]
 

@@ -47,3 +47,11 @@ class Pool(Generic[Fields]):
         size = self._size.pop(id(fields), None)
         if size is not None and ti.lang.impl.get_runtime().prog is self._program:
             self._free[size].append(fields)
+
+
+def attached(owner: Any, name: str, make: Callable[[], Fields]) -> Fields:
+    """More fields of a pooled group, made when first asked for: they are used again with it, like their kernels."""
+    if not hasattr(owner, name):
+        setattr(owner, name, make())
+    fields: Fields = getattr(owner, name)
+    return fields

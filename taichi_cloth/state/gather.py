@@ -1,14 +1,16 @@
 """The same cloth for machines that run a thread for each particle: what meets at every particle, beside its fields."""
 
-from dataclasses import dataclass, fields
+import dataclasses
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import taichi as ti
 
-from .mesh.incidence import incidence
-from .mesh.topology import Topology
+from ..mesh.incidence import incidence
+from ..mesh.topology import Topology
+from . import fields
+from .cloth import ClothState
 from .pool import Pool
-from .state import ClothState, padded
 
 
 @dataclass(eq=False)
@@ -31,14 +33,13 @@ class GatherState:
         ends, triangles, count = topology.ends, topology.triangles, topology.particle_count
         self.incidence = _pool.take(count + 1, 2 * len(ends), 3 * len(triangles))
         for part in (cloth, self.incidence):
-            for field in fields(part):
+            for field in dataclasses.fields(part):
                 setattr(self, field.name, getattr(part, field.name))
         if hasattr(cloth, "ties"):
             self.ties = cloth.ties
         for name, rows in (("spring", ends), ("triangle", triangles)):
             for kind, values in zip(("first", "rows"), incidence(rows, count), strict=True):
-                target = getattr(self.incidence, f"{name}_{kind}")
-                target.from_numpy(padded(values, target.shape[0]))
+                fields.put(getattr(self.incidence, f"{name}_{kind}"), values)
 
     def close(self) -> None:
         """Keeps the incidence's fields for the next cloth of its size."""
@@ -47,10 +48,10 @@ class GatherState:
 
 def _allocate(particles: int, springs: int, triangles: int) -> Incidence:
     return Incidence(
-        spring_first=ti.field(ti.i32, particles),
-        spring_rows=ti.field(ti.i32, springs),
-        triangle_first=ti.field(ti.i32, particles),
-        triangle_rows=ti.field(ti.i32, triangles),
+        spring_first=fields.numbers(particles, kind=ti.i32),
+        spring_rows=fields.numbers(springs, kind=ti.i32),
+        triangle_first=fields.numbers(particles, kind=ti.i32),
+        triangle_rows=fields.numbers(triangles, kind=ti.i32),
     )
 
 

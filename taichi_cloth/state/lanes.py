@@ -11,11 +11,11 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from .mesh import strips
-from .mesh.grid import DIRECTIONS
-from .mesh.topology import Topology
+from ..mesh import strips
+from ..mesh.grid import DIRECTIONS
+from ..mesh.topology import Topology
+from . import fields
 from .pool import Pool
-from .state import padded
 
 SPARE = 1  # slots more than any grid fills: a kernel may keep a neighbour of another lane there
 
@@ -48,15 +48,15 @@ class LaneState:
     def upload(self, topology: Topology, stiffness: NDArray[np.float64], pitch: int, *, coloured: bool) -> None:
         """Fills all that a frame does not load. `stiffness`: of every spring, (E,)."""
         rows, columns = topology.shape
-        rest = strips.pack(topology.by_place(topology.rest).astype(np.float32), pitch)
-        self.rest.from_numpy(padded(rest.reshape(-1, strips.STRIPS), self.rest.shape[0]))
         by_place = topology.by_place(stiffness)
-        kinds = strips.pack(by_place[:, strips.row_kinds(rows)].astype(np.float32), pitch)
-        self.stiffness.from_numpy(padded(kinds.reshape(-1, strips.STRIPS), self.stiffness.shape[0]))
-        has_cell = strips.pack((np.arange(columns) < columns - 1).astype(np.float32), pitch)
-        self.has_cell.from_numpy(padded(has_cell, self.has_cell.shape[0]))
+        for field, values in (
+            (self.rest, topology.by_place(topology.rest)),
+            (self.stiffness, by_place[:, strips.row_kinds(rows)]),
+            (self.has_cell, np.arange(columns) < columns - 1),
+        ):
+            fields.put(field, strips.pack(values, pitch).reshape(-1, strips.STRIPS))
         table = strips.passes(by_place.max(axis=(1, 2)) > 0, pitch, coloured=coloured)
-        self.passes.from_numpy(padded(table, self.passes.shape[0]))
+        fields.put(self.passes, table)
         self.pass_count[None] = len(table)
         self.rows[None], self.columns[None], self.pitch[None] = rows, columns, pitch
         self.slot_count[None] = rows * pitch
@@ -65,10 +65,10 @@ class LaneState:
 
 def _allocate(slots: int, pitch: int) -> LaneState:
     def places() -> Any:
-        return ti.Matrix.field(3, strips.STRIPS, ti.f32, slots + SPARE)
+        return fields.places(slots + SPARE, lanes=True)
 
     def numbers(count: int) -> Any:
-        return ti.Vector.field(strips.STRIPS, ti.f32, count)
+        return fields.numbers(count, lanes=True)
 
     return LaneState(
         x=places(),
@@ -82,12 +82,12 @@ def _allocate(slots: int, pitch: int) -> LaneState:
         stiffness=numbers(len(DIRECTIONS) * strips.ROW_KINDS * pitch),
         has_cell=numbers(pitch),
         passes=ti.Vector.field(strips.PASS_COLUMNS, ti.i32, 2 * len(DIRECTIONS)),
-        pass_count=ti.field(ti.i32, ()),
-        rows=ti.field(ti.i32, ()),
-        columns=ti.field(ti.i32, ()),
-        pitch=ti.field(ti.i32, ()),
-        slot_count=ti.field(ti.i32, ()),
-        spring_count=ti.field(ti.i32, ()),
+        pass_count=fields.number(),
+        rows=fields.number(),
+        columns=fields.number(),
+        pitch=fields.number(),
+        slot_count=fields.number(),
+        spring_count=fields.number(),
     )
 
 

@@ -7,9 +7,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from .mesh import strips
-from .mesh.tethers import MOST, tethers
-from .mesh.topology import Topology
+from ..mesh.topology import Topology
+from . import fields
 from .pool import Pool
 
 
@@ -43,12 +42,12 @@ class ClothState:
 
     def upload(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
         """Fills every field for this cloth at its start, at rest. `stiffness`: of every spring, (E,)."""
-        self.ends.from_numpy(padded(topology.ends, self.ends.shape[0]))
-        self.fill(self.rest, topology.rest)
-        self.fill(self.stiffness, stiffness)
-        self.triangles.from_numpy(padded(topology.triangles, self.triangles.shape[0]))
         first = [b.first for b in topology.batches] + [topology.spring_count]
-        self.batch_first.from_numpy(padded(np.array(first, np.int32), self.batch_first.shape[0]))
+        fields.put(self.ends, topology.ends)
+        fields.put(self.rest, topology.rest)
+        fields.put(self.stiffness, stiffness)
+        fields.put(self.triangles, topology.triangles)
+        fields.put(self.batch_first, np.array(first))
         self.slot_count[None] = topology.particle_count
         self.spring_count[None] = topology.spring_count
         self.batch_count[None] = len(topology.batches)
@@ -59,11 +58,7 @@ class ClothState:
     def put(self, x: NDArray[Any], x_prev: NDArray[Any], inverse_mass: NDArray[Any]) -> None:
         """Sets the places: two (N, 3) arrays [m] and one (N,) array [1/kg]."""
         for field, values in ((self.x, x), (self.x_prev, x_prev), (self.inverse_mass, inverse_mass)):
-            self.fill(field, values)
-
-    def fill(self, field: Any, values: NDArray[Any]) -> None:
-        """Sets the beginning of one field."""
-        field.from_numpy(padded(values.astype(np.float32), field.shape[0]))
+            fields.put(field, values)
 
     def taken(self, field: Any) -> NDArray[np.float32]:
         """A field over the particles in use, as NumPy."""
@@ -76,69 +71,24 @@ def inverse_mass(topology: Topology) -> NDArray[np.float32]:
     return np.where(topology.pinned, 0, 1 / topology.mass).astype(np.float32)
 
 
-def padded(values: NDArray[Any], capacity: int) -> NDArray[Any]:
-    """`values` with zeros behind them up to the field's length."""
-    out = np.zeros((capacity, *values.shape[1:]), values.dtype)
-    out[: len(values)] = values
-    return out
-
-
-@dataclass(eq=False)
-class Ties:
-    """Fields of the tethers of one layout: first those to the nearest pins, slot by slot, then to the next."""
-
-    pin: Any  # particle at the end; in strips slot·8 + lane
-    reach: Any  # [m] distance on the flat sheet
-    place: Any  # [m] where that particle is; in strips only
-    count: Any  # 0-D tethers of a particle
-
-
-def tie(work: Any, topology: Topology) -> None:
-    """Gives a cloth or its strips their `ties`, filled. They stay with its fields, and so do compiled kernels."""
-    lanes = work.in_lanes
-    if not hasattr(work, "ties"):
-        room = MOST * work.x.shape[0]
-        work.ties = Ties(
-            pin=ti.Vector.field(strips.STRIPS, ti.i32, room) if lanes else ti.field(ti.i32, room),
-            reach=ti.Vector.field(strips.STRIPS, ti.f32, room) if lanes else ti.field(ti.f32, room),
-            place=ti.Matrix.field(3, strips.STRIPS, ti.f32, room) if lanes else None,
-            count=ti.field(ti.i32, ()),
-        )
-    pins, reach = tethers(topology)
-    work.ties.count[None] = len(pins)
-    reach = reach.astype(np.float32)
-    if lanes:
-        pitch = work.pitch[None]
-        row, column = np.divmod(pins, topology.shape[1])
-        pins = ((row * pitch + column % pitch) * strips.STRIPS + column // pitch).astype(np.int32)
-        pins, reach = (
-            strips.pack(v.reshape(-1, *topology.shape), pitch).reshape(-1, strips.STRIPS) for v in (pins, reach)
-        )
-    for field, values in ((work.ties.pin, pins), (work.ties.reach, reach)):
-        field.from_numpy(padded(values if lanes else values.reshape(-1), field.shape[0]))
-
-
 def _allocate(particles: int, springs: int, triangles: int, batches: int) -> ClothState:
-    def vectors() -> Any:
-        return ti.Vector.field(3, ti.f32, particles)
-
     return ClothState(
-        x=vectors(),
-        x_prev=vectors(),
-        velocity=vectors(),
-        predicted=vectors(),
-        force=vectors(),
-        inverse_mass=ti.field(ti.f32, particles),
+        x=fields.places(particles),
+        x_prev=fields.places(particles),
+        velocity=fields.places(particles),
+        predicted=fields.places(particles),
+        force=fields.places(particles),
+        inverse_mass=fields.numbers(particles),
         ends=ti.Vector.field(2, ti.i32, springs),
-        rest=ti.field(ti.f32, springs),
-        stiffness=ti.field(ti.f32, springs),
-        multiplier=ti.field(ti.f32, springs),
-        batch_first=ti.field(ti.i32, batches),
+        rest=fields.numbers(springs),
+        stiffness=fields.numbers(springs),
+        multiplier=fields.numbers(springs),
+        batch_first=fields.numbers(batches, kind=ti.i32),
         triangles=ti.Vector.field(3, ti.i32, triangles),
-        slot_count=ti.field(ti.i32, ()),
-        spring_count=ti.field(ti.i32, ()),
-        batch_count=ti.field(ti.i32, ()),
-        triangle_count=ti.field(ti.i32, ()),
+        slot_count=fields.number(),
+        spring_count=fields.number(),
+        batch_count=fields.number(),
+        triangle_count=fields.number(),
     )
 
 

@@ -1,0 +1,37 @@
+"""How fields are made and filled. With `lanes`, a slot holds eight values side by side (`mesh/strips.py`)."""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from ..mesh.strips import STRIPS
+
+
+def number() -> Any:
+    """One whole number."""
+    return ti.field(ti.i32, ())
+
+
+def numbers(count: int, *, lanes: bool = False, kind: Any = ti.f32) -> Any:
+    """A number in each of `count` slots."""
+    return ti.Vector.field(STRIPS, kind, count) if lanes else ti.field(kind, count)
+
+
+def places(count: int, *, lanes: bool = False) -> Any:
+    """A vector of three in each of `count` slots."""
+    return ti.Matrix.field(3, STRIPS, ti.f32, count) if lanes else ti.Vector.field(3, ti.f32, count)
+
+
+def like_places(work: Any) -> Any:
+    """The same, as many as a state has."""
+    return places(work.x.shape[0], lanes=work.in_lanes)
+
+
+def put(field: Any, values: NDArray[Any]) -> None:
+    """Writes `values` to the beginning of a field and zeros behind them. `values` that do not fit raise ValueError."""
+    kind = np.float32 if field.dtype == ti.f32 else np.int32
+    out = np.zeros((field.shape[0], *values.shape[1:]), kind)
+    out[: len(values)] = values
+    field.from_numpy(out)
