@@ -52,6 +52,6 @@ def test_every_arch_that_is_there_moves_the_same_cloth(arch: str) -> None:
 @pytest.mark.skipif(not HERE, reason="no GPU and no Vulkan")
 def test_gpu_is_the_first_that_is_there_and_serial_paths_are_refused_on_it() -> None:
     assert runtime.start("gpu") == HERE[0]
-    with pytest.raises(WrongUse, match="verlet has no path list; with --arch cpu: list, lanes, gather"):
+    with pytest.raises(WrongUse, match="path list is for --arch cpu; a GPU has the path gather"):
         Simulation(load_scene("curtain"), path="list")
     runtime.start("cpu")

@@ -12,7 +12,7 @@ w_j·(n_j−1·dλ_j−1 − n_j·dλ_j). Every pivot is at least 1; K = 0 is no
 import taichi as ti
 import taichi.math as tm
 
-from ..mesh.chains import COUNT, FIRST, PARTICLE, STRIDE
+from ..mesh.chains import CHAINED, COUNT, FIRST, PARTICLE, STRIDE
 from ..mesh.strips import EDGE_ROW, ROW_KINDS
 from .controls import DAMPING_TIME, STIFFNESS
 from .maths import TINY
@@ -79,52 +79,65 @@ def gamma_of(stages: ti.template(), controls: ti.template(), h: float):
 
 @ti.func
 def solve_list(cloth: ti.template(), chains: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
+    """Chains of one direction share no particle: where threads run side by side, each takes one."""
+    if ti.static(cloth.gathers):
+        for d in ti.static(range(len(CHAINED))):
+            for k in range(chains.first[d], chains.first[d + 1]):
+                solve_chain(cloth, chains, stages, k, controls, h)
+    else:
+        for k in range(chains.first[ti.static(len(CHAINED))]):
+            solve_chain(cloth, chains, stages, k, controls, h)
+
+
+@ti.func
+def solve_chain(
+    cloth: ti.template(), chains: ti.template(), stages: ti.template(), k: int, controls: ti.template(), h: float
+):
     scale = controls[STIFFNESS] * h * h
     gamma = gamma_of(stages, controls, h)
-    for k in range(chains.count[None]):
-        chain = chains.table[k]
-        stride, first = chain[STRIDE], chain[FIRST]
-        n, share, change = tm.vec3(0.0), 0.0, 0.0
-        for j in range(chain[COUNT]):
-            a = chain[PARTICLE] + j * stride
-            b = a + stride
-            e = chains.springs[first + j]
-            gap = cloth.x[b] - cloth.x[a]
-            old_gap = gap
-            if ti.static(stages.spring_damping):
-                old_gap = cloth.x_prev[b] - cloth.x_prev[a]
-            w_a = cloth.inverse_mass[a]
-            n, share, coupling, change = eliminate(
-                stages,
-                gap,
-                old_gap,
-                w_a,
-                w_a + cloth.inverse_mass[b],
-                cloth.rest[e],
-                cloth.stiffness[e] * scale,
-                cloth.multiplier[e],
-                gamma,
-                n,
-                share,
-                change,
-            )
-            chains.normal[first + j] = n
-            chains.coupling[first + j] = coupling
-            chains.change[first + j] = change
-        carried = 0.0  # what the spring below adds to the change of this one
-        below = tm.vec3(0.0)  # n·dλ of the spring below
-        for r in range(chain[COUNT]):
-            j = chain[COUNT] - 1 - r
-            b = chain[PARTICLE] + (j + 1) * stride
-            e = chains.springs[first + j]
-            found = chains.change[first + j] + carried
-            cloth.multiplier[e] = cloth.multiplier[e] + found
-            above = chains.normal[first + j] * found
-            cloth.x[b] = cloth.x[b] + (above - below) * cloth.inverse_mass[b]
-            carried = chains.coupling[first + j] * found
-            below = above
-        top = chain[PARTICLE]
-        cloth.x[top] = cloth.x[top] - below * cloth.inverse_mass[top]
+    chain = chains.table[k]
+    stride, first = chain[STRIDE], chain[FIRST]
+    n, share, change = tm.vec3(0.0), 0.0, 0.0
+    for j in range(chain[COUNT]):
+        a = chain[PARTICLE] + j * stride
+        b = a + stride
+        e = chains.springs[first + j]
+        gap = cloth.x[b] - cloth.x[a]
+        old_gap = gap
+        if ti.static(stages.spring_damping):
+            old_gap = cloth.x_prev[b] - cloth.x_prev[a]
+        w_a = cloth.inverse_mass[a]
+        n, share, coupling, change = eliminate(
+            stages,
+            gap,
+            old_gap,
+            w_a,
+            w_a + cloth.inverse_mass[b],
+            cloth.rest[e],
+            cloth.stiffness[e] * scale,
+            cloth.multiplier[e],
+            gamma,
+            n,
+            share,
+            change,
+        )
+        chains.normal[first + j] = n
+        chains.coupling[first + j] = coupling
+        chains.change[first + j] = change
+    carried = 0.0  # what the spring below adds to the change of this one
+    below = tm.vec3(0.0)  # n·dλ of the spring below
+    for r in range(chain[COUNT]):
+        j = chain[COUNT] - 1 - r
+        b = chain[PARTICLE] + (j + 1) * stride
+        e = chains.springs[first + j]
+        found = chains.change[first + j] + carried
+        cloth.multiplier[e] = cloth.multiplier[e] + found
+        above = chains.normal[first + j] * found
+        cloth.x[b] = cloth.x[b] + (above - below) * cloth.inverse_mass[b]
+        carried = chains.coupling[first + j] * found
+        below = above
+    top = chain[PARTICLE]
+    cloth.x[top] = cloth.x[top] - below * cloth.inverse_mass[top]
 
 
 # -- eight chains at once ------------------------------------------------------------------------------------------

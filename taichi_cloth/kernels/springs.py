@@ -11,7 +11,8 @@ from .maths import TINY, dashpot_pull, project_compliant, project_distance, spri
 from .places import dot, length, next_lane, previous_lane, times
 from .strips import for_strip_springs
 
-MOST_BATCHES = 12  # two colours in each of six directions
+# Two colours in each of six directions, of which two are bends.
+MOST_BATCHES, MOST_BENDS = 12, 4
 
 
 @ti.func
@@ -136,14 +137,20 @@ def forget_multipliers(cloth: ti.template()):
 @ti.func
 def for_springs(cloth: ti.template(), stages: ti.template(), treat: ti.template(), controls: ti.template(), h: float):
     """One sweep: `treat` on every spring, colour by colour."""
-    for_springs_from(cloth, stages, 0, treat, controls, h)
+    for_springs_from(cloth, stages, 0, MOST_BATCHES, treat, controls, h)
 
 
 @ti.func
 def for_springs_from(
-    cloth: ti.template(), stages: ti.template(), first: int, treat: ti.template(), controls: ti.template(), h: float
+    cloth: ti.template(),
+    stages: ti.template(),
+    first: int,
+    most: ti.template(),
+    treat: ti.template(),
+    controls: ti.template(),
+    h: float,
 ):
-    """The same, without the colours before the one of number `first` (0 where every particle gathers).
+    """The same, without the colours before the one of number `first`; no more than `most` are left.
 
     Springs of one colour share no particle, so that none waits for the result of the one before: 6 ns a spring
     against 15 ns in grid order, and under 1 ns where eight go at once.
@@ -151,8 +158,9 @@ def for_springs_from(
     if ti.static(cloth.in_lanes):
         for_strip_springs(cloth, stages, first, treat, controls, h)
     elif ti.static(cloth.gathers):  # one parallel loop for each colour; a colour that is not there is empty
-        for s in ti.static(range(MOST_BATCHES)):
-            for e in range(cloth.batch_first[s], cloth.batch_first[s + 1]):
+        for s in ti.static(range(most)):
+            here, end = ti.min(first + s, MOST_BATCHES), ti.min(first + s + 1, MOST_BATCHES)
+            for e in range(cloth.batch_first[here], cloth.batch_first[end]):
                 treat(cloth, stages, cloth.ends[e][0], cloth.ends[e][1], e, cloth.stiffness[e], False, controls, h)
     else:
         for s in range(first, cloth.batch_count[None]):

@@ -20,18 +20,18 @@ SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Verlet, X
 def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = None) -> str:
     """The layout a solver works on, for a grid of (rows, columns) on the arch that Taichi was started on.
 
-    Raises WrongUse where the one that is `asked` for is none of the solver's, and where it has none for the arch.
+    Raises WrongUse for an unknown one, and on a GPU for one that would run there on a single thread.
     """
     if asked is not None and asked not in kind.paths:
         near = difflib.get_close_matches(asked, kind.paths, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise WrongUse(f"{kind.name} has no path {asked!r}: {', '.join(kind.paths)}{hint}")
-    if ti.cfg.arch not in (ti.x64, ti.arm64):  # a GPU: serial paths would run on one of its threads
-        if "gather" not in kind.paths or asked not in (None, "gather"):
-            raise WrongUse(f"{kind.name} has no path {asked or 'for a GPU'}; with --arch cpu: {', '.join(kind.paths)}")
+    if ti.cfg.arch not in (ti.x64, ti.arm64):
+        if asked not in (None, "gather"):
+            raise WrongUse(f"path {asked} is for --arch cpu; a GPU has the path gather")
         return "gather"
     # Strips of one column or less are mostly empty: then springs one by one are as fast.
-    return asked or ("lanes" if "lanes" in kind.paths and shape[1] >= LANES else "list")
+    return asked or next(path for path in kind.paths if path != "lanes" or shape[1] >= LANES)
 
 
 __all__ = ["SOLVERS", "FrameInput", "Solver", "Stages", "path_for"]

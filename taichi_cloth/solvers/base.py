@@ -14,10 +14,9 @@ from ..kernels.layout import load, store
 from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
 from ..state import ClothState, fields, lanes
-from ..state.gather import GatherState
+from ..state.gather import gathering
 from ..state.ties import tie
 
-SUBSTEPS_A_LAUNCH = 8
 SWEEPS_A_LAUNCH = 4
 
 # How a kernel takes the rows and tables of a `FrameInput`.
@@ -163,11 +162,12 @@ class Solver:
     before: ClassVar[Any] = staticmethod(nothing)  # a substep is `before`, then `sweep` once an iteration, then `after`
     sweep: ClassVar[Any] = staticmethod(nothing)
     after: ClassVar[Any] = staticmethod(nothing)
-    paths: ClassVar[tuple[str, ...]] = ("list", "lanes")
+    paths: ClassVar[tuple[str, ...]] = ("lanes", "list", "gather")  # the first that fits a grid is taken
     own_velocity: ClassVar[bool] = True
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes
     iterates: ClassVar[bool] = True  # `iterations` means something
     closing: ClassVar[bool] = False  # a frame ends with one more `before`
+    substeps_a_launch: ClassVar[int] = 4  # on a GPU, where there are no iterations: what compiles in a second or two
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
@@ -177,29 +177,31 @@ class Solver:
         self.path = path
         self.stages = replace(stages, own_velocity=self.own_velocity)
         coloured = self.coloured or stages.strain_limit
-        self._lanes = lanes.take(topology, stiffness, coloured=coloured) if path == "lanes" else None
+        self.work: Any = cloth  # the layout that is worked on
+        if path == "lanes":
+            self.work = lanes.take(topology, stiffness, coloured=coloured)
+        elif path == "gather":
+            self.work = gathering(cloth, topology)
         if stages.tethers:
-            tie(self._lanes or cloth, topology)
-        self._gather = GatherState(cloth, topology) if path == "gather" else None
+            tie(self.work, topology)
 
     def advance_frame(self, frame: FrameInput) -> None:
         """Advances the cloth by `frame.substeps` substeps of `frame.h` seconds."""
-        if self._gather is not None:
-            self._advance_in_parallel(self._gather, frame)
-            return
-        work = self._lanes or self.cloth
-        parts = (self.before, self.sweep, self.after)
-        run_frame(*parts, self.cloth, work, self.stages, int(self.closing), *frame.arguments)
+        if self.work.gathers:
+            self._advance_in_parallel(frame)
+        else:
+            parts = (self.before, self.sweep, self.after)
+            run_frame(*parts, self.cloth, self.work, self.stages, int(self.closing), *frame.arguments)
 
-    def _advance_in_parallel(self, work: GatherState, frame: FrameInput) -> None:
+    def _advance_in_parallel(self, frame: FrameInput) -> None:
         """The same frame in as few launches as compile in a second or two."""
         substeps, iterations, *steering = frame.arguments
 
         def run(parts: tuple[Any, ...], repeat: int, s: int, step: int) -> None:
-            run_parts(parts, repeat, work, self.stages, s, step, substeps, *steering)
+            run_parts(parts, repeat, self.work, self.stages, s, step, substeps, *steering)
 
         if not self.iterates:
-            for first, count in chunks(substeps, SUBSTEPS_A_LAUNCH):
+            for first, count in chunks(substeps, self.substeps_a_launch):
                 run((self.before, self.after), count, first, 1)
         else:
             for s in range(substeps):
@@ -235,12 +237,9 @@ class Solver:
 
     def close(self) -> None:
         """Gives the fields back that are not the cloth's own."""
-        if self._lanes is not None:
-            lanes.give_back(self._lanes)
-            self._lanes = None
-        if self._gather is not None:
-            self._gather.close()
-            self._gather = None
+        if self.work.in_lanes:
+            lanes.give_back(self.work)
+        self.work = self.cloth
 
 
 class ExplicitSolver(Solver):

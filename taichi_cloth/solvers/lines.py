@@ -15,7 +15,7 @@ from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.motion import drift, kick, take_up_corrections
-from ..kernels.springs import for_springs_from, limit_strain, relax_compliant
+from ..kernels.springs import MOST_BENDS, for_springs_from, limit_strain, relax_compliant
 from ..kernels.tethers import pull_tethers
 from ..mesh.topology import Topology
 from ..state import ClothState
@@ -38,7 +38,8 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 @ti.func
 def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     solve_chains(cloth, stages, now.controls, now.h)
-    for_springs_from(cloth, stages, cloth.chains.first_bend[None], relax_compliant, now.controls, now.h)
+    first = cloth.chains.first_bend[None]
+    for_springs_from(cloth, stages, first, MOST_BENDS, relax_compliant, now.controls, now.h)
 
 
 @ti.func
@@ -62,7 +63,7 @@ class Lines(Solver):
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
     ) -> None:
         super().__init__(cloth, topology, stiffness, stages, path)
-        if self._lanes is not None:
-            strip_chains(self._lanes, topology, stiffness)
+        if self.work.in_lanes:
+            strip_chains(self.work, topology, stiffness)
         else:
-            list_chains(cloth, topology)
+            list_chains(self.work, topology)

@@ -8,13 +8,13 @@ the plain forces f of the springs, and loses nothing to float32:
 
     (M + h²L)·δ = M·(y − x) + h²·f(x),    x ← x + δ
 
-The matrix is constant: path `list` factorises it once and then only substitutes. Path `matrix-free` never forms it: it
-solves by conjugate gradients, with one sweep over the springs for every product, in strips where the grid is wide
-enough for them. It is as fast for one round of 720 particles, takes twice as long for ten, and 3.4 times for 4096.
+The matrix is constant: path `list` factorises it once and then only substitutes. The others never form it:
+they solve by conjugate gradients, with one sweep over the springs for every product. In strips that is as fast for one
+round of 720 particles, takes twice as long for ten, and 3.4 times for 4096.
 Dashpots (`damping_time`) are left out: backward Euler damps by itself.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,25 +22,24 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..kernels.conjugate import MOST_PRODUCTS, PARTIAL_SUMS, begin_search, find_way, search_on
 from ..kernels.controls import KEPT, STIFFNESS
 from ..kernels.forces import add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.maths import TINY
 from ..kernels.motion import drift, kick, take_up_corrections
-from ..kernels.places import LANES, choose, dot, times
-from ..kernels.springs import add_spring_forces, add_to_both, far, for_springs, limit_strain
+from ..kernels.places import choose, times
+from ..kernels.springs import add_spring_forces, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..mesh.topology import Topology
-from ..state import ClothState, lanes
-from ..state.fields import like_places
-from ..state.pool import attached
-from .base import FrameInput, Solver, Stages, row, run_part, table
+from ..state import ClothState
+from ..state.search import search_of
+from .base import FrameInput, Solver, Stages, row, run_part, run_parts, table
 
-TOLERANCE = 1e-4  # conjugate gradients end when the residual is this share of the first; the next round sees the rest
-MOST_PRODUCTS = 300  # or after so many products
+PRODUCTS_A_LAUNCH = 8  # of the matrix and a direction, between two looks at how far it is
 
 
-# -- both paths ----------------------------------------------------------------------------------------------------
+# -- all paths -----------------------------------------------------------------------------------------------------
 
 
 @ti.func
@@ -73,77 +72,37 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 # -- by conjugate gradients ----------------------------------------------------------------------------------------
 
 
-@dataclass(eq=False)
-class Search:
-    """Fields of the conjugate gradients, in the layout that is worked on."""
-
-    way: Any  # [m] δ
-    residual: Any  # [kg·m]
-    direction: Any
-    product: Any  # of the matrix and the direction
-
-
-def search_of(work: Any) -> Search:
-    """The search of a state."""
-    return attached(work, "search", lambda: Search(*(like_places(work) for _ in range(4))))
-
-
 @ti.func
-def inner(cloth: ti.template(), a: ti.template(), b: ti.template()):
-    """a·b over the whole cloth."""
-    total = dot(a[0], b[0])
-    for i in range(1, cloth.slot_count[None]):
-        total += dot(a[i], b[i])
-    if ti.static(cloth.in_lanes):
-        return total.sum()
-    else:
-        return total
-
-
-@ti.func
-def resist(
-    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
-):
-    """Adds a spring's share of h²L times the direction to the product."""
-    gap = far(cloth.search.direction[b], over) - cloth.search.direction[a]
-    share = times(gap, stiffness * (controls[STIFFNESS] * h * h))
-    add_to_both(cloth.search.product, a, b, -share, share, over)
-
-
-@ti.func
-def go_the_way(cloth: ti.template(), search: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
-    """Solves for δ by conjugate gradients from 0 (Hestenes and Stiefel 1952), and goes there."""
+def write_residual(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    forget_forces(cloth)
+    add_spring_forces(cloth, stages, now.controls, now.h)
     for i in range(cloth.slot_count[None]):
-        search.residual[i] = missing(cloth, i, h)
-        search.direction[i] = search.residual[i]
-        search.way[i] = search.residual[i] * 0.0
-    squares = inner(cloth, search.residual, search.residual)
-    goal = ti.max(squares * TOLERANCE**2, 1e-36)  # of squares; below, they would leave float32
-    products = 0
-    while squares > goal and products < MOST_PRODUCTS:
-        products += 1
-        for i in range(cloth.slot_count[None]):
-            search.product[i] = times(search.direction[i], 1.0 / ti.max(cloth.inverse_mass[i], TINY))
-        for_springs(cloth, stages, resist, controls, h)
-        far_enough = squares / inner(cloth, search.direction, search.product)
-        for i in range(cloth.slot_count[None]):
-            search.way[i] = search.way[i] + search.direction[i] * far_enough
-            left = search.residual[i] - search.product[i] * far_enough
-            search.residual[i] = choose(cloth.inverse_mass[i] > 0.0, left, left * 0.0)
-        before = squares
-        squares = inner(cloth, search.residual, search.residual)
-        for i in range(cloth.slot_count[None]):
-            search.direction[i] = search.residual[i] + search.direction[i] * (squares / before)
+        cloth.search.residual[i] = missing(cloth, i, now.h)
+
+
+@ti.func
+def go_the_way(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     for i in range(cloth.slot_count[None]):
-        cloth.x[i] = cloth.x[i] + search.way[i]
+        cloth.x[i] = cloth.x[i] + cloth.search.way[i]
 
 
 @ti.func
 def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """One round without a matrix. A particle that is not free takes no part: its residual is 0."""
-    forget_forces(cloth)
-    add_spring_forces(cloth, stages, now.controls, now.h)
-    go_the_way(cloth, cloth.search, stages, now.controls, now.h)
+    """One round without a matrix."""
+    write_residual(cloth, stages, now)
+    find_way(cloth, cloth.search, stages, now.controls, now.h)
+    go_the_way(cloth, stages, now)
+
+
+@ti.func
+def begin_round(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    write_residual(cloth, stages, now)
+    begin_search(cloth, cloth.search)
+
+
+@ti.func
+def go_on_searching(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    search_on(cloth, cloth.search, now.controls, now.h)
 
 
 # -- by a factor ---------------------------------------------------------------------------------------------------
@@ -231,7 +190,7 @@ class Projective(Solver):
     before = staticmethod(before)
     sweep = staticmethod(sweep)
     after = staticmethod(after)
-    paths = ("list", "matrix-free")
+    paths = ("list", "lanes", "gather")
     coloured = False
 
     def __init__(
@@ -242,15 +201,18 @@ class Projective(Solver):
         self._stiffness = stiffness
         self._factor: Factor | None = None
         self._factor_of = 0.0  # [s²] h² times the slider
-        if path == "matrix-free":
-            if topology.shape[1] >= LANES:
-                self._lanes = lanes.take(topology, stiffness, coloured=stages.strain_limit)
-            search_of(self._lanes or cloth)
+        if path != "list":
+            search_of(self.work, PARTIAL_SUMS)
 
     def advance_frame(self, frame: FrameInput) -> None:
-        if self.path != "list":
+        if self.path == "list":
+            self._advance_by_factor(frame)
+        elif self.path == "lanes":
             super().advance_frame(frame)
-            return
+        else:
+            self._advance_by_searching(frame)
+
+    def _advance_by_factor(self, frame: FrameInput) -> None:
         factor = self._factorised(frame.h**2 * float(frame.controls[STIFFNESS]))
         both = np.zeros((3, self._topology.particle_count), np.float32)
         substeps, iterations, h, held, *steering = frame.arguments
@@ -263,6 +225,24 @@ class Projective(Solver):
                 factor.solve(both, held)
                 run_round(self.cloth, self.stages, k + 1 < iterations, h, frame.controls, both)
             run_part(self.after, *here)
+
+    def _advance_by_searching(self, frame: FrameInput) -> None:
+        substeps, iterations, *steering = frame.arguments
+        search = self.work.search
+        for s in range(substeps):
+
+            def run(part: Any, repeat: int = 1, s: int = s) -> None:
+                run_parts((part,), repeat, self.work, self.stages, s, 0, substeps, *steering)
+
+            run(self.before)
+            for _ in range(iterations):
+                run(begin_round)
+                for _ in range(MOST_PRODUCTS // PRODUCTS_A_LAUNCH):
+                    if search.squares[None] <= search.goal[None]:
+                        break
+                    run(go_on_searching, PRODUCTS_A_LAUNCH)
+                run(go_the_way)
+            run(self.after)
 
     def _factorised(self, scale: float) -> Factor:
         """The factor for springs of `scale` [s²] times their stiffness: the last one, as long as nothing changes."""

@@ -80,18 +80,28 @@ def finish(cloth: ti.template(), h: float):
 
 
 @ti.func
-def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """One substep. In every stage the held particle is where the hand is at that stage's time."""
+def add_slope(cloth: ti.template(), stages: ti.template(), now: ti.template(), stage: int):
+    """One of the four slopes. The held particle is where the hand is at that time."""
+    outer = stage == 0 or stage == 3
+    time = ti.select(stage == 0, 0.0, ti.select(stage == 3, 1.0, 0.5))  # of this slope, in substeps
+    lead_held(cloth, stages, now, now.s + time)
+    forget_forces(cloth)
+    add_air(cloth, stages, now, now.s + time)
+    add_spring_forces(cloth, stages, now.controls, now.h)
     rate = -ti.log(now.controls[KEPT]) / now.h
+    go_on(cloth, now.controls, rate, 1.0 / 6.0 if outer else 1.0 / 3.0, now.h if stage == 2 else 0.5 * now.h)
+
+
+@ti.func
+def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    """One substep."""
     begin(cloth)
-    for stage in range(4):
-        outer = stage == 0 or stage == 3
-        time = ti.select(stage == 0, 0.0, ti.select(stage == 3, 1.0, 0.5))  # of this stage, in substeps
-        lead_held(cloth, stages, now, now.s + time)
-        forget_forces(cloth)
-        add_air(cloth, stages, now, now.s + time)
-        add_spring_forces(cloth, stages, now.controls, now.h)
-        go_on(cloth, now.controls, rate, 1.0 / 6.0 if outer else 1.0 / 3.0, now.h if stage == 2 else 0.5 * now.h)
+    if ti.static(cloth.gathers):  # its loops are parallel: they may not stand in another
+        for stage in ti.static(range(4)):
+            add_slope(cloth, stages, now, stage)
+    else:
+        for stage in range(4):
+            add_slope(cloth, stages, now, stage)
     finish(cloth, now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
     pull_tethers(cloth, stages, now)
@@ -106,13 +116,13 @@ class Rk4(ExplicitSolver):
     name = "rk4"
     springs = "fabric"
     after = staticmethod(after)
-    paths = ("list", "lanes")
+    substeps_a_launch = 2
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
     ) -> None:
         super().__init__(cloth, topology, stiffness, stages, path)
-        slopes_of(self._lanes or cloth)
+        slopes_of(self.work)
 
     def least_substeps(self, damping_time: float) -> int:
         return stable_runge_kutta_substeps(self.frequency, damping_time, FRAME_SECONDS)

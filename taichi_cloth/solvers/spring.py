@@ -46,7 +46,6 @@ class Spring(ExplicitSolver):
     springs = "fabric"
     before = staticmethod(before)
     after = staticmethod(after)
-    paths = ("list", "lanes", "gather")
     closing = True
 
     def least_substeps(self, damping_time: float) -> int:

@@ -66,7 +66,6 @@ class Verlet(Solver):
     before = staticmethod(before)
     sweep = staticmethod(sweep)
     after = staticmethod(after)
-    paths = ("list", "lanes", "gather")
     own_velocity = False
 
     def velocities(self, h: float) -> NDArray[np.float64]:

@@ -46,4 +46,3 @@ class Xpbd(Solver):
     before = staticmethod(before)
     sweep = staticmethod(sweep)
     after = staticmethod(after)
-    paths = ("list", "lanes", "gather")

@@ -8,7 +8,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..mesh import strips
-from ..mesh.chains import CHAIN_COLUMNS, CHAINED, chains
+from ..mesh.chains import CHAIN_COLUMNS, CHAINED, FIRST, chains
 from ..mesh.grid import DIRECTIONS
 from ..mesh.topology import Topology
 from . import fields
@@ -24,7 +24,7 @@ class ChainList:
     normal: Any  # vec3 (E,)
     coupling: Any  # (E,)
     change: Any  # [kg·m] (E,)
-    count: Any  # 0-D
+    first: Any  # (5,) first chain of each direction, and the count of all
     first_bend: Any  # 0-D the first batch of bend springs
 
 
@@ -72,7 +72,7 @@ def list_chains(cloth: Any, topology: Topology) -> None:
     table, order = chains(topology)
     fields.put(found.table, table)
     fields.put(found.springs, order)
-    found.count[None] = len(table)
+    fields.put(found.first, np.searchsorted(topology.direction[order[table[:, FIRST]]], [*CHAINED, len(CHAINED)]))
     found.first_bend[None] = sum(batch.direction in CHAINED for batch in topology.batches)
 
 
@@ -105,7 +105,7 @@ def _allocate_list(room: int) -> ChainList:
         normal=fields.places(room),
         coupling=fields.numbers(room),
         change=fields.numbers(room),
-        count=fields.number(),
+        first=fields.numbers(len(CHAINED) + 1, kind=ti.i32),
         first_bend=fields.number(),
     )
 

@@ -80,5 +80,5 @@ def test_the_path_is_chosen_by_the_grid() -> None:
 
 
 def test_an_unknown_path_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="verlet has no path 'lane': list, lanes, gather; did you mean 'lanes'"):
+    with pytest.raises(ValueError, match="verlet has no path 'lane': lanes, list, gather; did you mean 'lanes'"):
         path_for(SOLVERS["verlet"], (24, 30), "lane")

@@ -1,0 +1,142 @@
+"""Conjugate gradients (Hestenes and Stiefel 1952) for (M + h²L)·δ = right side, without ever forming the matrix.
+
+L is the stiffness-weighted Laplacian of the springs. A particle that is not free takes no part: its residual is 0.
+The search begins at δ = 0 with the right side in `residual`, and ends when the residual is `TOLERANCE` of the first.
+"""
+
+import taichi as ti
+
+from .controls import STIFFNESS
+from .maths import TINY
+from .places import choose, dot, times
+from .springs import add_to_both, far, for_springs
+
+TOLERANCE = 1e-4
+MOST_PRODUCTS = 300  # of the matrix and a direction
+LEAST_SQUARES = 1e-36  # sum of squares below which they would leave float32
+PARTIAL_SUMS = 256  # of a sum over all particles by many threads, always the same ones: equal bits every time
+
+
+# -- one particle's part -------------------------------------------------------------------------------------------
+
+
+@ti.func
+def set_out(search: ti.template(), i: int):
+    search.direction[i] = search.residual[i]
+    search.way[i] = search.residual[i] * 0.0
+
+
+@ti.func
+def begin_product(cloth: ti.template(), search: ti.template(), i: int):
+    """M·d. The springs add their part."""
+    search.product[i] = times(search.direction[i], 1.0 / ti.max(cloth.inverse_mass[i], TINY))
+
+
+@ti.func
+def go_on(cloth: ti.template(), search: ti.template(), i: int, ahead: float):
+    search.way[i] = search.way[i] + search.direction[i] * ahead
+    left = search.residual[i] - search.product[i] * ahead
+    search.residual[i] = choose(cloth.inverse_mass[i] > 0.0, left, left * 0.0)
+
+
+@ti.func
+def turn(search: ti.template(), i: int, share: float):
+    search.direction[i] = search.residual[i] + search.direction[i] * share
+
+
+# -- all in one serial search --------------------------------------------------------------------------------------
+
+
+@ti.func
+def inner(cloth: ti.template(), a: ti.template(), b: ti.template()):
+    """a·b over the whole cloth."""
+    total = dot(a[0], b[0])
+    for i in range(1, cloth.slot_count[None]):
+        total += dot(a[i], b[i])
+    if ti.static(cloth.in_lanes):
+        return total.sum()
+    else:
+        return total
+
+
+@ti.func
+def resist(
+    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
+):
+    """Adds a spring's share of h²L times the direction to the product."""
+    gap = far(cloth.search.direction[b], over) - cloth.search.direction[a]
+    share = times(gap, stiffness * (controls[STIFFNESS] * h * h))
+    add_to_both(cloth.search.product, a, b, -share, share, over)
+
+
+@ti.func
+def find_way(cloth: ti.template(), search: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
+    """From the right side in `residual` to δ in `way`."""
+    for i in range(cloth.slot_count[None]):
+        set_out(search, i)
+    squares = inner(cloth, search.residual, search.residual)
+    goal = ti.max(squares * TOLERANCE**2, LEAST_SQUARES)
+    products = 0
+    while squares > goal and products < MOST_PRODUCTS:
+        products += 1
+        for i in range(cloth.slot_count[None]):
+            begin_product(cloth, search, i)
+        for_springs(cloth, stages, resist, controls, h)
+        ahead = squares / inner(cloth, search.direction, search.product)
+        for i in range(cloth.slot_count[None]):
+            go_on(cloth, search, i, ahead)
+        before = squares
+        squares = inner(cloth, search.residual, search.residual)
+        for i in range(cloth.slot_count[None]):
+            turn(search, i, squares / before)
+
+
+# -- a thread for each particle: `begin_search`, then `search_on` until `squares` is down to `goal` ------------------
+
+
+@ti.func
+def inner_of_many(cloth: ti.template(), a: ti.template(), b: ti.template(), result: ti.template()):
+    """The same by many threads: sums of every 256th particle, and then of those."""
+    for t in range(PARTIAL_SUMS):
+        total = 0.0
+        for n in range((cloth.slot_count[None] + PARTIAL_SUMS - 1 - t) // PARTIAL_SUMS):
+            i = n * PARTIAL_SUMS + t
+            total += dot(a[i], b[i])
+        cloth.search.partial[t] = total
+    for _ in range(1):
+        total = 0.0
+        for t in range(PARTIAL_SUMS):
+            total += cloth.search.partial[t]
+        result[None] = total
+
+
+@ti.func
+def begin_search(cloth: ti.template(), search: ti.template()):
+    for i in range(cloth.slot_count[None]):
+        set_out(search, i)
+    inner_of_many(cloth, search.residual, search.residual, search.squares)
+    for _ in range(1):
+        search.goal[None] = ti.max(search.squares[None] * TOLERANCE**2, LEAST_SQUARES)
+
+
+@ti.func
+def search_on(cloth: ti.template(), search: ti.template(), controls: ti.template(), h: float):
+    """One product; nothing moves any more once the goal is reached."""
+    for i in range(cloth.slot_count[None]):
+        begin_product(cloth, search, i)
+        share = search.product[i]
+        for n in range(cloth.spring_first[i], cloth.spring_first[i + 1]):
+            e = cloth.spring_rows[n]
+            gap = search.direction[i] - search.direction[cloth.ends[e][0] + cloth.ends[e][1] - i]
+            share += gap * (cloth.stiffness[e] * controls[STIFFNESS] * h * h)
+        search.product[i] = share
+    inner_of_many(cloth, search.direction, search.product, search.slope)
+    for i in range(cloth.slot_count[None]):
+        if search.squares[None] > search.goal[None]:
+            go_on(cloth, search, i, search.squares[None] / search.slope[None])
+    for _ in range(1):
+        search.before[None] = search.squares[None]
+    inner_of_many(cloth, search.residual, search.residual, search.squares)
+    for i in range(cloth.slot_count[None]):
+        if search.squares[None] > search.goal[None]:
+            turn(search, i, search.squares[None] / search.before[None])
