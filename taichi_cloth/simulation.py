@@ -136,11 +136,10 @@ class Simulation:
     def change_solver(self, name: str) -> None:
         """Goes on with another method, from the same places and velocities, with the springs of its own section.
 
-        Raises WrongUse, and changes nothing, for an unknown name and where a path was forced that it does not have.
+        Raises WrongUse, and changes nothing, for an unknown name.
         """
         if name not in SOLVERS:
             raise WrongUse(f"{name!r} is not a solver: {', '.join(SOLVERS)}")
-        path_for(SOLVERS[name], self.topology.shape, self._path)
         x, velocities = self.positions(), self.velocities()
         inverse_mass = self.cloth.taken(self.cloth.inverse_mass)
         self._give_back()

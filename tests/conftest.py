@@ -1,4 +1,8 @@
-"""Every test module gets Taichi anew: the field trees of a whole suite would not fit into one process life."""
+"""Every test module gets Taichi anew: the field trees of a whole suite would not fit into one process life.
+
+Two processes share the tests (`pyproject.toml`). A module stays in one of them, so that a kernel is compiled once; the
+long modules about every solver are cut by solver.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,13 @@ from collections.abc import Iterator
 import pytest
 
 from taichi_cloth import runtime
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        call = getattr(item, "callspec", None)  # of a parametrized test
+        solver = call.params.get("solver", "") if call else ""
+        item.add_marker(pytest.mark.xdist_group(f"{item.path.name} {solver}"))
 
 
 @pytest.fixture(autouse=True, scope="module")

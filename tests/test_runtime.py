@@ -11,6 +11,7 @@ import taichi as ti
 from taichi_cloth import runtime
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene import load_scene
+from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.simulation import Simulation
 
 HERE = [a for a in ("cuda", "vulkan", "metal") if ti.lang.misc.is_arch_supported(getattr(ti, a))]
@@ -34,14 +35,16 @@ def told() -> str:
     return ", ".join(["cpu", *HERE])
 
 
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
 @pytest.mark.parametrize("arch", HERE)
-def test_every_arch_that_is_there_moves_the_same_cloth(arch: str) -> None:
+def test_every_arch_that_is_there_moves_the_same_cloth(arch: str, solver: str) -> None:
     """Whatever it is: here Mesa's software Vulkan, elsewhere a GPU."""
+    scene = load_scene("curtain", rows=8, columns=10, substeps=2, iterations=3, solver=solver)
     ends = []
     for name in ("cpu", arch):
         assert runtime.start(name) == name
-        with Simulation(load_scene("curtain", rows=8, columns=10, substeps=2, iterations=3)) as simulation:
-            assert simulation.solver.path == ("lanes" if name == "cpu" else "gather")
+        with Simulation(scene, "list" if name == "cpu" else None) as simulation:
+            assert simulation.solver.path == ("list" if name == "cpu" else "gather")
             for _ in range(5):
                 simulation.advance_frame()
             ends.append(simulation.positions())

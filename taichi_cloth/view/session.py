@@ -9,7 +9,6 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..errors import WrongUse
 from ..interact.camera import OrbitCamera
 from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
@@ -125,11 +124,7 @@ class Session:
     def _next_solver(self) -> None:
         """Goes on with the next method; the hand keeps what it holds."""
         name = self.simulation.solver.name
-        try:
-            self.simulation.change_solver(SOLVER_NAMES[(SOLVER_NAMES.index(name) + 1) % len(SOLVER_NAMES)])
-        except WrongUse as error:
-            self.note = str(error)
-            return
+        self.simulation.change_solver(SOLVER_NAMES[(SOLVER_NAMES.index(name) + 1) % len(SOLVER_NAMES)])
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
         self.note = ""

@@ -194,11 +194,18 @@ def test_a_child_whose_bench_has_ended_is_gone() -> None:
     assert isinstance(compiling.exception(), ChildFailed)
 
 
+def hear_ctrl_c() -> None:
+    """A job that a shell put into the background hears none, and its children neither."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
 def test_ctrl_c_ends_the_children_too(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "taichi_cloth", "bench", "--only", "verlet"]
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c
+    )
     assert process.stdout is not None
     assert "compiling" in process.stdout.readline()
     process.send_signal(signal.SIGINT)

@@ -30,6 +30,11 @@ def gather_into_predicted(cloth: ti.template(), stages: ti.template(), now: ti.t
         cloth.predicted[i] = acceleration_of(cloth, i, now.controls)
 
 
+@ti.func
+def limit_once(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    springs.limit_strain(cloth, stages, now.controls, now.h)
+
+
 @ti.kernel
 def gust(x: float, y: float, z: float, controls: row, seconds: float) -> ti.math.vec3:
     return wind_at(ti.math.vec3(x, y, z), controls, seconds)
@@ -188,6 +193,28 @@ def test_a_family_is_relaxed_by_its_own_stiffness(cloth_of) -> None:
     # Twice as wide: the error of 1 m, 0.25 · 0.5 of it put right, all of it at the free right edge.
     # The right edge's own spring keeps its length.
     assert cloth.taken(cloth.x)[[1, 3], 0] == pytest.approx([0.875, 0.875], abs=1e-6)
+
+
+def test_the_strain_limit_brings_long_springs_back_to_it_and_leaves_short_ones(cloth_of) -> None:
+    topology = flat(("left",))
+    cloth = cloth_of(topology)
+    controls = wind()
+    controls[c.MOST_STRAIN] = 0.1
+
+    def limited(x: np.ndarray, sweeps: int) -> np.ndarray:
+        cloth.put(x, x, state.inverse_mass(topology))
+        for _ in range(sweeps):
+            run_part(limit_once, cloth, Stages(strain_limit=True), 0, 1, H, -1, controls, NONE, NONE, NONE)
+        return cloth.taken(cloth.x)
+
+    within = (topology.start * [1.09, 0.5, 1.0]).astype(np.float32)  # short springs are left as they are
+    assert (limited(within, 1) == within).all()
+    pulled = (topology.start + [0.5, 0.0, 0.0] * (topology.start[:, :1] > 0.4)).astype(np.float32)  # the last column
+    x = limited(pulled, 300)
+    assert (x[topology.pinned] == pulled[topology.pinned]).all()
+    strain = np.linalg.norm(x[topology.ends[:, 0]] - x[topology.ends[:, 1]], axis=1) / topology.rest - 1
+    assert strain.max() == pytest.approx(0.1, abs=1e-4)
+    assert strain.min() < 0.01
 
 
 def test_contact_pushes_free_particles_out_and_leaves_pins(cloth_of) -> None:

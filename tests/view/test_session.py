@@ -190,13 +190,3 @@ def test_the_solver_changes_while_the_cloth_moves_and_is_held(session: Session) 
         assert session.measure().max_strain < 0.6
     point(session, (0.3, 0.3))
     assert session.simulation.grabbed is None
-
-
-def test_a_solver_without_the_forced_path_is_not_taken() -> None:
-    session = Session(load_scene("curtain", solver="spring"), "gather")
-    try:
-        session.act("solver")
-        assert session.simulation.solver.name == "spring"
-        assert "has no path 'gather'" in session.note
-    finally:
-        session.close()
