@@ -9,7 +9,8 @@ import taichi as ti
 from .controls import STIFFNESS
 from .maths import TINY
 from .places import choose, dot, times
-from .springs import add_to_both, far, for_springs
+from .springs import add_to_both, for_springs
+from .strips import Treatment
 
 TOLERANCE = 1e-4
 MOST_PRODUCTS = 300  # of the matrix and a direction
@@ -60,13 +61,14 @@ def inner(cloth: ti.template(), a: ti.template(), b: ti.template()):
 
 
 @ti.func
-def resist(
-    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
-):
+def resist(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """Adds a spring's share of h²L times the direction to the product."""
-    gap = far(cloth.search.direction[b], over) - cloth.search.direction[a]
+    gap = cloth.search.direction[b] - cloth.search.direction[a]
     share = times(gap, stiffness * (controls[STIFFNESS] * h * h))
-    add_to_both(cloth.search.product, a, b, -share, share, over)
+    add_to_both(cloth.search.product, a, b, -share, share)
+
+
+RESIST = Treatment(resist, reads=("search.direction",), changes="search.product")
 
 
 @ti.func
@@ -81,7 +83,7 @@ def find_way(cloth: ti.template(), search: ti.template(), stages: ti.template(),
         products += 1
         for i in range(cloth.slot_count[None]):
             begin_product(cloth, search, i)
-        for_springs(cloth, stages, resist, controls, h)
+        for_springs(cloth, stages, RESIST, controls, h)
         ahead = squares / inner(cloth, search.direction, search.product)
         for i in range(cloth.slot_count[None]):
             go_on(cloth, search, i, ahead)

@@ -112,3 +112,14 @@ def previous_lane(value):
     return ti.Matrix(
         [[value[c, max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))] for c in ti.static(range(3))]
     )
+
+
+@ti.func
+def put_back(value, shifted):
+    """`value` after `next_lane` of it was changed to `shifted`; the first lane stays."""
+    return ti.Matrix(
+        [
+            [shifted[c, max(k - 1, 0)] if ti.static(k > 0) else value[c, k] for k in ti.static(range(LANES))]
+            for c in ti.static(range(3))
+        ]
+    )

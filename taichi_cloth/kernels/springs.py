@@ -1,61 +1,45 @@
 """What is done to every spring in turn: relaxed as a distance, relaxed with compliance, pulled, limited.
 
 Each function treats one spring in slot `e` between the particles in slots `a` and `b`, or eight springs at
-once (`places.py`). `over` says that b lies beyond a strip's border (`lanes.py`); a list of springs has none.
+once (`places.py`).
 """
 
 import taichi as ti
 
 from .controls import DAMPING_TIME, MOST_STRAIN, STIFFNESS
 from .maths import TINY, dashpot_pull, project_compliant, project_distance, spring_pull
-from .places import dot, length, next_lane, previous_lane, times
-from .strips import for_strip_springs
+from .places import dot, length, times
+from .strips import Treatment, for_strip_springs
 
 # Two colours in each of six directions, of which two are bends.
 MOST_BATCHES, MOST_BENDS = 12, 4
 
 
 @ti.func
-def far(value, over: ti.template()):
-    """What stands at a spring's second end, seen from the first."""
-    if ti.static(over):
-        return next_lane(value)
-    else:
-        return value
-
-
-@ti.func
-def add_to_both(field: ti.template(), a: int, b: int, to_a, to_b, over: ti.template()):
+def add_to_both(field: ti.template(), a: int, b: int, to_a, to_b):
     """Plain sums: `+=` on a field would be atomic, and no two springs of a batch share a particle."""
     field[a] = field[a] + to_a
-    if ti.static(over):
-        field[b] = field[b] + previous_lane(to_b)
-    else:
-        field[b] = field[b] + to_b
+    field[b] = field[b] + to_b
 
 
 @ti.func
-def relax(
-    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
-):
+def relax(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """Moves both particles towards the rest length; `stiffness` is the family's share 0…1."""
-    w_a, w_b = cloth.inverse_mass[a], far(cloth.inverse_mass[b], over)
-    gap = far(cloth.x[b], over) - cloth.x[a]
+    w_a, w_b = cloth.inverse_mass[a], cloth.inverse_mass[b]
+    gap = cloth.x[b] - cloth.x[a]
     shift = project_distance(gap, w_a + w_b, cloth.rest[e], stiffness * controls[STIFFNESS])
-    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b), over)
+    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b))
 
 
 @ti.func
-def relax_compliant(
-    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
-):
+def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """The same for a spring of `stiffness` [N/m], with the multiplier it has gathered in this substep."""
-    w_a, w_b = cloth.inverse_mass[a], far(cloth.inverse_mass[b], over)
-    gap = far(cloth.x[b], over) - cloth.x[a]
+    w_a, w_b = cloth.inverse_mass[a], cloth.inverse_mass[b]
+    gap = cloth.x[b] - cloth.x[a]
     gamma = 0.0
     grown = 0.0 * w_a
     if ti.static(stages.spring_damping):
-        before = far(cloth.x_prev[b], over) - cloth.x_prev[a]
+        before = cloth.x_prev[b] - cloth.x_prev[a]
         gamma = controls[DAMPING_TIME] / h
         grown = dot(gap, gap - before) / ti.max(length(gap), TINY)
     shift, change = project_compliant(
@@ -68,48 +52,48 @@ def relax_compliant(
         grown,
     )
     cloth.multiplier[e] = cloth.multiplier[e] + change
-    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b), over)
+    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b))
 
 
 @ti.func
-def force_of(
-    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template()
-):
+def force_of(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template()):
     """Force [N] on a of the spring-damper e between a and b."""
-    gap = far(cloth.x[b], over) - cloth.x[a]
+    gap = cloth.x[b] - cloth.x[a]
     force = spring_pull(gap, cloth.rest[e], stiffness * controls[STIFFNESS])
     if ti.static(stages.spring_damping):
-        rate = far(cloth.velocity[b], over) - cloth.velocity[a]
+        rate = cloth.velocity[b] - cloth.velocity[a]
         force += dashpot_pull(gap, rate, stiffness * (controls[STIFFNESS] * controls[DAMPING_TIME]))
     return force
 
 
 @ti.func
-def pull(
-    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
-):
+def pull(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """Adds the force of a spring-damper to both its particles."""
-    force = force_of(cloth, stages, a, b, e, stiffness, over, controls)
-    add_to_both(cloth.force, a, b, force, -force, over)
+    force = force_of(cloth, stages, a, b, e, stiffness, controls)
+    add_to_both(cloth.force, a, b, force, -force)
 
 
 @ti.func
-def limit(
-    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, over: ti.template(), controls: ti.template(), h
-):
+def limit(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """Brings a spring that is longer than the strain limit allows back to it (Provot 1995, section 5)."""
-    w_a, w_b = cloth.inverse_mass[a], far(cloth.inverse_mass[b], over)
-    gap = far(cloth.x[b], over) - cloth.x[a]
+    w_a, w_b = cloth.inverse_mass[a], cloth.inverse_mass[b]
+    gap = cloth.x[b] - cloth.x[a]
     most = cloth.rest[e] * (1.0 + controls[MOST_STRAIN])
     shift = project_distance(gap, w_a + w_b, ti.min(most, length(gap)), ti.select(stiffness > 0.0, 1.0, 0.0))
-    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b), over)
+    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b))
+
+
+RELAX = Treatment(relax, reads=("inverse_mass",), changes="x")
+RELAX_COMPLIANT = Treatment(relax_compliant, reads=("inverse_mass",), changes="x", damped=("x_prev",))
+PULL = Treatment(pull, reads=("x",), changes="force", damped=("velocity",))
+LIMIT = Treatment(limit, reads=("inverse_mass",), changes="x")
 
 
 @ti.func
 def limit_strain(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
     """One sweep of the strain limit, where the scene has one."""
     if ti.static(stages.strain_limit):
-        for_springs(cloth, stages, limit, controls, h)
+        for_springs(cloth, stages, LIMIT, controls, h)
 
 
 @ti.func
@@ -121,10 +105,10 @@ def add_spring_forces(cloth: ti.template(), stages: ti.template(), controls: ti.
             for n in range(cloth.spring_first[i], cloth.spring_first[i + 1]):
                 e = cloth.spring_rows[n]
                 other = cloth.ends[e][0] + cloth.ends[e][1] - i
-                total += force_of(cloth, stages, i, other, e, cloth.stiffness[e], False, controls)
+                total += force_of(cloth, stages, i, other, e, cloth.stiffness[e], controls)
             cloth.force[i] = total
     else:
-        for_springs(cloth, stages, pull, controls, h)
+        for_springs(cloth, stages, PULL, controls, h)
 
 
 @ti.func
@@ -161,8 +145,8 @@ def for_springs_from(
         for s in ti.static(range(most)):
             here, end = ti.min(first + s, MOST_BATCHES), ti.min(first + s + 1, MOST_BATCHES)
             for e in range(cloth.batch_first[here], cloth.batch_first[end]):
-                treat(cloth, stages, cloth.ends[e][0], cloth.ends[e][1], e, cloth.stiffness[e], False, controls, h)
+                treat.apply(cloth, stages, cloth.ends[e][0], cloth.ends[e][1], e, cloth.stiffness[e], controls, h)
     else:
         for s in range(first, cloth.batch_count[None]):
             for e in range(cloth.batch_first[s], cloth.batch_first[s + 1]):
-                treat(cloth, stages, cloth.ends[e][0], cloth.ends[e][1], e, cloth.stiffness[e], False, controls, h)
+                treat.apply(cloth, stages, cloth.ends[e][0], cloth.ends[e][1], e, cloth.stiffness[e], controls, h)

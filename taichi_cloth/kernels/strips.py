@@ -1,5 +1,8 @@
 """The sweep over a grid in strips (`mesh/strips.py`): eight springs, or eight cells, at once."""
 
+from operator import attrgetter
+from typing import Any, NamedTuple
+
 import taichi as ti
 
 from ..mesh.strips import (
@@ -11,42 +14,85 @@ from ..mesh.strips import (
     DOWN,
     EDGE_ROW,
     FIRST,
-    GROUP,
-    GROUPS,
+    INSIDE,
+    LINK_MASK,
+    LINK_SHIFT,
+    OVER,
     ROW_KINDS,
     ROW_MASK,
     ROW_SHIFT,
     STRIDE,
 )
+from .places import next_lane, put_back
+
+
+class Treatment(NamedTuple):
+    """What is done to a spring, and by name the fields it uses at its ends."""
+
+    apply: Any
+    reads: tuple[str, ...]
+    changes: str
+    damped: tuple[str, ...] = ()  # read too where springs have dashpots
+
+    def ends(self, stages: Any) -> tuple[str, ...]:
+        """All fields in use."""
+        return (*self.reads, self.changes, *(self.damped if stages.spring_damping else ()))
+
+
+@ti.func
+def in_pass(p, y: int):
+    """Whether a row's springs belong to the pass."""
+    return (y >> p[ROW_SHIFT]) & p[ROW_MASK] == p[COLOUR]
+
+
+@ti.func
+def slot_of(p, n: int):
+    """Slot, in its row, where spring n of a row begins."""
+    return p[FIRST] + (n >> p[LINK_SHIFT]) * p[STRIDE] + (n & p[LINK_MASK])
+
+
+@ti.func
+def row_of(p, y: int, rows: int, pitch: int):
+    """Where row y of a pass begins: in slots of the first ends, of the springs and of their stiffness."""
+    kind = y & 1  # EVEN_ROW or ODD_ROW
+    if y == 0 or y == rows - 1:
+        kind = EDGE_ROW
+    return (y + p[A_ROW]) * pitch, (p[DIRECTION] * rows + y) * pitch, (p[DIRECTION] * ROW_KINDS + kind) * pitch
 
 
 @ti.func
 def for_strip_springs(
     cloth: ti.template(), stages: ti.template(), start: int, treat: ti.template(), controls: ti.template(), h: float
 ):
-    """`treat` on every spring from pass `start` on, pass by pass.
+    """Treats every spring from pass `start` on, pass by pass. One loop over a table: a copy of the body for each
+    direction would compile four times as long.
 
-    Within a row first come the springs inside the strips, then those between them. One loop over a table: a copy of
-    the body for each direction would compile four times as long.
+    Springs that leave their strip have their second ends fetched from the next lane, a column of them at a time, into
+    slots behind the grid. In loops of their own: LLVM would mix the shift into the arithmetic and then treat lane
+    after lane.
     """
-    pitch = cloth.pitch[None]
-    rows = cloth.rows[None]
+    rows, pitch, spare = cloth.rows[None], cloth.pitch[None], cloth.slot_count[None]
     for s in range(start, cloth.pass_count[None]):
         p = cloth.passes[s]
         for y in range(rows - p[DOWN]):
-            if (y >> p[ROW_SHIFT]) & p[ROW_MASK] == p[COLOUR]:
-                a = (y + p[A_ROW]) * pitch
+            if in_pass(p, y):
+                a, e, k = row_of(p, y, rows, pitch)
                 b = (y + p[B_ROW]) * pitch + p[ALONG]
-                e = (p[DIRECTION] * rows + y) * pitch
-                kind = y & 1  # EVEN_ROW or ODD_ROW
-                if y == 0 or y == rows - 1:
-                    kind = EDGE_ROW
-                k = (p[DIRECTION] * ROW_KINDS + kind) * pitch
-                for g in range(p[GROUPS]):
-                    first = p[FIRST] + g * p[STRIDE]
-                    end = first + p[GROUP]
-                    border = ti.max(first, ti.min(end, pitch - p[ALONG]))
-                    for i in range(first, border):
-                        treat(cloth, stages, a + i, b + i, e + i, cloth.stiffness[k + i], False, controls, h)
-                    for i in range(border, end):
-                        treat(cloth, stages, a + i, b + i - pitch, e + i, cloth.stiffness[k + i], True, controls, h)
+                for n in range(p[INSIDE]):
+                    i = slot_of(p, n)
+                    treat.apply(cloth, stages, a + i, b + i, e + i, cloth.stiffness[k + i], controls, h)
+        for n in range(p[INSIDE], p[INSIDE] + p[OVER]):
+            i = slot_of(p, n)
+            beyond = p[B_ROW] * pitch + p[ALONG] + i - pitch
+            for y in range(rows - p[DOWN]):
+                for name in ti.static(treat.ends(stages)):
+                    field = ti.static(attrgetter(name)(cloth))
+                    field[spare + y] = next_lane(field[beyond + y * pitch])
+            for y in range(rows - p[DOWN]):
+                if in_pass(p, y):
+                    a, e, k = row_of(p, y, rows, pitch)
+                    treat.apply(cloth, stages, a + i, spare + y, e + i, cloth.stiffness[k + i], controls, h)
+            field = ti.static(attrgetter(treat.changes)(cloth))
+            for y in range(rows - p[DOWN]):
+                if in_pass(p, y):
+                    field[beyond + y * pitch] = put_back(field[beyond + y * pitch], field[spare + y])

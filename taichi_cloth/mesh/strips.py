@@ -20,12 +20,13 @@ STRIPS = 8
 # and odd number; and the first and the last row, whose own springs run along an edge.
 EVEN_ROW, ODD_ROW, EDGE_ROW, ROW_KINDS = range(4)
 
-# Columns of a pass: the springs of one direction and one colour, as a loop over rows and groups of slots.
-# Row y belongs to the pass if (y >> ROW_SHIFT) & ROW_MASK is its colour (a division by a variable takes longer than a
-# spring); within a row the pass treats GROUPS groups of GROUP slots, STRIDE apart.
-DIRECTION, DOWN, A_ROW, B_ROW, ALONG, COLOUR, ROW_SHIFT, ROW_MASK, FIRST, GROUP, GROUPS, STRIDE, PASS_COLUMNS = range(
-    13
-)
+# Columns of a pass: the springs of one direction and one colour, as a loop over rows and slots. (A division by a
+# variable takes longer than a spring: so shifts and masks.) Row y belongs to the pass if (y >> ROW_SHIFT) & ROW_MASK is
+# its colour. Within a row, spring n begins in slot FIRST + (n >> LINK_SHIFT)·STRIDE + (n & LINK_MASK); first come
+# those INSIDE their strip, then those OVER its border.
+PASS_COLUMNS = 14
+DIRECTION, DOWN, A_ROW, B_ROW, ALONG, COLOUR, ROW_SHIFT, ROW_MASK = range(8)
+FIRST, STRIDE, LINK_SHIFT, LINK_MASK, INSIDE, OVER = range(8, 14)
 
 
 def pitch(columns: int, multiple: int = 4) -> int:
@@ -60,11 +61,15 @@ def passes(directions: NDArray[np.bool_], pitch: int, *, coloured: bool) -> NDAr
             row = np.zeros(PASS_COLUMNS, np.int32)
             row[DIRECTION], row[DOWN], row[ALONG] = direction, down, abs(along)
             row[A_ROW if along < 0 else B_ROW] = down
-            row[GROUPS], row[GROUP] = 1, pitch
+            starts = np.arange(pitch)
+            row[LINK_SHIFT], row[LINK_MASK] = 31, -1
             if coloured and down:  # the colour changes from chain link to chain link, down the rows …
                 row[ROW_SHIFT], row[ROW_MASK], row[COLOUR] = down - 1, 1, colour
             elif coloured:  # … or along the row
-                row[GROUP], row[STRIDE] = along, 2 * along
-                row[FIRST], row[GROUPS] = colour * along, pitch // (2 * along)
+                starts = starts[starts // along % 2 == colour]
+                row[FIRST], row[STRIDE] = colour * along, 2 * along
+                row[LINK_SHIFT], row[LINK_MASK] = along - 1, along - 1
+            row[INSIDE] = (starts + abs(along) < pitch).sum()
+            row[OVER] = len(starts) - row[INSIDE]
             table.append(row)
     return np.array(table, np.int32).reshape(-1, PASS_COLUMNS)

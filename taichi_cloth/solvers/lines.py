@@ -15,7 +15,7 @@ from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.motion import drift, kick, take_up_corrections
-from ..kernels.springs import MOST_BENDS, for_springs_from, limit_strain, relax_compliant
+from ..kernels.springs import MOST_BENDS, RELAX_COMPLIANT, for_springs_from, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..mesh.topology import Topology
 from ..state import ClothState
@@ -39,7 +39,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     solve_chains(cloth, stages, now.controls, now.h)
     first = cloth.chains.first_bend[None]
-    for_springs_from(cloth, stages, first, MOST_BENDS, relax_compliant, now.controls, now.h)
+    for_springs_from(cloth, stages, first, MOST_BENDS, RELAX_COMPLIANT, now.controls, now.h)
 
 
 @ti.func

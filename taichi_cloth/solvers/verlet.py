@@ -15,7 +15,7 @@ from ..kernels.forces import acceleration_of, add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.maths import verlet_step
 from ..kernels.places import choose
-from ..kernels.springs import for_springs, limit_strain, relax
+from ..kernels.springs import RELAX, for_springs, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..state import fields
 from .base import Solver, set_vector
@@ -42,7 +42,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 
 @ti.func
 def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    for_springs(cloth, stages, relax, now.controls, now.h)
+    for_springs(cloth, stages, RELAX, now.controls, now.h)
     push_out(cloth, stages, now)
 
 

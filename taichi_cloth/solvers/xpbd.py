@@ -9,7 +9,7 @@ from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.motion import drift, kick, take_up_corrections
-from ..kernels.springs import for_springs, forget_multipliers, limit_strain, relax_compliant
+from ..kernels.springs import RELAX_COMPLIANT, for_springs, forget_multipliers, limit_strain
 from ..kernels.tethers import pull_tethers
 from .base import Solver
 
@@ -27,7 +27,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 @ti.func
 def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Steps (6)–(11), and contact."""
-    for_springs(cloth, stages, relax_compliant, now.controls, now.h)
+    for_springs(cloth, stages, RELAX_COMPLIANT, now.controls, now.h)
     push_out(cloth, stages, now)
 
 

@@ -17,8 +17,6 @@ from ..mesh.topology import Topology
 from . import fields
 from .pool import Pool
 
-SPARE = 1  # slots more than any grid fills: a kernel may keep a neighbour of another lane there
-
 
 @dataclass(eq=False)
 class LaneState:
@@ -64,8 +62,10 @@ class LaneState:
 
 
 def _allocate(slots: int, pitch: int) -> LaneState:
+    room = slots + slots // 2  # a slot more for each row: kernels keep neighbours of another lane there
+
     def places() -> Any:
-        return fields.places(slots + SPARE, lanes=True)
+        return fields.places(room, lanes=True)
 
     def numbers(count: int) -> Any:
         return fields.numbers(count, lanes=True)
@@ -76,7 +76,7 @@ def _allocate(slots: int, pitch: int) -> LaneState:
         velocity=places(),
         predicted=places(),
         force=places(),
-        inverse_mass=numbers(slots + SPARE),
+        inverse_mass=numbers(room),
         rest=numbers(len(DIRECTIONS) * slots),
         multiplier=numbers(len(DIRECTIONS) * slots),
         stiffness=numbers(len(DIRECTIONS) * strips.ROW_KINDS * pitch),

@@ -44,7 +44,7 @@ def gust(x: float, y: float, z: float, controls: row, seconds: float) -> ti.math
 def relax_once(cloth: ti.template(), controls: row):
     ti.loop_config(serialize=True)
     for _ in range(1):
-        springs.for_springs(cloth, CALM, springs.relax, controls, H)
+        springs.for_springs(cloth, CALM, springs.RELAX, controls, H)
 
 
 def relax(cloth: state.ClothState, stiffness: float) -> None:

@@ -15,8 +15,10 @@ from taichi_cloth.mesh.strips import (
     DIRECTION,
     DOWN,
     FIRST,
-    GROUP,
-    GROUPS,
+    INSIDE,
+    LINK_MASK,
+    LINK_SHIFT,
+    OVER,
     ROW_MASK,
     ROW_SHIFT,
     STRIDE,
@@ -43,15 +45,15 @@ def visited(table: np.ndarray, rows: int, columns: int, pitch: int) -> list[list
         of_pass = []
         for y in range(rows - p[DOWN]):
             if (y >> p[ROW_SHIFT]) & p[ROW_MASK] == p[COLOUR]:
-                for g in range(p[GROUPS]):
-                    first = p[FIRST] + g * p[STRIDE]
-                    for i in range(first, first + p[GROUP]):
-                        for lane in range(8):
-                            a, b = lane * pitch + i, lane * pitch + i + p[ALONG]
-                            if b < columns:
-                                of_pass.append(
-                                    (int(p[DIRECTION]), (y + p[A_ROW]) * columns + a, (y + p[B_ROW]) * columns + b)
-                                )
+                for n in range(p[INSIDE] + p[OVER]):
+                    i = p[FIRST] + (n >> p[LINK_SHIFT]) * p[STRIDE] + (n & p[LINK_MASK])
+                    assert (i + p[ALONG] < pitch) == (n < p[INSIDE])
+                    for lane in range(8):
+                        a, b = lane * pitch + i, lane * pitch + i + p[ALONG]
+                        if b < columns:
+                            of_pass.append(
+                                (int(p[DIRECTION]), (y + p[A_ROW]) * columns + a, (y + p[B_ROW]) * columns + b)
+                            )
         found.append(of_pass)
     return found
 
