@@ -17,6 +17,8 @@ from ..mesh.topology import Topology
 from . import fields
 from .pool import Pool
 
+LEAST_PITCH = 4  # twice the longest reach of a spring
+
 
 @dataclass(eq=False)
 class LaneState:
@@ -97,7 +99,8 @@ _pool = Pool(_allocate)
 def take(topology: Topology, stiffness: NDArray[np.float64], *, coloured: bool) -> LaneState:
     """A grid in strips, ready to be loaded. `coloured`: for sweeps that move particles as they go."""
     rows, columns = topology.shape
-    pitch = strips.pitch(columns, 4 if coloured else 2)
+    # No slot may hold both ends of springs: one end is worked on in a copy (`kernels/strips.py`).
+    pitch = max(strips.pitch(columns, 4 if coloured else 2), LEAST_PITCH)
     lanes = _pool.take(rows * pitch, pitch)
     lanes.upload(topology, stiffness, pitch, coloured=coloured)
     return lanes
