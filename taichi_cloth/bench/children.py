@@ -24,9 +24,9 @@ from .report import Row, StageRow
 CORES = os.cpu_count() or 1
 HELD = 16  # children that wait at a time, compiled, for their turn to be timed
 
-WARM_UP_FRAMES, WARM_UP_SECONDS = 60, 2.0  # the cloth moves, and the processor's clock is up
+WARM_UP_FRAMES, WARM_UP_SECONDS = 60, 0.5  # the cloth moves, and the processor's clock is up
 ROUNDS = 3  # floor, ours, floor, ours, floor, ours
-ROUND_SECONDS = 1.0  # frames that would take longer are fewer
+ROUND_SECONDS = 0.5  # frames that would take longer are fewer
 LEAST_SECONDS = 0.1  # of our frames: C computes at least as many, its shortest runs would tell of the clock only
 
 
