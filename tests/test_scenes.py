@@ -109,6 +109,38 @@ def test_without_shear_springs_the_sheet_collapses_like_a_parallelogram() -> Non
     assert lean(Springs(shear=0.0)) > 2 * lean(Springs(shear=1.0))
 
 
+@pytest.mark.parametrize("name", scene_names())
+def test_no_scene_starts_inside_a_collider(name: str) -> None:
+    with Simulation(load_scene(name)) as simulation:
+        assert simulation.measure().penetration == 0
+
+
+def test_denim_stays_within_its_tethers() -> None:
+    scene = load_scene("denim")
+    assert (scene.solver.name, scene.solver.substeps, scene.solver.iterations) == ("lines", 10, 1)
+    with Simulation(scene) as simulation:
+        start = simulation.topology.start
+        x = run(simulation, 120)
+        for pin in np.flatnonzero(simulation.topology.pinned):
+            flat = np.linalg.norm(start - start[pin], axis=1)
+            assert (np.linalg.norm(x - start[pin], axis=1) <= 1.01 * flat + 2e-3).all()
+
+
+def test_the_net_would_stretch_by_a_multiple_without_its_limit() -> None:
+    scene = load_scene("net")
+    assert scene.cloth.diagonals == 1
+    worst = []
+    for limit in (scene.limit, None):
+        with Simulation(replace(scene, limit=limit)) as simulation:
+            strains = []
+            for _ in range(120):
+                simulation.advance_frame()
+                strains.append(simulation.measure().max_strain)
+            worst.append(max(strains))
+    assert worst[0] < 0.2  # a tenth, and what one sweep a substep leaves under the plunging ball
+    assert worst[1] > 0.5
+
+
 def test_more_iterations_stretch_less() -> None:
     strains = []
     for iterations in (2, 5, 12, 30):

@@ -13,11 +13,12 @@ import taichi as ti
 import taichi.math as tm
 
 from ..mesh.chains import CHAINED, COUNT, FIRST, PARTICLE, STRIDE
-from ..mesh.strips import EDGE_ROW, ROW_KINDS
+from ..mesh.strips import ROW_KINDS
 from .controls import DAMPING_TIME, STIFFNESS
 from .maths import TINY
-from .places import LANES, dot, length, next_lane, times
+from .places import LANES, dot, from_next, from_previous, length, next_lane, times
 from .springs import forget_multipliers
+from .strips import row_kind
 
 
 @ti.func
@@ -144,31 +145,6 @@ def solve_chain(
 
 
 @ti.func
-def from_next(value):
-    """Each lane takes the value of the lane after it; the last has zero."""
-    if ti.static(len(value.get_shape()) == 1):
-        return ti.Vector([value[min(k + 1, LANES - 1)] * min(LANES - 1 - k, 1) for k in ti.static(range(LANES))])
-    else:
-        return ti.Matrix(
-            [
-                [value[c, min(k + 1, LANES - 1)] * min(LANES - 1 - k, 1) for k in ti.static(range(LANES))]
-                for c in ti.static(range(3))
-            ]
-        )
-
-
-@ti.func
-def from_previous(value):
-    """Each lane takes the value of the lane before it; the first has zero."""
-    if ti.static(len(value.get_shape()) == 1):
-        return ti.Vector([value[max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))])
-    else:
-        return ti.Matrix(
-            [[value[c, max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))] for c in ti.static(range(3))]
-        )
-
-
-@ti.func
 def solve_strips(
     strips: ti.template(),
     links: ti.template(),
@@ -195,10 +171,7 @@ def solve_strips(
         at_left = (y + 1 if right_up else y) * pitch
         at_right = (y if right_up else y + 1) * pitch + ti.abs(along)
         e = (direction * rows + y) * pitch
-        kind = y & 1
-        if y == 0 or y == rows - 1:
-            kind = EDGE_ROW
-        k = (direction * ROW_KINDS + kind) * pitch
+        k = (direction * ROW_KINDS + row_kind(y, rows)) * pitch
         line = (y + 1) * wide + 1
         if ti.static(slanted):  # what the last springs of the row end at
             if along != 0:

@@ -1,7 +1,8 @@
 """Conjugate gradients (Hestenes and Stiefel 1952) for (M + h²L)·δ = right side, without ever forming the matrix.
 
 L is the stiffness-weighted Laplacian of the springs. A particle that is not free takes no part: its residual is 0.
-The search begins at δ = 0 with the right side in `residual`, and ends when the residual is `TOLERANCE` of the first.
+The search begins at δ = 0 with the right side in `residual`, and ends when the residual is `TOLERANCE` of the first, or
+after `MOST_PRODUCTS`: the next round sees what is left.
 """
 
 import taichi as ti
@@ -13,7 +14,7 @@ from .springs import add_to_both, for_springs
 from .strips import Treatment
 
 TOLERANCE = 1e-4
-MOST_PRODUCTS = 300  # of the matrix and a direction
+MOST_PRODUCTS = 304  # of the matrix and a direction
 LEAST_SQUARES = 1e-36  # sum of squares below which they would leave float32
 PARTIAL_SUMS = 256  # of a sum over all particles by many threads, always the same ones: equal bits every time
 

@@ -16,7 +16,7 @@ from .controls import (
     WIND_Z,
 )
 from .maths import TINY, air_force, arc_wave, triangle_area_normal
-from .places import dot, join, length, next_lane, previous_lane, spread, times
+from .places import dot, from_previous, join, length, next_lane, spread, times
 
 # Three plane waves, one for each component of the gust: turns a metre along x, y, z (wavelengths of 2 to 3 m).
 GUST_WAVES = ((0.31, 0.17, 0.11), (0.13, 0.37, 0.19), (0.23, -0.11, 0.29))
@@ -126,7 +126,7 @@ def blow_on_strips(cloth: ti.template(), stages: ti.template(), controls: ti.tem
             if falling:
                 on_a, on_b, on_c, on_d = left + right, right, left, left + right
             if over:
-                on_b, on_d = previous_lane(on_b), previous_lane(on_d)
+                on_b, on_d = from_previous(on_b), from_previous(on_d)
             cloth.force[at_a] = cloth.force[at_a] + on_a
             cloth.force[at_b] = cloth.force[at_b] + on_b
             cloth.force[at_c] = cloth.force[at_c] + on_c

@@ -107,11 +107,28 @@ def next_lane(value):
 
 
 @ti.func
-def previous_lane(value):
-    """Each lane takes the places of the lane before it; the first has zero."""
-    return ti.Matrix(
-        [[value[c, max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))] for c in ti.static(range(3))]
-    )
+def from_next(value):
+    """Each lane takes the value of the lane after it; the last has zero."""
+    if ti.static(len(value.get_shape()) == 1):
+        return ti.Vector([value[min(k + 1, LANES - 1)] * min(LANES - 1 - k, 1) for k in ti.static(range(LANES))])
+    else:
+        return ti.Matrix(
+            [
+                [value[c, min(k + 1, LANES - 1)] * min(LANES - 1 - k, 1) for k in ti.static(range(LANES))]
+                for c in ti.static(range(3))
+            ]
+        )
+
+
+@ti.func
+def from_previous(value):
+    """Each lane takes the value of the lane before it; the first has zero."""
+    if ti.static(len(value.get_shape()) == 1):
+        return ti.Vector([value[max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))])
+    else:
+        return ti.Matrix(
+            [[value[c, max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))] for c in ti.static(range(3))]
+        )
 
 
 @ti.func

@@ -6,13 +6,11 @@ once (`places.py`).
 
 import taichi as ti
 
+from ..mesh.grid import MOST_BATCHES
 from .controls import DAMPING_TIME, MOST_STRAIN, STIFFNESS
 from .maths import TINY, dashpot_pull, project_compliant, project_distance, spring_pull
 from .places import dot, length, times
 from .strips import Treatment, for_strip_springs
-
-# Two colours in each of six directions, of which two are bends.
-MOST_BATCHES, MOST_BENDS = 12, 4
 
 
 @ti.func

@@ -52,12 +52,19 @@ def slot_of(p, n: int):
 
 
 @ti.func
-def row_of(p, y: int, rows: int, pitch: int):
-    """Where row y of a pass begins: in slots of the first ends, of the springs and of their stiffness."""
+def row_kind(y: int, rows: int):
+    """Which of the kinds of row that differ in their springs."""
     kind = y & 1  # EVEN_ROW or ODD_ROW
     if y == 0 or y == rows - 1:
         kind = EDGE_ROW
-    return (y + p[A_ROW]) * pitch, (p[DIRECTION] * rows + y) * pitch, (p[DIRECTION] * ROW_KINDS + kind) * pitch
+    return kind
+
+
+@ti.func
+def row_of(p, y: int, rows: int, pitch: int):
+    """Where row y of a pass begins: in slots of the first ends, of the springs and of their stiffness."""
+    k = (p[DIRECTION] * ROW_KINDS + row_kind(y, rows)) * pitch
+    return (y + p[A_ROW]) * pitch, (p[DIRECTION] * rows + y) * pitch, k
 
 
 @ti.func

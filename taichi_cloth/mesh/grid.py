@@ -18,6 +18,8 @@ DIRECTIONS = (
     ("bend", 0, 2),
     ("bend", 2, 0),
 )
+# Two colours in each direction.
+MOST_BATCHES, MOST_BENDS = 2 * len(DIRECTIONS), 2 * sum(family == "bend" for family, _, _ in DIRECTIONS)
 
 
 def particle_indices(rows: int, columns: int) -> NDArray[np.int32]:

@@ -15,8 +15,9 @@ from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.motion import drift, kick, take_up_corrections
-from ..kernels.springs import MOST_BENDS, RELAX_COMPLIANT, for_springs_from, limit_strain
+from ..kernels.springs import RELAX_COMPLIANT, for_springs_from, limit_strain
 from ..kernels.tethers import pull_tethers
+from ..mesh.grid import MOST_BENDS
 from ..mesh.topology import Topology
 from ..state import ClothState
 from ..state.chains import list_chains, strip_chains

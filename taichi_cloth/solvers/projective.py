@@ -36,7 +36,7 @@ from ..state import ClothState
 from ..state.search import search_of
 from .base import FrameInput, Solver, Stages, row, run_part, run_parts, table
 
-PRODUCTS_A_LAUNCH = 8  # of the matrix and a direction, between two looks at how far it is
+PRODUCTS_A_LAUNCH = 8  # of the matrix and a direction, between two looks at how far it is; divides MOST_PRODUCTS
 
 
 # -- all paths -----------------------------------------------------------------------------------------------------
@@ -237,8 +237,9 @@ class Projective(Solver):
             run(self.before)
             for _ in range(iterations):
                 run(begin_round)
+                goal = search.goal[None]
                 for _ in range(MOST_PRODUCTS // PRODUCTS_A_LAUNCH):
-                    if search.squares[None] <= search.goal[None]:
+                    if search.squares[None] <= goal:
                         break
                     run(go_on_searching, PRODUCTS_A_LAUNCH)
                 run(go_the_way)

@@ -1,5 +1,6 @@
-"""`spring`: explicit symplectic Verlet on spring-damper forces. Second order, no iteration, and the most accurate
-method wherever its small substeps can be paid for (Störmer–Verlet in kick–drift–kick form; Hairer, Lubich and
+"""`spring`: explicit symplectic Verlet on spring-damper forces. No iteration, and the most accurate method wherever its
+small substeps can be paid for: of second order, and of first where forces depend on velocity (damping, dashpots, air),
+since they see that of half a substep ago (Störmer–Verlet in kick–drift–kick form; Hairer, Lubich and
 Wanner 2003, *Geometric numerical integration illustrated by the Störmer–Verlet method*, eq. 1.4).
 """
 
@@ -20,6 +21,7 @@ from .base import ExplicitSolver
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Forces at the present places. Half a kick opens the frame and half a kick closes it; two halves are one."""
+    lead_held(cloth, stages, now, now.s)  # where it is already: its velocity, for the forces
     forget_forces(cloth)
     add_air(cloth, stages, now, now.s)
     add_spring_forces(cloth, stages, now.controls, now.h)

@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..mesh.grid import MOST_BATCHES
 from ..mesh.topology import Topology
 from . import fields
 from .pool import Pool
@@ -33,7 +34,7 @@ class ClothState:
     rest: Any  # [m] (E,)
     stiffness: Any  # (E,) in the solver's unit
     multiplier: Any  # [kg·m] (E,) λ of each spring, summed over the iterations of a substep
-    batch_first: Any  # (B + 1,) first spring of each batch, and the count of all springs
+    batch_first: Any  # (MOST_BATCHES + 1,) first spring of each batch, and the count of all springs
     triangles: Any  # ivec3 (T,)
     slot_count: Any  # 0-D
     spring_count: Any  # 0-D
@@ -42,12 +43,13 @@ class ClothState:
 
     def upload(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
         """Fills every field for this cloth at its start, at rest. `stiffness`: of every spring, (E,)."""
-        first = [b.first for b in topology.batches] + [topology.spring_count]
+        first = np.full(MOST_BATCHES + 1, topology.spring_count)  # batches that are not there are empty
+        first[: len(topology.batches)] = [batch.first for batch in topology.batches]
         fields.put(self.ends, topology.ends)
         fields.put(self.rest, topology.rest)
         fields.put(self.stiffness, stiffness)
         fields.put(self.triangles, topology.triangles)
-        fields.put(self.batch_first, np.array(first))
+        fields.put(self.batch_first, first)
         self.slot_count[None] = topology.particle_count
         self.spring_count[None] = topology.spring_count
         self.batch_count[None] = len(topology.batches)
@@ -71,7 +73,7 @@ def inverse_mass(topology: Topology) -> NDArray[np.float32]:
     return np.where(topology.pinned, 0, 1 / topology.mass).astype(np.float32)
 
 
-def _allocate(particles: int, springs: int, triangles: int, batches: int) -> ClothState:
+def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
     return ClothState(
         x=fields.places(particles),
         x_prev=fields.places(particles),
@@ -83,7 +85,7 @@ def _allocate(particles: int, springs: int, triangles: int, batches: int) -> Clo
         rest=fields.numbers(springs),
         stiffness=fields.numbers(springs),
         multiplier=fields.numbers(springs),
-        batch_first=fields.numbers(batches, kind=ti.i32),
+        batch_first=fields.numbers(MOST_BATCHES + 1, kind=ti.i32),
         triangles=ti.Vector.field(3, ti.i32, triangles),
         slot_count=fields.number(),
         spring_count=fields.number(),
@@ -97,9 +99,7 @@ _pool = Pool(_allocate)
 
 def take(topology: Topology) -> ClothState:
     """A state with room for this cloth; `upload` fills it."""
-    return _pool.take(
-        topology.particle_count, topology.spring_count, topology.triangle_count, len(topology.batches) + 1
-    )
+    return _pool.take(topology.particle_count, topology.spring_count, topology.triangle_count)
 
 
 def give_back(state: ClothState) -> None:

@@ -9,7 +9,8 @@ from taichi_cloth.scene.model import Box, Cloth, Fabric, Forces, Ground, Scene, 
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
 
-# A thread for each particle is slow on a CPU: one method shows what they all share, test_paths.py does the rest.
+# A thread for each particle is slow on a CPU: one method shows what they all share. test_paths.py holds the others
+# equal to their lists, and to themselves.
 EVERY = [
     pytest.param(name, path, id=f"{name}-{path}")
     for name, kind in SOLVERS.items()
