@@ -100,8 +100,10 @@ def build_parser() -> Parser:
     listing.add_argument("--presets", action="store_true", help="list the fabrics instead, with the numbers they have")
 
     bench = command("bench", run_bench, "measure frames, compiling and memory on this machine", "bench --only verlet")
-    bench.add_argument("--only", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver, without the stages")
-    bench.add_argument("--full", action="store_true", help="every solver, path and grid; takes a quarter of an hour")
+    which = bench.add_mutually_exclusive_group()
+    which.add_argument("--only", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver")
+    which.add_argument("--stages", action="store_true", help="what each stage of the curtain costs, instead")
+    bench.add_argument("--full", action="store_true", help="every solver, path, grid and stage; takes 20 minutes")
     bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
     bench.add_argument("--csv", type=Path, metavar="FILE", help="write the measurements, a line each")
     bench.add_argument("--json", type=Path, metavar="FILE", help="write measurements, stages and machine")
@@ -229,8 +231,9 @@ def run_bench(args: argparse.Namespace) -> int:
 
     for path in filter(None, (args.csv, args.json)):
         report.check_free(path, force=args.force)
-    cases = c.only(c.all_cases() if args.full else c.default_cases(), args.only)
-    stages = [] if args.only else c.stage_cases()
+    chosen = c.all_cases() if args.full else [] if args.stages else c.default_cases()
+    cases = c.only(chosen, args.only)
+    stages = c.stage_cases() if args.stages or (args.full and not args.only) else []
     with steps_progress(children.steps(cases, stages)) as on_step, children.bench(args.frames, on_step) as bench:
         rows, stage_rows = bench.measure(cases, stages)
     report.print_report(rows, stage_rows, bench.floor.missing)

@@ -232,10 +232,19 @@ def test_the_command_prints_and_writes(
     assert len(json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))["rows"]) == 1
 
 
+def test_the_stages_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(cases, "stage_cases", lambda: STAGES)
+    assert cli.main(["bench", "--stages", "--frames", "3"]) == 0
+    out = capsys.readouterr().out
+    assert "without wind" in out
+    assert "solver" not in out
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--only", "varlet"], "did you mean 'verlet'?"),
+        (["--only", "verlet", "--stages"], "not allowed with"),
         (["--csv", "there.csv"], "there.csv exists already: use --force to replace it"),
         (["--json", "there.csv"], "there.csv exists already"),
         (["--csv", "."], ". is a folder, not a file"),
