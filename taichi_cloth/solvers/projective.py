@@ -8,9 +8,9 @@ the plain forces f of the springs, and loses nothing to float32:
 
     (M + h²L)·δ = M·(y − x) + h²·f(x),    x ← x + δ
 
-The matrix is constant: path `list` factorises it once and then only substitutes, as the paper does. The others never form
-it: they solve by conjugate gradients, with one sweep over the springs for every product. In strips that takes a third
-of the time for 720 particles, and about the same for 4096: so it is what grids get.
+The matrix is constant: path `list` factorises it once and then only substitutes, as the paper does. The others never
+form it: they solve by conjugate gradients, with one sweep over the springs for every product. In strips that takes a
+third of the time for 720 particles, and about the same for 4096: so it is what grids get.
 Dashpots (`damping_time`) are left out: backward Euler damps by itself.
 """
 
