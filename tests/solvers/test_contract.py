@@ -9,13 +9,12 @@ from taichi_cloth.scene.model import Box, Cloth, Fabric, Forces, Ground, Scene, 
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
 
-# A thread for each particle is slow on a CPU: one method shows what they all share. test_paths.py holds the others
-# equal to their lists, and to themselves.
+# A thread for each particle is slow on a CPU: `make test` lets one method show what all of them share, and
+# test_paths.py holds the others equal to their lists and to themselves. `pytest -m long` runs them all.
 EVERY = [
-    pytest.param(name, path, id=f"{name}-{path}")
+    pytest.param(name, path, id=f"{name}-{path}", marks=[pytest.mark.long] * (path == "gather" and name != "spring"))
     for name, kind in SOLVERS.items()
     for path in kind.paths
-    if path != "gather" or name == "spring"
 ]
 pytestmark = pytest.mark.parametrize(("solver", "path"), EVERY)
 
