@@ -12,8 +12,22 @@ w_j·(n_j−1·dλ_j−1 − n_j·dλ_j). Every pivot is at least 1; K = 0 is no
 import taichi as ti
 import taichi.math as tm
 
-from ..mesh.chains import CHAINED, COUNT, FIRST, PARTICLE, STRIDE
-from ..mesh.strips import ROW_KINDS
+from ..mesh.chains import (
+    ALONG,
+    CHAINED,
+    COUNT,
+    END,
+    FIRST,
+    KINDS,
+    LINKS,
+    MASSES,
+    PARTICLE,
+    PITCH,
+    ROWS,
+    SPRINGS,
+    START,
+    STRIDE,
+)
 from .controls import DAMPING_TIME, STIFFNESS
 from .maths import TINY
 from .places import LANES, dot, from_next, from_previous, length, next_lane, times
@@ -58,10 +72,7 @@ def eliminate(
 def solve_chains(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
     """Every row, then every column, then both diagonals, one chain after another."""
     if ti.static(cloth.in_lanes):
-        solve_rows_of_strips(cloth, cloth.chains.crossed, stages, controls, h)
-        for n in range(cloth.chains.direction_count[None]):
-            direction = cloth.chains.directions[n]
-            solve_strips(cloth, cloth.chains.links, stages, direction[0], True, direction[1], controls, h)
+        solve_strips(cloth, cloth.chains, stages, controls, h)
     else:
         solve_list(cloth, cloth.chains, stages, controls, h)
 
@@ -145,157 +156,163 @@ def solve_chain(
 
 
 @ti.func
-def solve_strips(
-    strips: ti.template(),
-    links: ti.template(),
-    stages: ti.template(),
-    direction: int,
-    slanted: ti.template(),
-    along: int,
-    controls: ti.template(),
-    h: float,
-):
+def solve_strips(cloth: ti.template(), chains: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
+    """In strips of its own, where every chain goes from row to row: a cloth's rows are laid down its columns first."""
+    for upright in range(2):
+        layout = chains.layouts[upright]
+        if layout[START] < layout[END]:
+            lay(cloth, layout, upright, cloth.x, chains.x, 0)
+            if ti.static(stages.spring_damping):
+                lay(cloth, layout, upright, cloth.x_prev, chains.x_prev, 0)
+            for n in range(layout[START], layout[END]):
+                solve_direction(chains, stages, layout, n, controls, h)
+            lay_back(cloth, chains, layout, upright)
+
+
+@ti.func
+def solve_direction(chains: ti.template(), stages: ti.template(), layout, d: int, controls: ti.template(), h: float):
     """The chains that go down the rows and `along` the columns: 0, 1 or −1 a row.
 
-    `links` has a place for the spring of each slot, with a column more at both sides that holds what stands beyond
+    A link is a place for the spring of each slot, with a column more at both sides that holds what stands beyond
     the strip, and a row of zeros above and below.
     """
-    rows, pitch = strips.rows[None], strips.pitch[None]
+    rows, pitch = layout[ROWS], layout[PITCH]
     wide = pitch + 2
     scale = controls[STIFFNESS] * h * h
     gamma = gamma_of(stages, controls, h)
-    right_up = along < 0  # the right end of a spring is its upper one
-    sign = -1.0 if right_up else 1.0  # n goes from left to right
-    spare = ti.static(strips.x.shape[0] - 1)
+    spare = ti.static(chains.x.shape[0] - 1)
+    spare_mass = ti.static(chains.inverse_mass.shape[0] - 1)
     for y in range(rows - 1):
+        direction = chains.directions[d]
+        along = direction[ALONG]
+        right_up = along < 0  # the right end of a spring is its upper one
         at_left = (y + 1 if right_up else y) * pitch
         at_right = (y if right_up else y + 1) * pitch + ti.abs(along)
-        e = (direction * rows + y) * pitch
-        k = (direction * ROW_KINDS + row_kind(y, rows)) * pitch
-        line = (y + 1) * wide + 1
-        if ti.static(slanted):  # what the last springs of the row end at
-            if along != 0:
-                beyond = at_right + pitch - 1 - pitch
-                strips.x[spare] = next_lane(strips.x[beyond])
-                strips.inverse_mass[spare] = next_lane(strips.inverse_mass[beyond])
-                if ti.static(stages.spring_damping):
-                    strips.x_prev[spare] = next_lane(strips.x_prev[beyond])
+        e = direction[SPRINGS] + y * pitch
+        k = direction[KINDS] + row_kind(y, rows) * pitch
+        line = layout[LINKS] + (y + 1) * wide + 1
+        if along != 0:  # what the last springs of the row end at
+            beyond = at_right + pitch - 1 - pitch
+            chains.x[spare] = next_lane(chains.x[beyond])
+            chains.inverse_mass[spare_mass] = next_lane(chains.inverse_mass[layout[MASSES] + beyond])
+            if ti.static(stages.spring_damping):
+                chains.x_prev[spare] = next_lane(chains.x_prev[beyond])
         for i in range(pitch):
             q, before = line + i, line + i - wide - along
             over = i == pitch - 1 and along != 0
             a, b = at_left + i, spare if over else at_right + i
-            w_a, w_b = strips.inverse_mass[a], strips.inverse_mass[b]
-            gap = strips.x[b] - strips.x[a]
+            w_a = chains.inverse_mass[layout[MASSES] + a]
+            w_b = chains.inverse_mass[spare_mass if over else layout[MASSES] + b]
+            gap = chains.x[b] - chains.x[a]
             old_gap = gap
             if ti.static(stages.spring_damping):
-                old_gap = strips.x_prev[b] - strips.x_prev[a]
+                old_gap = chains.x_prev[b] - chains.x_prev[a]
             n, share, coupling, change = eliminate(
                 stages,
                 gap,
                 old_gap,
                 w_b if right_up else w_a,
                 w_a + w_b,
-                strips.rest[e + i],
-                strips.stiffness[k + i] * scale,
-                strips.multiplier[e + i],
+                chains.rest[e + i],
+                chains.stiffness[k + i] * scale,
+                chains.multiplier[e + i],
                 gamma,
-                links.normal[before],
-                links.share[before],
-                links.change[before],
+                chains.normal[before],
+                chains.share[before],
+                chains.change[before],
             )
-            links.normal[q] = n
-            links.share[q] = share
-            links.coupling[q] = coupling
-            links.change[q] = change
-        if ti.static(slanted):
-            if along > 0:
-                last = line + pitch - 1
-                links.normal[line - 1] = from_previous(links.normal[last])
-                links.share[line - 1] = from_previous(links.share[last])
-                links.change[line - 1] = from_previous(links.change[last])
-            elif along < 0:
-                links.normal[line + pitch] = from_next(links.normal[line])
-                links.share[line + pitch] = from_next(links.share[line])
-                links.change[line + pitch] = from_next(links.change[line])
+            chains.normal[q] = n
+            chains.share[q] = share
+            chains.coupling[q] = coupling
+            chains.change[q] = change
+        if along > 0:
+            last = line + pitch - 1
+            chains.normal[line - 1] = from_previous(chains.normal[last])
+            chains.share[line - 1] = from_previous(chains.share[last])
+            chains.change[line - 1] = from_previous(chains.change[last])
+        elif along < 0:
+            chains.normal[line + pitch] = from_next(chains.normal[line])
+            chains.share[line + pitch] = from_next(chains.share[line])
+            chains.change[line + pitch] = from_next(chains.change[line])
     # On the way up, `coupling` becomes what a spring adds to the change of the one above it, and `normal` n·dλ.
-    into, out_of = ti.max(along, 0), wide - ti.max(-along, 0)  # where a particle's springs stand
     for r in range(rows):
+        direction = chains.directions[d]
+        along = direction[ALONG]
+        into, out_of = ti.max(along, 0), wide - ti.max(-along, 0)  # where a particle's springs stand
+        sign = -1.0 if along < 0 else 1.0  # n goes from left to right
         y = rows - 2 - r
-        e = (direction * rows + y) * pitch
-        line = (y + 1) * wide + 1
+        e = direction[SPRINGS] + y * pitch
+        line = layout[LINKS] + (y + 1) * wide + 1
         if y >= 0:
             for i in range(pitch):
                 q = line + i
-                found = links.change[q] + links.coupling[q + wide + along]
-                strips.multiplier[e + i] = strips.multiplier[e + i] + found
-                links.normal[q] = times(links.normal[q], found)
-                links.coupling[q] = links.coupling[q] * found
-            if ti.static(slanted):
-                if along != 0:
-                    links.normal[line - 1] = from_previous(links.normal[line + pitch - 1])
-                    links.coupling[line - 1] = from_previous(links.coupling[line + pitch - 1])
-                    links.coupling[line + pitch] = from_next(links.coupling[line])
+                found = chains.change[q] + chains.coupling[q + wide + along]
+                chains.multiplier[e + i] = chains.multiplier[e + i] + found
+                chains.normal[q] = times(chains.normal[q], found)
+                chains.coupling[q] = chains.coupling[q] * found
+            if along != 0:
+                chains.normal[line - 1] = from_previous(chains.normal[line + pitch - 1])
+                chains.coupling[line - 1] = from_previous(chains.coupling[line + pitch - 1])
+                chains.coupling[line + pitch] = from_next(chains.coupling[line])
         for i in range(pitch):
             p, q = (y + 1) * pitch + i, line + i
-            move = links.normal[q - into] - links.normal[q + out_of]
-            strips.x[p] = strips.x[p] + times(move, strips.inverse_mass[p] * sign)
-
-
-# Rows go through the same code: in strips of rows, with a row's particles one below the other.
+            move = chains.normal[q - into] - chains.normal[q + out_of]
+            chains.x[p] = chains.x[p] + times(move, chains.inverse_mass[layout[MASSES] + p] * sign)
 
 
 @ti.func
-def solve_rows_of_strips(
-    cloth: ti.template(), crossed: ti.template(), stages: ti.template(), controls: ti.template(), h: float
-):
-    if cloth.chains.has_rows[None]:
-        turn(cloth, cloth.x, crossed, crossed.x)
-        if ti.static(stages.spring_damping):
-            turn(cloth, cloth.x_prev, crossed, crossed.x_prev)
-        solve_strips(crossed, crossed.links, stages, 0, False, 0, controls, h)
-        turn_back(cloth, cloth.x, crossed, crossed.x)
+def lay(cloth: ti.template(), layout, upright: int, places: ti.template(), laid: ti.template(), first: int):
+    """Places, or numbers, of the cloth into the strips of a layout, from slot `first` on.
+
+    Strips of rows hold a row's particles one below the other; lanes without a row take the last.
+    """
+    pitch, across, last = cloth.pitch[None], layout[PITCH], cloth.rows[None] - 1
+    if upright:
+        for slot in range(cloth.slot_count[None]):
+            laid[first + slot] = places[slot]
+    else:
+        for lane in range(LANES):
+            for j in range(across):
+                source = ti.min(lane * across + j, last) * pitch
+                for i in range(pitch):
+                    for k in range(LANES):  # column k·pitch + i, row lane·across + j
+                        slot = first + (k * pitch + i) * across + j
+                        if ti.static(places.m == 1):
+                            laid[slot][lane] = places[source + i][k]
+                        else:
+                            for c in ti.static(range(3)):
+                                laid[slot][c, lane] = places[source + i][c, k]
 
 
 @ti.func
-def turn(cloth: ti.template(), places: ti.template(), crossed: ti.template(), turned: ti.template()):
-    """Places, or numbers, of strips of columns into those of rows. Lanes without a row take the last."""
-    pitch, across, last = cloth.pitch[None], crossed.pitch[None], cloth.rows[None] - 1
-    for j in range(across):
-        for i in range(pitch):
-            for k in range(LANES):  # column k·pitch + i, rows lane·across + j
-                slot = (k * pitch + i) * across + j
-                for lane in ti.static(range(LANES)):
-                    source = ti.min(lane * across + j, last) * pitch + i
-                    if ti.static(places.m == 1):
-                        turned[slot][lane] = places[source][k]
-                    else:
-                        for c in ti.static(range(3)):
-                            turned[slot][c, lane] = places[source][c, k]
-
-
-@ti.func
-def turn_back(cloth: ti.template(), places: ti.template(), crossed: ti.template(), turned: ti.template()):
-    """And places back again."""
-    pitch, across = cloth.pitch[None], crossed.pitch[None]
-    for y in range(cloth.rows[None]):
-        lane, j = y // across, y % across
-        for i in range(pitch):
-            for k in range(LANES):
-                slot = (k * pitch + i) * across + j
-                for c in ti.static(range(3)):
-                    places[y * pitch + i][c, k] = turned[slot][c, lane]
+def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int):
+    """The places back into the cloth."""
+    pitch, across = cloth.pitch[None], layout[PITCH]
+    if upright:
+        for slot in range(cloth.slot_count[None]):
+            cloth.x[slot] = chains.x[slot]
+    else:
+        for y in range(cloth.rows[None]):
+            lane, j = y // across, y % across
+            for i in range(pitch):
+                for k in range(LANES):
+                    slot = (k * pitch + i) * across + j
+                    for c in ti.static(range(3)):
+                        cloth.x[y * pitch + i][c, k] = chains.x[slot][c, lane]
 
 
 @ti.func
 def begin_frame(cloth: ti.template()):
-    """What of the strips of rows stays for a frame: which particles are free."""
+    """What of the strips stays for a frame: which particles are free."""
     if ti.static(cloth.in_lanes):
-        turn(cloth, cloth.inverse_mass, cloth.chains.crossed, cloth.chains.crossed.inverse_mass)
+        for upright in range(2):
+            layout = cloth.chains.layouts[upright]
+            lay(cloth, layout, upright, cloth.inverse_mass, cloth.chains.inverse_mass, layout[MASSES])
 
 
 @ti.func
 def forget_chains(cloth: ti.template()):
-    """λ = 0, in the strips of rows too."""
+    """λ = 0, in the strips too."""
     forget_multipliers(cloth)
     if ti.static(cloth.in_lanes):
-        forget_multipliers(cloth.chains.crossed)
+        forget_multipliers(cloth.chains)

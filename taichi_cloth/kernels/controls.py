@@ -6,6 +6,12 @@ One float32 row handed over as an array costs 8 µs of a launch; a struct or vec
 
 from typing import Any, NamedTuple
 
+import taichi as ti
+
+# How a kernel takes the row, and a table of colliders.
+row = ti.types.ndarray(dtype=ti.f32, ndim=1)
+table = ti.types.ndarray(dtype=ti.f32, ndim=2)
+
 GRAVITY = 0  # [m/s²] downwards
 KEPT = 1  # share of velocity left after one substep
 STIFFNESS = 2  # 0…1, multiplies the stiffness of every family

@@ -67,9 +67,17 @@ def velocity_of(cloth: ti.template(), stages: ti.template(), i: int, h: float):
 
 
 @ti.func
-def third_of_triangle(cloth: ti.template(), stages: ti.template(), t: int, controls: ti.template(), h, seconds):
-    """Force [N] of the air on each corner of a triangle of the list."""
-    i, j, k = cloth.triangles[t]
+def third_of_triangle(
+    cloth: ti.template(),
+    stages: ti.template(),
+    i: int,
+    j: int,
+    k: int,
+    controls: ti.template(),
+    h: float,
+    seconds: float,
+):
+    """Force [N] of the air on each corner of the triangle of particles i, j, k."""
     velocity = (
         velocity_of(cloth, stages, i, h) + velocity_of(cloth, stages, j, h) + velocity_of(cloth, stages, k, h)
     ) / 3.0
@@ -78,59 +86,67 @@ def third_of_triangle(cloth: ti.template(), stages: ti.template(), t: int, contr
 
 
 @ti.func
+def push_corners(cloth: ti.template(), i: int, j: int, k: int, third):
+    """Adds the same force [N] to three particles. Plain sums: `+=` on a field would be atomic."""
+    cloth.force[i] = cloth.force[i] + third
+    cloth.force[j] = cloth.force[j] + third
+    cloth.force[k] = cloth.force[k] + third
+
+
+@ti.func
 def blow_on_triangles(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, seconds: float):
     """Adds the air's force to the corners of every triangle of the list."""
     if ti.static(cloth.gathers):  # each particle asks its own triangles, so that none adds to another's sum
-        for i in range(cloth.slot_count[None]):
-            total = cloth.force[i]
-            for n in range(cloth.triangle_first[i], cloth.triangle_first[i + 1]):
-                total += third_of_triangle(cloth, stages, cloth.triangle_rows[n], controls, h, seconds)
-            cloth.force[i] = total
+        for p in range(cloth.slot_count[None]):
+            total = cloth.force[p]
+            for n in range(cloth.triangle_first[p], cloth.triangle_first[p + 1]):
+                i, j, k = cloth.triangles[cloth.triangle_rows[n]]
+                total += third_of_triangle(cloth, stages, i, j, k, controls, h, seconds)
+            cloth.force[p] = total
     else:
         for t in range(cloth.triangle_count[None]):
-            third = third_of_triangle(cloth, stages, t, controls, h, seconds)
-            for c in ti.static(range(3)):  # plain sums: `+=` on a field would be atomic
-                corner = cloth.triangles[t][c]
-                cloth.force[corner] = cloth.force[corner] + third
+            i, j, k = cloth.triangles[t]
+            push_corners(cloth, i, j, k, third_of_triangle(cloth, stages, i, j, k, controls, h, seconds))
 
 
 @ti.func
 def blow_on_strips(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, seconds: float):
-    """The same for a grid in strips: the two triangles of eight cells at once, cut as `grid.triangles` cuts them."""
-    pitch = cloth.pitch[None]
+    """The same for a grid in strips: the two triangles of eight cells at once, cut as `grid.triangles` cuts them.
+
+    The last cells of the strips end at the first column of the next lane: it is fetched into slots behind the grid.
+    """
+    pitch, spare = cloth.pitch[None], cloth.slot_count[None]
+    for y in range(cloth.rows[None]):
+        fetch_first_column(cloth, stages, y * pitch, spare + y)
+        cloth.force[spare + y] = spread(tm.vec3(0.0), cloth.force[spare + y])
     for y in range(cloth.rows[None] - 1):
         for i in range(pitch):
-            falling = (y + i) & 1 == 0  # the cell is cut from a to d; b and c are its other corners, a b over c d
-            over = i == pitch - 1
-            at_a = y * pitch + i
-            at_b = at_a + 1 - pitch if over else at_a + 1
-            at_c, at_d = at_a + pitch, at_b + pitch
-            a, b, c, d = cloth.x[at_a], cloth.x[at_b], cloth.x[at_c], cloth.x[at_d]
-            v_a, v_b = velocity_of(cloth, stages, at_a, h), velocity_of(cloth, stages, at_b, h)
-            v_c, v_d = velocity_of(cloth, stages, at_c, h), velocity_of(cloth, stages, at_d, h)
-            w_a, w_b = cloth.inverse_mass[at_a], cloth.inverse_mass[at_b]
-            w_c, w_d = cloth.inverse_mass[at_c], cloth.inverse_mass[at_d]
-            if over:
-                b, d = next_lane(b), next_lane(d)
-                v_b, v_d = next_lane(v_b), next_lane(v_d)
-                w_b, w_d = next_lane(w_b), next_lane(w_d)
-            tip, v_tip, w_tip = b, v_b, w_b  # third corner of the triangle at a and c
-            top, v_top, w_top = c, v_c, w_c  # and of the one at d and b
-            if falling:
-                tip, v_tip, w_tip = d, v_d, w_d
-                top, v_top, w_top = a, v_a, w_a
-            left = air_on_triangle(a, c, tip, (v_a + v_c + v_tip) / 3.0, ti.max(w_a, w_c, w_tip), controls, h, seconds)
-            right = air_on_triangle(top, d, b, (v_top + v_d + v_b) / 3.0, ti.max(w_top, w_d, w_b), controls, h, seconds)
-            left, right = times(left, cloth.has_cell[i]), times(right, cloth.has_cell[i])
-            on_a, on_b, on_c, on_d = left, left + right, left + right, right
-            if falling:
-                on_a, on_b, on_c, on_d = left + right, right, left, left + right
-            if over:
-                on_b, on_d = from_previous(on_b), from_previous(on_d)
-            cloth.force[at_a] = cloth.force[at_a] + on_a
-            cloth.force[at_b] = cloth.force[at_b] + on_b
-            cloth.force[at_c] = cloth.force[at_c] + on_c
-            cloth.force[at_d] = cloth.force[at_d] + on_d
+            a = y * pitch + i  # corners of the cell: a b over c d
+            b, c, d = a + 1, a + pitch, a + pitch + 1
+            if i == pitch - 1:
+                b, d = spare + y, spare + y + 1
+            falling = (y + i) & 1 == 0  # cut from a to d, else from b to c
+            for right in range(2):
+                p, q, o = a, c, b
+                if right:
+                    p, q = c, d
+                if falling:
+                    p, o = a, b if right else d
+                third = third_of_triangle(cloth, stages, p, q, o, controls, h, seconds)
+                push_corners(cloth, p, q, o, times(third, cloth.has_cell[i]))
+    for y in range(cloth.rows[None]):
+        cloth.force[y * pitch] = cloth.force[y * pitch] + from_previous(cloth.force[spare + y])
+
+
+@ti.func
+def fetch_first_column(cloth: ti.template(), stages: ti.template(), first: int, spare: int):
+    """What the air has to know of a particle."""
+    cloth.x[spare] = next_lane(cloth.x[first])
+    cloth.inverse_mass[spare] = next_lane(cloth.inverse_mass[first])
+    if ti.static(stages.own_velocity):
+        cloth.velocity[spare] = next_lane(cloth.velocity[first])
+    else:
+        cloth.x_prev[spare] = next_lane(cloth.x_prev[first])
 
 
 @ti.func

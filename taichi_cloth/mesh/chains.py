@@ -13,6 +13,15 @@ CHAINED = tuple(d for d, (family, _, _) in enumerate(DIRECTIONS) if family != "b
 # Columns of the table of chains.
 PARTICLE, STRIDE, FIRST, COUNT, CHAIN_COLUMNS = range(5)
 
+# Eight chains at once stand in strips where each goes from row to row: the chains of the grid's rows in strips of rows,
+# all others in the grid's own (`state/chains.py`). Columns of the table of these two layouts, the rows' first: shape;
+# where their masses and links begin; and their first and last direction in the table of directions.
+ROWS, PITCH, MASSES, LINKS, START, END, LAYOUT_COLUMNS = range(7)
+
+# Columns of the table of directions: step along the columns from row to row, and where its springs and the stiffness
+# of its kinds of row begin.
+ALONG, SPRINGS, KINDS, DIRECTION_COLUMNS = range(4)
+
 
 def chains(topology: Topology) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Every chain (first particle, stride to the next, first place in the order, springs), and the springs in order.

@@ -1,7 +1,6 @@
 """What a solver is given, what it must offer, and the frame that all of them share."""
 
 import dataclasses
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -9,19 +8,14 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..kernels.controls import Substep
+from ..kernels.controls import Substep, row, table
 from ..kernels.layout import load, store
 from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
 from ..state import ClothState, fields, lanes
 from ..state.gather import gathering
 from ..state.ties import tie
-
-SWEEPS_A_LAUNCH = 4
-
-# How a kernel takes the rows and tables of a `FrameInput`.
-row = ti.types.ndarray(dtype=ti.f32, ndim=1)
-table = ti.types.ndarray(dtype=ti.f32, ndim=2)
+from .launches import Launches
 
 
 @dataclass(frozen=True)
@@ -55,6 +49,11 @@ class FrameInput:
     def arguments(self) -> tuple[Any, ...]:
         """All of it in the order above, as `run_frame` takes it."""
         return tuple(getattr(self, f.name) for f in dataclasses.fields(self))
+
+    @property
+    def steering(self) -> dict[str, Any]:
+        """What is the same for every substep, by the names of `Substep`."""
+        return {name: getattr(self, name) for name in Substep._fields if name != "s"}
 
 
 @ti.func
@@ -99,33 +98,7 @@ def run_frame(
 
 
 @ti.kernel
-def run_parts(
-    parts: ti.template(),
-    repeat: ti.template(),
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    step: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: row,
-    spheres: table,
-    boxes: table,
-    ground: table,
-):
-    """Parts of a substep one after the other, `repeat` times; every loop in them runs in parallel.
-
-    `s` is the number of the substep, and `step` what is added to it from one repetition to the next.
-    """
-    for k in ti.static(range(repeat)):
-        now = ti.static(Substep(s + k * step, substeps, h, held, controls, spheres, boxes, ground))
-        for part in ti.static(parts):
-            part(cloth, stages, now)
-
-
-@ti.kernel
-def run_part(
+def run_serially(
     part: ti.template(),
     cloth: ti.template(),
     stages: ti.template(),
@@ -167,7 +140,6 @@ class Solver:
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes
     iterates: ClassVar[bool] = True  # `iterations` means something
     closing: ClassVar[bool] = False  # a frame ends with one more `before`
-    substeps_a_launch: ClassVar[int] = 4  # on a GPU, where there are no iterations: what compiles in a second or two
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
@@ -184,6 +156,7 @@ class Solver:
             self.work = gathering(cloth, topology)
         if stages.tethers:
             tie(self.work, topology)
+        self.launches = Launches(self.work, self.stages)
 
     def advance_frame(self, frame: FrameInput) -> None:
         """Advances the cloth by `frame.substeps` substeps of `frame.h` seconds."""
@@ -194,23 +167,14 @@ class Solver:
             run_frame(*parts, self.cloth, self.work, self.stages, int(self.closing), *frame.arguments)
 
     def _advance_in_parallel(self, frame: FrameInput) -> None:
-        """The same frame in as few launches as compile in a second or two."""
-        substeps, iterations, *steering = frame.arguments
-
-        def run(parts: tuple[Any, ...], repeat: int, s: int, step: int) -> None:
-            run_parts(parts, repeat, self.work, self.stages, s, step, substeps, *steering)
-
-        if not self.iterates:
-            for first, count in chunks(substeps, self.substeps_a_launch):
-                run((self.before, self.after), count, first, 1)
-        else:
-            for s in range(substeps):
-                run((self.before,), 1, s, 0)
-                for _, count in chunks(iterations, SWEEPS_A_LAUNCH):
-                    run((self.sweep,), count, s, 0)
-                run((self.after,), 1, s, 0)
+        """The same frame as one queue of launches."""
+        sweeps = frame.iterations if self.iterates else 0
+        parts: list[tuple[Any, int]] = []
+        for s in range(frame.substeps):
+            parts += [(self.before, s), *[(self.sweep, s)] * sweeps, (self.after, s)]
         if self.closing:
-            run((self.before,), 1, substeps, 0)
+            parts.append((self.before, frame.substeps))
+        self.launches.run(parts, frame.steering)
 
     def least_substeps(self, damping_time: float) -> int:
         """The fewest substeps of a frame with which the method is stable, with dashpots of this time [s]."""
@@ -261,10 +225,3 @@ class ExplicitSolver(Solver):
         forty times the substeps (64×64 denim 11246 instead of 280), for vibrations that nobody sees.
         """
         return min(asked, longest_dashpot(self.frequency))
-
-
-def chunks(count: int, size: int) -> Iterator[tuple[int, int]]:
-    """`count` as runs of `size` and then of one: (first, length) of each. Two lengths are two compiled kernels."""
-    whole = count // size * size
-    yield from ((first, size) for first in range(0, whole, size))
-    yield from ((first, 1) for first in range(whole, count))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
 from ..kernels.conjugate import MOST_PRODUCTS, PARTIAL_SUMS, begin_search, find_way, search_on
-from ..kernels.controls import KEPT, STIFFNESS
+from ..kernels.controls import KEPT, STIFFNESS, row, table
 from ..kernels.forces import add_air, forget_forces
 from ..kernels.grab import lead_held
 from ..kernels.maths import TINY
@@ -34,9 +34,9 @@ from ..kernels.tethers import pull_tethers
 from ..mesh.topology import Topology
 from ..state import ClothState
 from ..state.search import search_of
-from .base import FrameInput, Solver, Stages, row, run_part, run_parts, table
+from .base import FrameInput, Solver, Stages, run_serially
 
-PRODUCTS_A_LAUNCH = 8  # of the matrix and a direction, between two looks at how far it is; divides MOST_PRODUCTS
+PRODUCTS_A_LOOK = 8  # of the matrix and a direction, between two looks at how far it is; divides MOST_PRODUCTS
 
 
 # -- all paths -----------------------------------------------------------------------------------------------------
@@ -217,30 +217,30 @@ class Projective(Solver):
         substeps, iterations, h, held, *steering = frame.arguments
         for s in range(substeps):
             here = (self.cloth, self.stages, s, substeps, h, held, *steering)
-            run_part(self.before, *here)
+            run_serially(self.before, *here)
             both.fill(0.0)
             run_round(self.cloth, self.stages, True, h, frame.controls, both)
             for k in range(iterations):
                 factor.solve(both, held)
                 run_round(self.cloth, self.stages, k + 1 < iterations, h, frame.controls, both)
-            run_part(self.after, *here)
+            run_serially(self.after, *here)
 
     def _advance_by_searching(self, frame: FrameInput) -> None:
-        substeps, iterations, *steering = frame.arguments
         search = self.work.search
-        for s in range(substeps):
 
-            def run(part: Any, repeat: int = 1, s: int = s) -> None:
-                run_parts((part,), repeat, self.work, self.stages, s, 0, substeps, *steering)
+        for s in range(frame.substeps):
+
+            def run(*parts: Any, s: int = s) -> None:
+                self.launches.run([(part, s) for part in parts], frame.steering)
 
             run(self.before)
-            for _ in range(iterations):
+            for _ in range(frame.iterations):
                 run(begin_round)
                 goal = search.goal[None]
-                for _ in range(MOST_PRODUCTS // PRODUCTS_A_LAUNCH):
+                for _ in range(MOST_PRODUCTS // PRODUCTS_A_LOOK):
                     if search.squares[None] <= goal:
                         break
-                    run(go_on_searching, PRODUCTS_A_LAUNCH)
+                    run(*[go_on_searching] * PRODUCTS_A_LOOK)
                 run(go_the_way)
             run(self.after)
 

@@ -116,7 +116,6 @@ class Rk4(ExplicitSolver):
     name = "rk4"
     springs = "fabric"
     after = staticmethod(after)
-    substeps_a_launch = 2
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str

@@ -8,7 +8,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..mesh import strips
-from ..mesh.chains import CHAIN_COLUMNS, CHAINED, FIRST, chains
+from ..mesh.chains import CHAIN_COLUMNS, CHAINED, DIRECTION_COLUMNS, FIRST, LAYOUT_COLUMNS, chains
 from ..mesh.grid import DIRECTIONS
 from ..mesh.topology import Topology
 from . import fields
@@ -29,40 +29,22 @@ class ChainList:
 
 
 @dataclass(eq=False)
-class Links:
-    """Scratch of the chains in one set of strips, for one direction after another (`kernels.chains.solve_strips`)."""
+class ChainStrips:
+    """The strips in which a grid's chains are solved, one layout after the other (`mesh/chains.py`)."""
 
-    normal: Any  # 3×8
-    share: Any  # row of eight
+    x: Any  # 3×8
+    x_prev: Any
+    inverse_mass: Any  # row of eight
+    rest: Any  # by direction
+    multiplier: Any
+    stiffness: Any  # by direction and kind of row
+    normal: Any  # scratch of one direction
+    share: Any
     coupling: Any
     change: Any
-
-
-@dataclass(eq=False)
-class Crossed:
-    """The strips of rows: as `LaneState`, with rows and columns changed over, and one direction of springs."""
-
-    x: Any
-    x_prev: Any
-    inverse_mass: Any
-    rest: Any
-    multiplier: Any
-    stiffness: Any  # (ROW_KINDS·pitch,)
-    links: Links
-    rows: Any  # 0-D
-    pitch: Any  # 0-D
-    spring_count: Any  # 0-D
-
-
-@dataclass(eq=False)
-class ChainStrips:
-    """What the strips of a grid need for their chains."""
-
-    links: Links
-    crossed: Crossed
-    directions: Any  # (4,) direction of springs, and its step along the columns; those that go down the rows
-    direction_count: Any  # 0-D
-    has_rows: Any  # 0-D whether rows have springs
+    layouts: Any  # (2, LAYOUT_COLUMNS)
+    directions: Any  # (4, DIRECTION_COLUMNS)
+    spring_count: Any  # 0-D slots of springs in all directions
     first_bend: Any  # 0-D the first pass of bend springs
 
 
@@ -78,23 +60,36 @@ def list_chains(cloth: Any, topology: Topology) -> None:
 
 def strip_chains(lanes: Any, topology: Topology, stiffness: NDArray[np.float64]) -> None:
     """The same for a grid in strips. `stiffness`: of every spring, (E,)."""
-    rows, columns = topology.shape
     found = attached(lanes, "chains", lambda: _allocate_strips(lanes.x.shape[0], lanes.has_cell.shape[0]))
-    crossed = found.crossed
-    for links in (found.links, crossed.links):
-        for scratch in vars(links).values():
-            scratch.fill(0.0)
-    pitch = strips.pitch(rows, 1)
-    crossed.rows[None], crossed.pitch[None], crossed.spring_count[None] = columns, pitch, columns * pitch
-    by_place = topology.by_place(stiffness)
-    rest, kinds = topology.by_place(topology.rest)[0].T, by_place[0].T[strips.row_kinds(columns)]
-    for field, values in ((crossed.rest, rest), (crossed.stiffness, kinds)):
-        fields.put(field, strips.pack(values, pitch).reshape(-1, strips.STRIPS))
-    used = by_place.max(axis=(1, 2)) > 0
-    down = [(d, DIRECTIONS[d][2]) for d in CHAINED if used[d] and DIRECTIONS[d][1]]
-    fields.put(found.directions, np.array(down).reshape(-1, 2))
-    found.direction_count[None] = len(down)
-    found.has_rows[None] = int(used[0])
+    rest, stiff = topology.by_place(topology.rest), topology.by_place(stiffness)
+    used = stiff.max(axis=(1, 2)) > 0
+    rows, columns = topology.shape
+    shapes = ((columns, strips.pitch(rows, 1)), (rows, lanes.pitch[None]))
+    layouts = np.zeros((2, LAYOUT_COLUMNS), np.int32)
+    directions: list[list[int]] = []
+    masses = links = springs = kinds = 0
+    all_rest: list[NDArray[np.float64]] = []
+    all_kinds: list[NDArray[np.float64]] = []
+    for upright, (height, pitch) in enumerate(shapes):
+        start = len(directions)
+        for d in CHAINED:
+            _, down, along = DIRECTIONS[d]
+            if used[d] and bool(down) == bool(upright):
+                turned = (rest[d], stiff[d]) if upright else (rest[d].T, stiff[d].T)
+                directions.append([along if upright else 0, springs, kinds])
+                for values, into in ((turned[0], all_rest), (turned[1][strips.row_kinds(height)], all_kinds)):
+                    into.append(strips.pack(values, pitch).reshape(-1, strips.STRIPS))
+                springs, kinds = springs + height * pitch, kinds + strips.ROW_KINDS * pitch
+        layouts[upright] = height, pitch, masses, links, start, len(directions)
+        masses, links = masses + height * pitch, links + (height + 1) * (pitch + 2)
+    nothing = np.zeros((0, strips.STRIPS))
+    fields.put(found.rest, np.concatenate([nothing, *all_rest]))
+    fields.put(found.stiffness, np.concatenate([nothing, *all_kinds]))
+    fields.put(found.layouts, layouts)
+    fields.put(found.directions, np.array(directions, np.int32).reshape(-1, DIRECTION_COLUMNS))
+    for scratch in (found.normal, found.share, found.coupling, found.change):
+        scratch.fill(0.0)  # a row above and below the springs stays so
+    found.spring_count[None] = springs
     found.first_bend[None] = 2 * int(used[list(CHAINED)].sum())
 
 
@@ -111,33 +106,28 @@ def _allocate_list(room: int) -> ChainList:
 
 
 def _allocate_strips(slots: int, pitch: int) -> ChainStrips:
-    room = slots + slots // 2 + 24 * pitch + 16  # for any grid of these slots, by row, with a margin, and crossed
+    crossed = slots + 8 * pitch  # slots of strips of rows
+    links = 2 * slots + slots // 2 + 32 * pitch + 16  # of both layouts, each with two columns and two rows more
 
-    def places() -> Any:
-        return fields.places(room, lanes=True)
+    def places(count: int) -> Any:
+        return fields.places(count, lanes=True)
 
-    def numbers() -> Any:
-        return fields.numbers(room, lanes=True)
-
-    def links() -> Links:
-        return Links(normal=places(), share=numbers(), coupling=numbers(), change=numbers())
+    def numbers(count: int) -> Any:
+        return fields.numbers(count, lanes=True)
 
     return ChainStrips(
-        links=links(),
-        crossed=Crossed(
-            x=places(),
-            x_prev=places(),
-            inverse_mass=numbers(),
-            rest=numbers(),
-            multiplier=numbers(),
-            stiffness=numbers(),
-            links=links(),
-            rows=fields.number(),
-            pitch=fields.number(),
-            spring_count=fields.number(),
-        ),
-        directions=ti.Vector.field(2, ti.i32, len(CHAINED)),
-        direction_count=fields.number(),
-        has_rows=fields.number(),
+        x=places(crossed + 1),
+        x_prev=places(crossed + 1),
+        inverse_mass=numbers(slots + crossed + 1),
+        rest=numbers(3 * slots + crossed),
+        multiplier=numbers(3 * slots + crossed),
+        stiffness=numbers(strips.ROW_KINDS * (3 * pitch + slots)),
+        normal=places(links),
+        share=numbers(links),
+        coupling=numbers(links),
+        change=numbers(links),
+        layouts=ti.Vector.field(LAYOUT_COLUMNS, ti.i32, 2),
+        directions=ti.Vector.field(DIRECTION_COLUMNS, ti.i32, len(CHAINED)),
+        spring_count=fields.number(),
         first_bend=fields.number(),
     )

@@ -11,7 +11,7 @@ from taichi_cloth.kernels import springs
 from taichi_cloth.kernels.forces import acceleration_of, add_air, forget_forces, wind_at
 from taichi_cloth.mesh.topology import Topology, sheet
 from taichi_cloth.solvers import Stages
-from taichi_cloth.solvers.base import run_part
+from taichi_cloth.solvers.base import run_serially
 from taichi_cloth.view.fill import particle_normals
 
 row = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -58,7 +58,7 @@ STIFFNESS = (1.0, 1.0, 1.0, 1.0, 0.5, 0.5)  # of each of grid.DIRECTIONS
 
 def gather(cloth: state.ClothState, stages: Stages, controls: np.ndarray, h: float) -> np.ndarray:
     """Accelerations by all external forces [m/s²]."""
-    run_part(gather_into_predicted, cloth, stages, 0, 1, h, -1, controls, NONE, NONE, NONE)
+    run_serially(gather_into_predicted, cloth, stages, 0, 1, h, -1, controls, NONE, NONE, NONE)
     return cloth.taken(cloth.predicted)
 
 
@@ -204,7 +204,7 @@ def test_the_strain_limit_brings_long_springs_back_to_it_and_leaves_short_ones(c
     def limited(x: np.ndarray, sweeps: int) -> np.ndarray:
         cloth.put(x, x, state.inverse_mass(topology))
         for _ in range(sweeps):
-            run_part(limit_once, cloth, Stages(strain_limit=True), 0, 1, H, -1, controls, NONE, NONE, NONE)
+            run_serially(limit_once, cloth, Stages(strain_limit=True), 0, 1, H, -1, controls, NONE, NONE, NONE)
         return cloth.taken(cloth.x)
 
     within = (topology.start * [1.09, 0.5, 1.0]).astype(np.float32)  # short springs are left as they are
@@ -224,7 +224,7 @@ def test_contact_pushes_free_particles_out_and_leaves_pins(cloth_of) -> None:
     boxes = np.array([[0.5, 0.5, 0, 0.1, 0.1, 0.1, 0.02, 0]], np.float32)
     ground = np.array([[-0.4, 0]], np.float32)
     stages = Stages(spheres=1, boxes=1, ground=True)
-    run_part(push_out, cloth, stages, 0, 5, H, -1, wind(), spheres, boxes, ground)
+    run_serially(push_out, cloth, stages, 0, 5, H, -1, wind(), spheres, boxes, ground)
     x = cloth.taken(cloth.x)
     assert (x[12] == topology.start[12]).all()
     free = np.delete(x, 12, axis=0)
@@ -242,7 +242,7 @@ def test_friction_of_the_ground_holds_a_slow_slide(cloth_of) -> None:
     cloth.put(lowered + [0.002, 0, 0], lowered, state.inverse_mass(topology))
     stages = Stages(ground=True)
     ground = np.array([[-0.5, 0.5]], np.float32)
-    run_part(push_out, cloth, stages, 4, 5, H, -1, wind(), NONE, NONE, ground)
+    run_serially(push_out, cloth, stages, 4, 5, H, -1, wind(), NONE, NONE, ground)
     x = cloth.taken(cloth.x)
     assert x[20:, 0] == pytest.approx(lowered[20:, 0], abs=1e-6)  # 0.002 < 0.5 · 0.01: it sticks
     assert x[:5, 0] == pytest.approx(lowered[:5, 0] + 0.002, abs=1e-6)
