@@ -45,7 +45,7 @@ def push_out(cloth: ti.template(), stages: ti.template(), now: ti.template()):
             x = cloth.x[i]
             up = ti.max(now.ground[0, GROUND_HEIGHT] - part(x, 1), 0.0)
             push = join(up * 0.0, up, up * 0.0, x)
-            follow(cloth, i, push, tm.vec3(0.0), now.ground[0, GROUND_FRICTION])
+            follow(cloth, i, x, push, tm.vec3(0.0), now.ground[0, GROUND_FRICTION])
 
 
 @ti.func
@@ -56,7 +56,7 @@ def out_of_one_sphere(cloth: ti.template(), now: ti.template(), s: int):
     reach, friction = now.spheres[s, SPHERE_REACH], now.spheres[s, SPHERE_FRICTION]
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
-        follow(cloth, i, out_of_sphere(x, spread(center, x), reach), travel / now.substeps, friction)
+        follow(cloth, i, x, out_of_sphere(x, spread(center, x), reach), travel / now.substeps, friction)
 
 
 @ti.func
@@ -65,18 +65,18 @@ def out_of_one_box(cloth: ti.template(), now: ti.template(), s: int):
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
         push = out_of_box(x, spread(center, x), spread(half, x), now.boxes[s, BOX_MARGIN])
-        follow(cloth, i, push, tm.vec3(0.0), now.boxes[s, BOX_FRICTION])
+        follow(cloth, i, x, push, tm.vec3(0.0), now.boxes[s, BOX_FRICTION])
 
 
 @ti.func
-def follow(cloth: ti.template(), i: int, push, travel: tm.vec3, friction: float):
-    """Moves a free particle by a push out of a surface, and against sliding on it.
+def follow(cloth: ti.template(), i: int, x, push, travel: tm.vec3, friction: float):
+    """Moves a free particle from x by a push out of a surface, and against sliding on it.
 
     `travel` is how far the surface moved in this substep [m].
     """
     free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
     move = push
     if friction > 0.0:
-        slid = cloth.x[i] + push - cloth.x_prev[i] - spread(travel, push)
+        slid = x + push - cloth.x_prev[i] - spread(travel, push)
         move += friction_slide(push, slid, friction)
-    cloth.x[i] = cloth.x[i] + times(move, free)
+    cloth.x[i] = x + times(move, free)

@@ -280,7 +280,7 @@ def lay(cloth: ti.template(), layout, upright: int, places: ti.template(), laid:
                         if ti.static(places.m == 1):
                             laid[slot][lane] = places[source + i][k]
                         else:
-                            for c in ti.static(range(3)):
+                            for c in range(3):
                                 laid[slot][c, lane] = places[source + i][c, k]
 
 
@@ -297,7 +297,7 @@ def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int):
             for i in range(pitch):
                 for k in range(LANES):
                     slot = (k * pitch + i) * across + j
-                    for c in ti.static(range(3)):
+                    for c in range(3):
                         cloth.x[y * pitch + i][c, k] = chains.x[slot][c, lane]
 
 

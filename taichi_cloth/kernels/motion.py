@@ -18,9 +18,11 @@ def kick(cloth: ti.template(), controls: ti.template(), h: float, kept: float):
 def drift(cloth: ti.template(), h: float):
     """x ← x + h·v, and remembers where the particle was and where it would be without constraints."""
     for i in range(cloth.slot_count[None]):
-        cloth.x_prev[i] = cloth.x[i]
-        cloth.x[i] = cloth.x[i] + cloth.velocity[i] * h
-        cloth.predicted[i] = cloth.x[i]
+        x = cloth.x[i]
+        there = x + cloth.velocity[i] * h
+        cloth.x_prev[i] = x
+        cloth.x[i] = there
+        cloth.predicted[i] = there
 
 
 @ti.func
