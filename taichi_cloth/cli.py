@@ -109,6 +109,15 @@ def build_parser() -> Parser:
     bench.add_argument("--json", type=Path, metavar="FILE", help="write measurements, stages and machine")
     bench.add_argument("--force", action="store_true", help="replace FILE")
 
+    validate = command(
+        "validate", run_validate, "measure every solver against known answers", "validate --only A2 --solver spring"
+    )
+    validate.add_argument("--only", metavar="REF", help="one reference, or all that begin so: A2.1, A2, B")
+    validate.add_argument("--solver", choices=SOLVER_NAMES, metavar="NAME", help="one solver")
+    validate.add_argument("--json", type=Path, metavar="FILE", help="write the rows, with bounds and sources")
+    validate.add_argument("--markdown", type=Path, metavar="FILE", help="write the table for a document")
+    validate.add_argument("--force", action="store_true", help="replace FILE")
+
     check = command("check", check_file, "check a scene file", "check my_scene.toml")
     what = check.add_mutually_exclusive_group(required=True)
     what.add_argument("file", nargs="?", metavar="FILE", help="a scene file, or the name of a shipped scene")
@@ -242,6 +251,30 @@ def run_bench(args: argparse.Namespace) -> int:
     if args.json:
         report.write_json(args.json, rows, stage_rows, bench.floor.missing)
     return 1 if report.failures(rows, stage_rows) else 0
+
+
+def run_validate(args: argparse.Namespace) -> int:
+    from .bench.report import check_free
+    from .progress import steps_progress
+    from .validate import report
+    from .validate.catalogue import chosen
+    from .validate.row import measure
+
+    for path in filter(None, (args.json, args.markdown)):
+        check_free(path, force=args.force)
+    pairs = chosen(args.only, args.solver)
+    runtime.start("cpu")
+    results = []
+    with steps_progress(len(pairs)) as on_step:
+        for reference, solver in pairs:
+            on_step(f"{reference.number} {reference.name}, {solver}")
+            results += measure(reference, solver)
+    report.print_report(results)
+    if args.json:
+        report.write_json(args.json, results)
+    if args.markdown:
+        report.write_markdown(args.markdown, results)
+    return 1 if any(result.broken for result in results) else 0
 
 
 def check_file(args: argparse.Namespace) -> int:

@@ -99,6 +99,19 @@ class Simulation:
         self._hand = None
         self.frame = 0
 
+    def place(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Puts every particle at its place [m], shape (N, 3), with a velocity [m/s], (N, 3) or one for all.
+
+        A pin stays where it is put. Raises ValueError, and changes nothing, for another shape or numbers that are not
+        finite.
+        """
+        shape = self.topology.start.shape
+        x, v = _finite(positions, "positions", shape), _finite(velocities, "velocities", shape)
+        v[self.topology.pinned] = 0.0
+        self.release()
+        self.cloth.put(x, x, self._inverse_mass)
+        self.solver.set_velocities(v, self._substep)
+
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
         self._give_back()
@@ -358,6 +371,19 @@ class Simulation:
         """Radius of every sphere [m]; the slider moves the first."""
         radii = [sphere.radius for sphere in self.scene.spheres]
         return [self._live["sphere_radius"], *radii[1:]] if radii else []
+
+
+def _finite(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
+    """An array of this shape. Raises ValueError."""
+    try:
+        array = np.array(np.broadcast_to(np.asarray(values, np.float64), shape))
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} are {shape[0]} times three numbers") from None
+    if not np.isfinite(array).all():
+        raise ValueError(
+            f"{name} hold a number that is not finite, at particle {np.argwhere(~np.isfinite(array))[0, 0]}"
+        )
+    return array
 
 
 def _point(target: ArrayLike) -> Floats:

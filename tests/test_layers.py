@@ -25,6 +25,7 @@ FLOORS = [
     {"view"},
     {"runtime"},
     {"bench"},
+    {"validate"},
     {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "progress", "scene", "mesh", "interact", "measure"}

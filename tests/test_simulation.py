@@ -189,3 +189,26 @@ def test_a_save_that_fails_leaves_the_old_one_and_no_rest(tmp_path: Path) -> Non
             simulation.save(tmp_path / "missing" / "save.npz")
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["save.npz"]
+
+
+def test_place_puts_and_throws_the_cloth() -> None:
+    with tc.Simulation(tc.load_scene("curtain", wind_x=0, wind_z=0, solver="spring")) as simulation:
+        start = simulation.topology.start
+        simulation.place(start + [0.0, 1.0, 0.0], (0.0, 0.0, 2.0))
+        assert simulation.positions() == pytest.approx(start + [0.0, 1.0, 0.0], abs=1e-6)
+        v = simulation.velocities()
+        assert v[~simulation.topology.pinned] == pytest.approx(np.tile([0.0, 0.0, 2.0], (690, 1)))
+        assert not v[simulation.topology.pinned].any()
+        simulation.advance_frame()
+        pins = simulation.topology.pinned
+        assert simulation.positions()[pins] == pytest.approx((start + [0.0, 1.0, 0.0])[pins], abs=1e-6)
+
+
+@pytest.mark.parametrize("values", [[1.0, 2.0], "here", [[float("nan")] * 3] * 720])
+def test_place_refuses_what_is_no_place_and_changes_nothing(values: object) -> None:
+    with tc.Simulation(tc.load_scene("curtain")) as simulation:
+        with pytest.raises(
+            ValueError, match="positions (are 720 times three numbers|hold a number that is not finite)"
+        ):
+            simulation.place(values)  # type: ignore[arg-type]
+        assert simulation.positions() == pytest.approx(simulation.topology.start, abs=1e-6)

@@ -1,0 +1,1 @@
+"""References with known answers, and how far the solvers are from them (`taichi-cloth validate`)."""

@@ -1,0 +1,58 @@
+"""All references, in the order of the report, and what a method cannot reach."""
+
+from __future__ import annotations
+
+from ..errors import WrongUse
+from . import air, contact, flight, hanging, swing, symmetry
+from .row import Reference
+from .setups import ALL, ELASTIC
+
+EULER = "its steps are of first order: Euler's, however well each is solved"
+ALONG_THE_TANGENT = "a step goes along the tangent and is pulled back: a turn loses (1 + 2Ω²ht)^½ of its rate"
+ROUNDING = "every correction rounds a place to float32, and the velocity is what the place moved, over h"
+UNDAMPED = "nothing damps the sheet's own vibration"
+UNFINISHED = "the usual iterations do not reach the solution of a substep"
+
+# Method by method, what of a reference its nature or its usual setting puts out of reach.
+PULLED_BACK = dict.fromkeys(("verlet", "xpbd", "lines", "projective"), ALONG_THE_TANGENT)
+FIRST_ORDER = dict.fromkeys(("verlet", "xpbd", "lines", "projective"), EULER)
+ROUNDED = dict.fromkeys(("verlet", "xpbd", "lines", "projective"), ROUNDING)
+
+REFERENCES = (
+    Reference("A1.1", "free fall", "Newton; Euler's steps summed", flight.free_fall, ALL),
+    Reference("A1.2", "free fall, all on", "as A1.1", flight.fall_with_everything, ALL),
+    Reference("A1.3", "free fall in float32", "as A1.1", flight.fall_from_heights, ALL, {"verlet": ROUNDING}),
+    Reference("A1.4", "parabola", "as A1.1", flight.parabola, ALL),
+    Reference("A1.5", "spin-down", "recursion of a rigid pair's angle", flight.spin, ALL),
+    Reference("A1.6", "momentum", "conservation", flight.momentum, ALL, ROUNDED),
+    Reference("A2.1", "pendulum", "complete elliptic integral", swing.pendulum, ALL, PULLED_BACK),
+    Reference("A2.2", "one spring", "the method's own discrete law", swing.one_spring, ELASTIC),
+    Reference("A2.3", "hanging strip", "zeros of Laguerre's L20", swing.curtain_modes, ALL, {"projective": UNFINISHED}),
+    Reference("A3.1", "hanging sheet", "sum of the weights below", hanging.elongation, ELASTIC, {"xpbd": UNFINISHED}),
+    Reference("A3.2", "artificial stretch", "fixed point of a red-black sweep", hanging.stretch, ("verlet",)),
+    Reference("A3.3", "hammock", "equilibrium of its springs", hanging.hammock, ELASTIC, {"xpbd": UNFINISHED}),
+    Reference("A6.1", "fall in air", "½ρC_D·v² = σg; tanh", air.falling, ALL, FIRST_ORDER),
+    Reference("A7.1", "sliding to a stop", "v²/(2μg), Coulomb", contact.stopping, ALL),
+    Reference("A7.2", "rest on the ground", "-", contact.resting, ALL, dict.fromkeys(("spring", "rk4"), UNDAMPED)),
+    Reference("A8.1", "rest shape", "-", symmetry.at_rest, ALL, dict.fromkeys(ALL, ROUNDING)),
+    Reference("A8.2", "rotation", "-", symmetry.turned, ALL, {"projective": ROUNDING}),
+    Reference("A8.3", "mirror", "-", symmetry.mirrored, ALL),
+    Reference("A8.4", "far from the origin", "-", symmetry.far_away, ALL, ROUNDED),
+    Reference("B1", "swinging curtain", "float64, converged", swing.swinging_curtain, ALL, FIRST_ORDER),
+    Reference("B3", "iterations", "sum of the weights below", hanging.independence, ("xpbd", "lines")),
+)
+
+
+def chosen(only: str | None, solver: str | None) -> list[tuple[Reference, str]]:
+    """References, by number or its beginning, with each of their solvers, or with one. Raises WrongUse for none."""
+    pairs = [
+        (reference, name)
+        for reference in REFERENCES
+        for name in reference.solvers
+        if reference.number.startswith(only or "") and solver in (None, name)
+    ]
+    if not pairs:
+        numbers = ", ".join(reference.number for reference in REFERENCES)
+        with_solver = f" with {solver}" if solver else ""
+        raise WrongUse(f"no reference {only!r}{with_solver}: {numbers}")
+    return pairs

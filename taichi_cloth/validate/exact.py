@@ -1,0 +1,104 @@
+"""Closed forms and small exact calculations, in float64. SI units; NumPy only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import atan2, cos, cosh, log, pi, radians, sin, sqrt, tanh
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+GRAVITY = 9.81  # [m/s²] the default of a scene
+
+
+def euler_drop(seconds: float, h: float) -> float:
+    """Way [m] that symplectic or backward Euler falls from rest: ½gt² and ½ght more."""
+    steps = round(seconds / h)
+    return GRAVITY * h * h * steps * (steps + 1) / 2
+
+
+def dumbbell_rate(turns: float, h: float, seconds: float) -> float:
+    """Share of its rate [turns/s] that a rigid pair keeps when each step goes along the tangent and is pulled back.
+
+    φ' = atan(sin φ/(2 − cos φ)) from step to step: x − x_prev is the velocity of position-based dynamics.
+    """
+    first = phi = atan2(2 * pi * turns * h, 1.0)
+    for _ in range(round(seconds / h) - 1):
+        phi = atan2(sin(phi), 2 - cos(phi))
+    return phi / first
+
+
+def pendulum_period(degrees: float, length: float) -> float:
+    """4·√(l/g)·K(sin ½θ₀) [s], with the complete elliptic integral by the arithmetic-geometric mean (Gauss)."""
+    a, b = 1.0, cos(radians(degrees) / 2)
+    for _ in range(40):
+        a, b = (a + b) / 2, sqrt(a * b)
+    return 2 * pi * sqrt(length / GRAVITY) / a
+
+
+def chain_modes(links: int, length: float, count: int) -> tuple[Floats, Floats]:
+    """(ω [rad/s], shapes (links, count)) of a hanging chain of equal rigid links and masses that swings a little.
+
+    The link above mass j carries links − j + 1 of them. The ω² are g/l times the zeros of the Laguerre polynomial.
+    """
+    carried = np.arange(links, 0, -1.0)
+    stiffness = np.diag(carried + np.append(carried[1:], 0.0))
+    stiffness -= np.diag(carried[1:], 1) + np.diag(carried[1:], -1)
+    squares, shapes = np.linalg.eigh(stiffness * GRAVITY * links / length)
+    return np.sqrt(squares[:count]), shapes[:, :count]
+
+
+def hanging_drop(links: int, mass: float, constant: float) -> float:
+    """How much lower [m] the end of a chain of equal springs [N/m] and masses [kg] hangs than without weight."""
+    return mass * GRAVITY * links * (links + 1) / (2 * constant)
+
+
+def hammock_sag(span: float, links: int, length: float, mass: float, constant: float) -> float:
+    """Sag [m] of springs [N/m] of `length` in all with equal masses [kg] at their joints, held at both ends."""
+    vertical = (np.arange(links) - (links - 1) / 2) * mass * GRAVITY
+    rest = length / links
+
+    def shape(horizontal: float) -> tuple[float, float]:
+        tension = np.hypot(horizontal, vertical)
+        long = rest + tension / constant
+        return float((long * horizontal / tension).sum()), float(-np.cumsum(long * vertical / tension).min())
+
+    horizontal = root(lambda f: shape(f)[0] - span, 1e-12, constant * length + mass * GRAVITY * links)
+    return shape(horizontal)[1]
+
+
+def root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where a rising function is zero, by bisection."""
+    for _ in range(200):
+        middle = (low + high) / 2
+        low, high = (middle, high) if function(middle) < 0 else (low, middle)
+    return (low + high) / 2
+
+
+def terminal_speed(area_density: float, air_density: float, drag: float) -> float:
+    """Speed [m/s] at which the air carries a level sheet: ½ρ·C_D·v² = σ·g."""
+    return sqrt(2 * area_density * GRAVITY / (air_density * drag))
+
+
+def fall_in_air(seconds: float, terminal: float) -> tuple[float, float]:
+    """(speed [m/s], way [m]) of a fall from rest against drag that grows with the square of the speed."""
+    t = GRAVITY * seconds / terminal
+    return terminal * tanh(t), terminal**2 / GRAVITY * log(cosh(t))
+
+
+def spring_scheme(solver: str, omega: float, h: float, steps: int) -> Floats:
+    """Distance from rest, as a share of the first, of one spring let go, after 0, 1, … steps of each method."""
+    w = omega * h
+    if solver == "rk4":
+        z = np.array([[0.0, 1.0], [-w * w, 0.0]])  # of (x, h·v)
+        step = np.eye(2) + z + z @ z / 2 + z @ z @ z / 6 + z @ z @ z @ z / 24
+    elif solver == "spring":  # half a kick, a drift, half a kick
+        step = np.array([[1 - w * w / 2, 1.0], [-w * w * (1 - w * w / 4), 1 - w * w / 2]])
+    else:  # backward Euler
+        step = np.array([[1.0, 1.0], [-w * w, 1.0]]) / (1 + w * w)
+    states = [np.array([1.0, 0.0])]
+    for _ in range(steps):
+        states.append(step @ states[-1])
+    return np.array(states)[:, 0]

@@ -1,0 +1,91 @@
+"""A3 and B3: hanging, stretching and sagging."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..mesh.from_scene import stiffness_of
+from ..scene.model import Solver, Springs
+from ..simulation import Simulation
+from .exact import GRAVITY, hammock_sag, hanging_drop
+from .row import Row, relative
+from .setups import advance, base, strip, structural, substep
+
+CELLS = (16, 32)
+SPANS = (0.4, 0.8, 0.95)
+HAMMOCK_LINKS = 16
+HAMMOCK_CONSTANT = 1000.0  # [N] of force per strain, over the width
+SETTLING = 3.0  # [1/s] damping that brings a sheet to rest
+LAW_LINKS = 32
+ITERATIONS = (20, 40, 80)
+
+
+def elongation(solver: str) -> Iterator[Row]:
+    """A sheet pinned along its top is longer by the weight that each spring carries."""
+    for cells in CELLS:
+        scene = structural(base(solver, cells + 1, cells + 1, lumping="equal", pins=("top",)), 1000.0)
+        scene = replace(scene, solver=replace(scene.solver, damping=SETTLING))
+        with Simulation(scene) as simulation:
+            mass = float(simulation.topology.mass[0])
+            advance(simulation, 10.0)
+            longer = float((simulation.topology.start - simulation.positions())[-(cells // 2), 1])
+            exact = hanging_drop(cells, mass, 1000.0)
+            yield relative(f"{cells} rows below the pins: longer by [m]", exact, longer, 2e-2, 1e-3)
+
+
+def independence(solver: str) -> Iterator[Row]:
+    """The same length at every number of iterations: multipliers must be kept over those of a substep (B3)."""
+    scene = structural(base(solver, 17, 17, lumping="equal", pins=("top",)), 100.0)
+    with Simulation(scene) as simulation:
+        exact = hanging_drop(16, float(simulation.topology.mass[0]), 100.0)
+    for iterations in ITERATIONS:
+        settled = Solver(name=solver, substeps=5, iterations=iterations, damping=SETTLING)
+        with Simulation(replace(scene, solver=settled)) as simulation:
+            advance(simulation, 10.0)
+            longer = float((simulation.topology.start - simulation.positions())[-8, 1])
+            yield relative(f"100 N/m, 5×{iterations}: longer by [m]", exact, longer, 1e-2, 1e-3)
+
+
+def stretch(solver: str) -> Iterator[Row]:
+    """Relaxation to a length leaves ½·N²·g·h²/iterations of stretch, whatever the fabric: the law it is judged by."""
+    scene = strip(solver, LAW_LINKS, constant=1e9)
+    scene = replace(scene, springs=Springs(shear=0.0, bend=0.0), solver=replace(scene.solver, damping=SETTLING))
+    with Simulation(scene) as simulation:
+        advance(simulation, 10.0)
+        h = substep(simulation)
+        stretch = float((simulation.topology.start - simulation.positions())[-2, 1])
+        unit = LAW_LINKS**2 * GRAVITY * h * h / scene.solver.iterations
+        yield relative("stretch over N²·g·h²/iterations", 0.5, stretch / unit, 0.05, 0.01)
+
+
+def hammock(solver: str) -> Iterator[Row]:
+    """A strip held at two edges that are nearer than it is long."""
+    links = HAMMOCK_LINKS
+    for span in SPANS:
+        scene = strip(solver, links, constant=HAMMOCK_CONSTANT, pins=("top", "bottom"))
+        scene = replace(scene, solver=replace(scene.solver, damping=SETTLING))
+        with Simulation(scene) as simulation:
+            topology = simulation.topology
+            mass = float(topology.mass.reshape(-1, 3)[1].sum())
+            constant = springs_constant(simulation)
+            start = topology.start.reshape(links + 1, 3, 3).copy()
+            along = np.linspace(-0.5, 0.5, links + 1)
+            depth = np.sqrt(1 - span**2)
+            start[:, :, 2] = (span * along)[:, None]
+            start[:, :, 1] = (depth * (2 * np.abs(along) - 1) / 2)[:, None]
+            simulation.place(start.reshape(-1, 3))
+            advance(simulation, 12.0)
+            sag = -float(simulation.positions()[:, 1].min())
+            yield relative(
+                f"sag at a span of {span:g} m [m]", hammock_sag(span, links, 1.0, mass, constant), sag, 1e-2, 1e-3
+            )
+
+
+def springs_constant(simulation: Simulation) -> float:
+    """Constant of the three springs side by side down a strip [N/m]."""
+    stiffness = stiffness_of(simulation.scene, simulation.solver.springs, simulation.topology)
+    a, b = simulation.topology.ends.T
+    return float(stiffness[(a < 3) & (b - a == 3)].sum())

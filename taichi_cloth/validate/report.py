@@ -1,0 +1,102 @@
+"""The rows as a table, as JSON and as Markdown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from ..bench.report import LOG_WIDTH, machine
+from ..files import whole_file
+from .row import EXCELLENT, PASS, SHORT, Result
+
+HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
+
+
+def cells(result: Result) -> tuple[str, ...]:
+    """A row of the table."""
+    row = result.row
+    reference = f"{result.reference.number} {result.reference.name}"
+    return (
+        reference,
+        result.solver,
+        row.what,
+        f"{row.exact:.6g}",
+        f"{row.measured:.6g}",
+        f"{row.error:.1e}",
+        result.verdict,
+    )
+
+
+def reasons(results: Sequence[Result]) -> list[str]:
+    """A line for each reference and reason: which solvers fall short, and why."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for result in results:
+        if result.verdict == SHORT:
+            reference = f"{result.reference.number} {result.reference.name}"
+            solvers = found.setdefault((reference, result.reason or "it should not"), [])
+            if result.solver not in solvers:
+                solvers.append(result.solver)
+    return [f"{reference} falls short with {', '.join(who)}: {why}" for (reference, why), who in found.items()]
+
+
+def count(results: Sequence[Result]) -> str:
+    """The last line."""
+    verdicts = [result.verdict for result in results]
+    short = verdicts.count(SHORT)
+    broken = sum(result.broken for result in results)
+    return (
+        f"{len(results)} rows: {verdicts.count(EXCELLENT)} excellent, {verdicts.count(PASS)} pass, {short} fall short"
+        f" ({short - broken} for a known reason, {broken} broken)"
+    )
+
+
+def print_report(results: Sequence[Result]) -> None:
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = LOG_WIDTH
+    table = Table(*HEADINGS, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for column in table.columns[3:6]:
+        column.justify = "right"
+    for result in results:
+        table.add_row(*cells(result))
+    console.print(table)
+    for line in (*reasons(results), " · ".join(machine().values()), count(results)):
+        console.print(line, soft_wrap=True)
+
+
+def write_json(path: Path, results: Sequence[Result]) -> None:
+    """All there is. Raises OSError."""
+    rows = [
+        {
+            "reference": result.reference.number,
+            "name": result.reference.name,
+            "solver": result.solver,
+            "what": result.row.what,
+            "exact": result.row.exact,
+            "measured": result.row.measured,
+            "error": result.row.error,
+            "pass": result.row.good,
+            "excellent": result.row.best,
+            "verdict": result.verdict,
+            "reason": result.reason,
+            "source": result.reference.source,
+        }
+        for result in results
+    ]
+    with whole_file(path) as file:
+        file.write(json.dumps({"machine": machine(), "rows": rows}, indent=1, ensure_ascii=False).encode())
+
+
+def write_markdown(path: Path, results: Sequence[Result]) -> None:
+    """A table that documents can hold. Raises OSError."""
+    headings = (*HEADINGS, "source")
+    lines = [f"| {' | '.join(headings)} |", f"|{'---|' * len(headings)}"]
+    lines += [f"| {' | '.join((*cells(result), result.reference.source))} |" for result in results]
+    lines += ["", *(f"- {line}" for line in reasons(results)), "", count(results), ""]
+    with whole_file(path) as file:
+        file.write("\n".join(lines).encode())

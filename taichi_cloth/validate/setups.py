@@ -1,0 +1,65 @@
+"""Scenes for references, and short ways to run them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..bench.cases import SEED_SETTING, SETTINGS
+from ..scene.model import FRAME_SECONDS, Cloth, Fabric, Scene, Solver
+from ..simulation import Simulation
+from ..solvers import SOLVERS
+from .exact import Floats
+
+EULER = ("verlet", "xpbd", "lines", "projective")  # their free particles move by symplectic Euler
+ELASTIC = ("xpbd", "spring", "lines", "rk4", "projective")  # springs with a constant
+ALL = ("verlet", *ELASTIC)
+
+
+def usual(solver: str, **keys: Any) -> Solver:
+    """A method at its usual substeps and iterations, without damping."""
+    substeps, iterations = SETTINGS.get(solver, SEED_SETTING) if SOLVERS[solver].iterates else (1, 1)
+    return Solver(**{"name": solver, "substeps": substeps, "iterations": iterations, "damping": 0.0, **keys})
+
+
+def base(solver: str, rows: int = 9, columns: int = 9, **keys: Any) -> Scene:
+    """One square metre of 0.2 kg/m² around the origin, hanging from nothing; `keys` are those of the cloth."""
+    cloth = Cloth(rows=rows, columns=columns, width=1.0, height=1.0, center=(0.0, 0.0, 0.0), pins=())
+    return Scene(cloth=replace(cloth, **keys), solver=usual(solver))
+
+
+def structural(scene: Scene, constant: float) -> Scene:
+    """The same cloth with springs along rows and columns only [N/m]."""
+    springs = replace(scene.springs, shear=0.0, bend=0.0)
+    return replace(scene, springs=springs, fabric=Fabric(warp=constant, weft=constant, shear=0.0, bend=0.0))
+
+
+def strip(solver: str, links: int, *, constant: float, pins: tuple[str | int, ...] = ("top",)) -> Scene:
+    """A chain of equal masses and springs, one metre long, as three narrow columns of a sheet that does not bend."""
+    scene = base(solver, links + 1, 3, width=0.1, lumping="equal", pins=pins)
+    return structural(scene, constant)
+
+
+def advance(simulation: Simulation, seconds: float) -> None:
+    for _ in range(round(seconds / FRAME_SECONDS)):
+        simulation.advance_frame()
+
+
+def center(simulation: Simulation) -> Floats:
+    """Centre of mass [m]."""
+    mean: Floats = np.average(simulation.positions(), axis=0, weights=simulation.topology.mass)
+    return mean
+
+
+def substep(simulation: Simulation) -> float:
+    """[s]"""
+    return FRAME_SECONDS / simulation.substeps
+
+
+def crossings(values: Floats) -> Floats:
+    """Times [frames] at which values, one a frame, change their sign, by straight lines in between."""
+    k = np.flatnonzero(values[:-1] * values[1:] < 0)
+    times: Floats = k + values[k] / (values[k] - values[k + 1])
+    return times

@@ -1,0 +1,108 @@
+"""A2 and B1: oscillation and damping."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import pi, sqrt
+
+import numpy as np
+
+from ..mesh.from_scene import stiffness_of
+from ..scene.model import FRAME_SECONDS, Forces
+from ..simulation import Simulation
+from ..solvers import SOLVERS
+from .exact import chain_modes, pendulum_period, spring_scheme
+from .row import Row, relative
+from .setups import advance, base, crossings, strip, structural, substep
+
+ANGLES = (10, 30, 60, 90, 120, 150, 170)  # [degrees] from hanging
+LINKS = 20
+MODES = 3
+# Bottom row (forward, up) [m] of the swinging curtain after 0.25, 0.5 and 1 s, by cells a side: in float64, by Dormand
+# and Prince's method of order 8, until it did not change any more.
+CURTAIN = {
+    16: ((0.5231750679, -0.8297375679), (-0.2103274487, -0.9759157740), (-0.6740654639, -0.7338234369)),
+    32: ((0.5226717572, -0.8292342573), (-0.2309021056, -0.9685538124), (-0.6677511421, -0.7397831360)),
+    64: ((0.5224470917, -0.8290095917), (-0.2433597394, -0.9621248437), (-0.6646460383, -0.7425699090)),
+}
+CURTAIN_SECONDS = (0.25, 0.5, 1.0)
+
+
+def pendulum(solver: str) -> Iterator[Row]:
+    """A stiff strip of one cell, let go at rest; its period is twice the time between passes below."""
+    for degrees in ANGLES:
+        scene = structural(base(solver, 2, 2, width=0.1, pins=("top",), rotation=(float(degrees), 0.0, 0.0)), 1e4)
+        period = pendulum_period(degrees, 1.0)
+        with Simulation(scene) as simulation:
+            pivot = simulation.topology.start[0]
+            angles = []
+            for _ in range(round(period / FRAME_SECONDS) + 2):
+                below = simulation.positions()[2] - pivot
+                angles.append(np.arctan2(below[2], -below[1]))
+                simulation.advance_frame()
+            times = crossings(np.array(angles))
+            measured = 2 * FRAME_SECONDS * float(times[1] - times[0]) if len(times) > 1 else float("nan")
+            yield relative(f"period from {degrees}° [s]", period, measured, 1e-2, 1e-3)
+
+
+def one_spring(solver: str) -> Iterator[Row]:
+    """A spring of 1000 N/m and 1 kg, let go 1.5 times as long, follows the method's own discrete law for a second."""
+    scene = structural(base(solver, 2, 2, pins=("top",), area_density=4.0), 2000.0)
+    scene = replace(scene, forces=Forces(gravity=0.0), fabric=replace(scene.fabric, weft=0.0))
+    with Simulation(scene) as simulation:
+        topology = simulation.topology
+        constant = stiffness_of(scene, SOLVERS[solver].springs, topology)[0]
+        omega = sqrt(constant / topology.mass[2])
+        start = topology.start.copy()
+        start[2:, 1] -= 0.5
+        simulation.place(start)
+        h, steps = substep(simulation), simulation.substeps
+        law = spring_scheme(solver, omega, h, 60 * steps)[steps::steps]
+        seen = []
+        for _ in range(60):
+            simulation.advance_frame()
+            seen.append((topology.start[2, 1] - simulation.positions()[2, 1]) / 0.5)
+        worst = int(np.abs(np.array(seen) - law).argmax())
+        name = f"length over rest, of the first 0.5 m, at frame {worst + 1}"
+        yield Row(name, float(law[worst]), seen[worst], float(abs(seen[worst] - law[worst])), 1e-3, 1e-4)
+
+
+def curtain_modes(solver: str) -> Iterator[Row]:
+    """A strip of 20 links swings a little in each of its first modes."""
+    omegas, shapes = chain_modes(LINKS, 1.0, MODES)
+    for mode in range(MODES):
+        with Simulation(strip(solver, LINKS, constant=1e4)) as simulation:
+            topology = simulation.topology
+            start = topology.start.reshape(LINKS + 1, 3, 3).copy()
+            shape = shapes[:, mode]
+            start[1:, :, 2] += 2e-3 * (shape / np.abs(shape).max())[:, None]
+            simulation.place(start.reshape(-1, 3))
+            seen = []
+            for _ in range(round(2.5 * 2 * pi / omegas[mode] / FRAME_SECONDS)):
+                seen.append(simulation.positions().reshape(LINKS + 1, 3, 3)[1:, 1, 2] @ shape)
+                simulation.advance_frame()
+            times = crossings(np.array(seen))
+            measured = pi / (FRAME_SECONDS * float(np.diff(times).mean())) if len(times) > 1 else float("nan")
+            yield relative(f"mode {mode + 1} of a hanging strip [rad/s]", float(omegas[mode]), measured, 1e-2, 1e-3)
+
+
+def swinging_curtain(solver: str) -> Iterator[Row]:
+    """Pinned along its top, held flat at 45°, let go: 1000 N/m, 0.2 kg/m², equal masses, no damping."""
+    for cells, exact in CURTAIN.items():
+        scene = structural(
+            base(solver, cells + 1, cells + 1, lumping="equal", pins=("top",), rotation=(-45.0, 0.0, 0.0)), 1000.0
+        )
+        with Simulation(scene) as simulation:
+            pivot = simulation.topology.start[0]
+            errors = []
+            done = 0.0
+            for seconds, place in zip(CURTAIN_SECONDS, exact, strict=True):
+                advance(simulation, seconds - done)
+                done = seconds
+                bottom = simulation.positions()[-(cells // 2)] - pivot
+                errors.append(np.hypot(bottom[2] - place[0], bottom[1] - place[1]))
+            k = int(np.argmax(errors))
+            length = float(np.hypot(*exact[k]))
+            name = f"{cells} cells: bottom row after {CURTAIN_SECONDS[k]:g} s, error of the side"
+            yield Row(name, length, length + float(errors[k]), float(errors[k]), 1e-2, 1e-3)

@@ -1,0 +1,75 @@
+"""Closed forms against hand numbers and against each other."""
+
+from math import pi, sqrt
+
+import numpy as np
+import pytest
+from scipy import integrate, special
+
+from taichi_cloth.validate import exact
+
+
+def test_euler_falls_half_a_step_farther() -> None:
+    assert exact.euler_drop(1.0, 1 / 60) == pytest.approx(4.98675, abs=1e-9)
+    assert exact.euler_drop(1.0, 1 / 6000) == pytest.approx(4.9058175, abs=1e-9)
+
+
+@pytest.mark.parametrize(("h", "kept"), [(1 / 60, 0.266), (1 / 240, 0.483), (1 / 600, 0.657), (1 / 6000, 0.940)])
+def test_a_pair_that_is_pulled_back_keeps_the_printed_share_of_its_turn(h: float, kept: float) -> None:
+    assert exact.dumbbell_rate(1.0, h, 10.0) == pytest.approx(kept, abs=1e-3)
+    assert exact.dumbbell_rate(1.0, h, 10.0) == pytest.approx((1 + 2 * (2 * pi) ** 2 * h * 10) ** -0.5, rel=0.02)
+
+
+@pytest.mark.parametrize("degrees", [1, 10, 90, 170])
+def test_pendulum_is_an_elliptic_integral(degrees: int) -> None:
+    elliptic = special.ellipk(np.sin(np.radians(degrees) / 2) ** 2)
+    assert exact.pendulum_period(degrees, 0.7) == pytest.approx(4 * sqrt(0.7 / 9.81) * elliptic, rel=1e-12)
+
+
+def test_hanging_modes_are_zeros_of_a_laguerre_polynomial() -> None:
+    omegas, shapes = exact.chain_modes(10, 1.0, 3)
+    assert omegas == pytest.approx([3.676621, 8.459284, 13.319101], abs=1e-6)
+    assert omegas == pytest.approx(np.sqrt(98.1 * special.roots_laguerre(10)[0][:3]), rel=1e-9)
+    assert shapes.shape == (10, 3)
+
+
+def test_hanging_drop_is_the_sum_of_the_springs() -> None:
+    assert exact.hanging_drop(20, 0.01, 1000.0) == pytest.approx(0.020601)
+    assert exact.hanging_drop(20, 0.01, 1000.0) == pytest.approx(sum(9.81 * 0.01 * n / 1000 for n in range(1, 21)))
+
+
+@pytest.mark.parametrize(("links", "sag"), [(16, 0.266648), (32, 0.266231), (64, 0.266127)])
+def test_hammock(links: int, sag: float) -> None:
+    """0.2 kg and 1000 N a strain over one metre at a span of 0.8 m."""
+    assert exact.hammock_sag(0.8, links, 1.0, 0.2 / links, 1000.0 * links) == pytest.approx(sag, abs=1e-6)
+
+
+def test_a_stiff_hammock_of_many_links_is_a_catenary() -> None:
+    assert exact.hammock_sag(0.8, 400, 1.0, 0.2 / 400, 1e9) == pytest.approx(0.265438, abs=1e-5)
+
+
+def test_fall_in_air_solves_its_equation() -> None:
+    terminal = exact.terminal_speed(0.2, 1.225, 1.0)
+    assert terminal == pytest.approx(1.78977, abs=1e-5)
+    solved = integrate.solve_ivp(
+        lambda _, y: [y[1], 9.81 - 9.81 * (y[1] / terminal) ** 2], (0, 0.3), [0, 0], rtol=1e-10, atol=1e-12
+    )
+    speed, way = exact.fall_in_air(0.3, terminal)
+    assert (way, speed) == pytest.approx(tuple(solved.y[:, -1]), rel=1e-8)
+
+
+@pytest.mark.parametrize(("h", "kept"), [(1 / 60, 0.00064), (1 / 240, 0.127), (1 / 960, 0.594), (1 / 6000, 0.920)])
+def test_backward_euler_damps_a_spring_by_the_printed_share(h: float, kept: float) -> None:
+    """1 kg on 1000 N/m: the largest swing of the last period before one second."""
+    omega = sqrt(1000.0)
+    law = exact.spring_scheme("xpbd", omega, h, round(1 / h))
+    phase = np.arctan(omega * h) * np.arange(len(law))
+    decayed = (1 + (omega * h) ** 2) ** (-np.arange(len(law)) / 2)
+    assert decayed[-1] == pytest.approx(kept, rel=0.01)
+    assert law == pytest.approx(decayed * np.cos(phase), abs=1e-9)
+
+
+@pytest.mark.parametrize(("solver", "order"), [("xpbd", 1), ("spring", 2), ("rk4", 4)])
+def test_a_scheme_converges_with_its_order(solver: str, order: int) -> None:
+    errors = [abs(exact.spring_scheme(solver, 5.0, 1 / n, n)[-1] - np.cos(5.0)) for n in (200, 400)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
