@@ -1,6 +1,6 @@
 # Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test lint venv wheel screenshots bench peers clean
+.PHONY: help run test lint venv wheel screenshots bench validate peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -17,6 +17,7 @@ help:
 	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
 	@echo "make lint   ruff and mypy"
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
+	@echo "make validate  how far every solver is from known answers; writes docs/validation.md (3 minutes)"
 	@echo "make peers  the same cloth in other programs, installed into environments of their own"
 	@echo "make screenshots   draw the pictures in screenshots/ anew"
 
@@ -36,6 +37,9 @@ screenshots: .venv/tools
 
 bench: .venv/ready
 	$(BIN)/taichi-cloth bench $(BENCH)
+
+validate: .venv/ready
+	$(BIN)/taichi-cloth validate --markdown docs/validation.md --force
 
 peers: .venv/ready
 	$(BIN)/python benchmarks/peers/run.py

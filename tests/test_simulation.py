@@ -208,7 +208,7 @@ def test_place_puts_and_throws_the_cloth() -> None:
 def test_place_refuses_what_is_no_place_and_changes_nothing(values: object) -> None:
     with tc.Simulation(tc.load_scene("curtain")) as simulation:
         with pytest.raises(
-            ValueError, match="positions (are 720 times three numbers|hold a number that is not finite)"
+            ValueError, match=r"positions (are 720 times three numbers|hold a number that is not finite)"
         ):
             simulation.place(values)  # type: ignore[arg-type]
         assert simulation.positions() == pytest.approx(simulation.topology.start, abs=1e-6)

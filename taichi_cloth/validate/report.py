@@ -55,6 +55,26 @@ def count(results: Sequence[Result]) -> str:
     )
 
 
+def matrix(results: Sequence[Result]) -> list[list[str]]:
+    """A line for each reference: the largest error with each solver, in bold where it falls short."""
+    solvers = list(dict.fromkeys(result.solver for result in results))
+    lines = [["reference", *solvers]]
+    for reference in dict.fromkeys(f"{r.reference.number} {r.reference.name}" for r in results):
+        line = [reference]
+        for solver in solvers:
+            rows = [
+                r for r in results if f"{r.reference.number} {r.reference.name}" == reference and r.solver == solver
+            ]
+            worst = max(rows, key=lambda r: (r.verdict == SHORT, r.verdict == PASS, r.row.error), default=None)
+            if worst is None:
+                line.append("")
+            else:
+                mark = {SHORT: "**", PASS: "", EXCELLENT: "*"}[worst.verdict]
+                line.append(f"{mark}{worst.row.error:.1e}{mark}")
+        lines.append(line)
+    return lines
+
+
 def print_report(results: Sequence[Result]) -> None:
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
@@ -93,10 +113,17 @@ def write_json(path: Path, results: Sequence[Result]) -> None:
 
 
 def write_markdown(path: Path, results: Sequence[Result]) -> None:
-    """A table that documents can hold. Raises OSError."""
-    headings = (*HEADINGS, "source")
-    lines = [f"| {' | '.join(headings)} |", f"|{'---|' * len(headings)}"]
-    lines += [f"| {' | '.join((*cells(result), result.reference.source))} |" for result in results]
-    lines += ["", *(f"- {line}" for line in reasons(results)), "", count(results), ""]
+    """Tables that documents can hold: the largest errors, why some fall short, and every row. Raises OSError."""
+    lines = ["# Validation", "", count(results), "", " · ".join(machine().values()), ""]
+    lines += ["## Largest errors", "", "*Excellent* · pass · **falls short**", ""]
+    lines += _table(matrix(results))
+    lines += ["", "## Why", "", *(f"- {line}" for line in reasons(results)), "", "## All rows", ""]
+    lines += _table([[*HEADINGS, "source"], *([*cells(result), result.reference.source] for result in results)])
     with whole_file(path) as file:
-        file.write("\n".join(lines).encode())
+        file.write("\n".join([*lines, ""]).encode())
+
+
+def _table(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Markdown; the first line is the heading."""
+    head, *body = (f"| {' | '.join(line)} |" for line in lines)
+    return [head, f"|{'---|' * len(lines[0])}", *body]
