@@ -7,15 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene.model import Wind
+from ..scene.model import Forces, Wind
 from ..simulation import Simulation
-from .exact import fall_in_air, terminal_speed
+from .exact import fall_in_air, sail_sag, terminal_speed
 from .row import Row, relative
-from .setups import advance, base, center
+from .setups import advance, base, center, strip
 
 STILL = Wind(turbulence=0.0)
 DENSITIES = (0.1, 0.15, 0.2, 0.5)  # [kg/m²]
 TIMES = (0.2, 1.0)  # [s]
+SAIL_LINKS = 32
 
 
 def falling(solver: str) -> Iterator[Row]:
@@ -35,6 +36,27 @@ def falling(solver: str) -> Iterator[Row]:
                 yield relative(f"way after {seconds:g} s [m]", way, start - center(simulation)[1], 1e-2, 1e-3)
             advance(simulation, 3.0 - done)
             yield relative(f"terminal speed of {density:g} kg/m² [m/s]", terminal, mean_speed(simulation), 1e-2, 1e-3)
+
+
+def sail(solver: str) -> Iterator[Row]:
+    """A strip held at two edges across a steady wind, without gravity. Its shape tells which law of drag is coded."""
+    for name, lift in (
+        ("lift and drag: pressure with the cosine", 1.0),
+        ("drag alone: its square, along the wind", 0.0),
+    ):
+        for span in (0.6, 0.8):
+            scene = strip(solver, SAIL_LINKS, constant=5e3, pins=("top", "bottom"))
+            scene = replace(scene, wind=replace(STILL, z=2.0, lift=lift), forces=Forces(gravity=0.0))
+            scene = replace(scene, solver=replace(scene.solver, damping=3.0))
+            with Simulation(scene) as simulation:
+                start = simulation.topology.start.reshape(SAIL_LINKS + 1, 3, 3).copy()
+                along = np.linspace(0.5, -0.5, SAIL_LINKS + 1)
+                start[:, :, 1] = span * along[:, None]
+                start[:, :, 2] = (np.sqrt(1 - span**2) * (0.5 - np.abs(along)))[:, None]
+                simulation.place(start.reshape(-1, 3))
+                advance(simulation, 8.0)
+                sag = float(simulation.positions()[:, 2].max())
+                yield relative(f"sag at {span:g} m, {name} [m]", sail_sag(span, lift == 0.0), sag, 1e-2, 2e-3)
 
 
 def mean_speed(simulation: Simulation) -> float:

@@ -18,6 +18,10 @@ PULLED_BACK = dict.fromkeys(("verlet", "xpbd", "lines", "projective"), ALONG_THE
 FIRST_ORDER = dict.fromkeys(("verlet", "xpbd", "lines", "projective"), EULER)
 ROUNDED = dict.fromkeys(("verlet", "xpbd", "lines", "projective"), ROUNDING)
 
+STAND_IN = dict.fromkeys(ELASTIC, "springs to the particle after the next bend with the cube of the angle")
+
+UNDONE = dict.fromkeys(("verlet", "xpbd"), UNFINISHED)
+
 REFERENCES = (
     Reference("A1.1", "free fall", "Newton; Euler's steps summed", flight.free_fall, ALL),
     Reference("A1.2", "free fall, all on", "as A1.1", flight.fall_with_everything, ALL),
@@ -28,16 +32,29 @@ REFERENCES = (
     Reference("A2.1", "pendulum", "complete elliptic integral", swing.pendulum, ALL, PULLED_BACK),
     Reference("A2.2", "one spring", "the method's own discrete law", swing.one_spring, ELASTIC),
     Reference("A2.3", "hanging strip", "zeros of Laguerre's L20", swing.curtain_modes, ALL, {"projective": UNFINISHED}),
-    Reference("A3.1", "hanging sheet", "sum of the weights below", hanging.elongation, ELASTIC, {"xpbd": UNFINISHED}),
+    Reference("A2.4", "taut strip", "2√(T/ma)·sin(jπ/2N)", swing.taut_strip, ELASTIC, UNDONE),
+    Reference("A3.1", "hanging sheet", "sum of the weights below", hanging.elongation, ELASTIC, UNDONE),
     Reference("A3.2", "artificial stretch", "fixed point of a red-black sweep", hanging.stretch, ("verlet",)),
-    Reference("A3.3", "hammock", "equilibrium of its springs", hanging.hammock, ELASTIC, {"xpbd": UNFINISHED}),
+    Reference("A3.3", "hammock", "equilibrium of its springs", hanging.hammock, ELASTIC, UNDONE),
+    Reference("A4.1", "doubling", "linear bending", hanging.doubling, ("spring", "lines"), STAND_IN),
+    Reference(
+        "A5.1",
+        "stiffness of a grid",
+        "homogenised springs",
+        hanging.modulus,
+        ELASTIC,
+        dict.fromkeys(("xpbd", "lines"), UNFINISHED),
+    ),
     Reference("A6.1", "fall in air", "½ρC_D·v² = σg; tanh", air.falling, ALL, FIRST_ORDER),
+    Reference("A6.2", "sail", "−b·ln cos(x/b); (H/p)(t + t³/3)", air.sail, ALL, UNDONE | {"projective": UNFINISHED}),
     Reference("A7.1", "sliding to a stop", "v²/(2μg), Coulomb", contact.stopping, ALL),
     Reference("A7.2", "rest on the ground", "-", contact.resting, ALL, dict.fromkeys(("spring", "rk4"), UNDAMPED)),
     Reference("A8.1", "rest shape", "-", symmetry.at_rest, ALL, dict.fromkeys(ALL, ROUNDING)),
     Reference("A8.2", "rotation", "-", symmetry.turned, ALL, {"projective": ROUNDING}),
     Reference("A8.3", "mirror", "-", symmetry.mirrored, ALL),
     Reference("A8.4", "far from the origin", "-", symmetry.far_away, ALL, ROUNDED),
+    Reference("A8.5", "order", "Richardson", symmetry.order, ELASTIC),
+    Reference("A8.6", "energy", "conservation", symmetry.energy, ELASTIC, FIRST_ORDER),
     Reference("B1", "swinging curtain", "float64, converged", swing.swinging_curtain, ALL, FIRST_ORDER),
     Reference("B3", "iterations", "sum of the weights below", hanging.independence, ("xpbd", "lines")),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import atan2, cos, cosh, log, pi, radians, sin, sqrt, tanh
+from math import asinh, atan2, atanh, cos, cosh, log, pi, radians, sin, sqrt, tanh
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,40 @@ def root(function: Callable[[float], float], low: float, high: float) -> float:
         middle = (low + high) / 2
         low, high = (middle, high) if function(middle) < 0 else (low, middle)
     return (low + high) / 2
+
+
+def taut_modes(links: int, tension: float, mass: float, length: float, count: int) -> Floats:
+    """ω [rad/s] of a string of equal links and masses [kg] under a tension [N], across: 2·√(T/ma)·sin(jπ/2N)."""
+    j = np.arange(1, count + 1)
+    omegas: Floats = 2 * np.sqrt(tension * links / (mass * length)) * np.sin(j * pi / (2 * links))
+    return omegas
+
+
+def sheet_modulus(structural: float, shear: float) -> float:
+    """Force per strain and width [N/m] of a grid with both diagonals, pulled along its threads and free across them.
+
+    The diagonals make it narrower: k_s·(k_s + 2k_d)/(k_s + k_d), of the homogenised grid.
+    """
+    return structural * (structural + 2 * shear) / (structural + shear)
+
+
+def sail_sag(span: float, drag_only: bool) -> float:
+    """Sag [m] of one metre of sheet held at `span` [m] across a steady wind, at the angle θ to it from place to place.
+
+    Normal pressure p·cosθ (drag and lift alike): y = −b·ln cos(x/b). Force p·cos²θ along the wind (drag alone): the
+    tension has a constant part H across it, so that dθ/ds = (p/H)·cos⁴θ, and s = (H/p)·(t + t³/3) with t = tanθ.
+    """
+    if drag_only:
+
+        def width(t: float) -> float:  # x of the end, over H/p
+            return (t * sqrt(1 + t * t) + asinh(t)) / 2
+
+        t = root(lambda t: span - width(t) / (t + t**3 / 3), 1e-6, 1e3)
+        return ((1 + t * t) ** 1.5 - 1) / 3 / (2 * (t + t**3 / 3))
+    half = span / 2
+    # Arc length of y from one end to the other: 2b·artanh(sin(x/b)) = 1.
+    b = root(lambda b: 1.0 - 2 * b * atanh(sin(half / b)), half / (pi / 2) * (1 + 1e-12), 1e3)
+    return -b * log(cos(half / b))
 
 
 def terminal_speed(area_density: float, air_density: float, drag: float) -> float:

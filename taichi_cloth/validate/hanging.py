@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..mesh.from_scene import stiffness_of
-from ..scene.model import Solver, Springs
+from ..scene.model import Fabric, Forces, Solver, Springs
 from ..simulation import Simulation
-from .exact import GRAVITY, hammock_sag, hanging_drop
+from .exact import GRAVITY, hammock_sag, hanging_drop, sheet_modulus
 from .row import Row, relative
-from .setups import advance, base, strip, structural, substep
+from .setups import advance, base, strip, strip_constant, structural, substep
 
 CELLS = (16, 32)
 SPANS = (0.4, 0.8, 0.95)
@@ -70,7 +69,7 @@ def hammock(solver: str) -> Iterator[Row]:
         with Simulation(scene) as simulation:
             topology = simulation.topology
             mass = float(topology.mass.reshape(-1, 3)[1].sum())
-            constant = springs_constant(simulation)
+            constant = strip_constant(simulation)
             start = topology.start.reshape(links + 1, 3, 3).copy()
             along = np.linspace(-0.5, 0.5, links + 1)
             depth = np.sqrt(1 - span**2)
@@ -84,8 +83,32 @@ def hammock(solver: str) -> Iterator[Row]:
             )
 
 
-def springs_constant(simulation: Simulation) -> float:
-    """Constant of the three springs side by side down a strip [N/m]."""
-    stiffness = stiffness_of(simulation.scene, simulation.solver.springs, simulation.topology)
-    a, b = simulation.topology.ends.T
-    return float(stiffness[(a < 3) & (b - a == 3)].sum())
+def modulus(solver: str) -> Iterator[Row]:
+    """A tall sheet hangs by its top; its middle third, away from the pins, stretches by the weight below it."""
+    for shear in (500.0, 1000.0, 100.0):
+        scene = base(solver, 65, 9, width=0.25, height=2.0, pins=("top",), area_density=0.1)
+        fabric = Fabric(warp=1000.0, weft=1000.0, shear=shear, bend=0.0)
+        scene = replace(scene, fabric=fabric, solver=replace(scene.solver, damping=SETTLING))
+        with Simulation(scene) as simulation:
+            advance(simulation, 12.0)
+            rows = slice(22, 44)
+            carried = simulation.topology.mass.reshape(65, 9).sum(axis=1)[::-1].cumsum()[::-1]  # by the row above [kg]
+            y = simulation.positions().reshape(65, 9, 3)[:, 4, 1]
+            strain = -np.diff(y) / (2.0 / 64) - 1
+            stress = carried[1:] * GRAVITY / 0.25
+            measured = float((stress[rows] / strain[rows]).mean())
+            exact = sheet_modulus(1000.0, shear)
+            yield relative(f"force per strain and width, diagonals of {shear:g} N/m [N/m]", exact, measured, 2e-2, 2e-3)
+
+
+def doubling(solver: str) -> Iterator[Row]:
+    """Twice the weight, twice the droop: a strip clamped level by its first two rows, bent a little."""
+    droops = []
+    for gravity in (1.0, 2.0):
+        scene = strip(solver, 8, constant=5e4, pins=tuple(range(6)))
+        scene = replace(scene, cloth=replace(scene.cloth, rotation=(-90.0, 0.0, 0.0)), forces=Forces(gravity=gravity))
+        scene = replace(scene, fabric=replace(scene.fabric, bend=5e4), solver=replace(scene.solver, damping=SETTLING))
+        with Simulation(scene) as simulation:
+            advance(simulation, 20.0)
+            droops.append(-float(simulation.positions()[-2, 1]))
+    yield relative("droop at twice the gravity over droop", 2.0, droops[1] / droops[0], 0.05, 0.01)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..bench.cases import SEED_SETTING, SETTINGS
+from ..mesh.from_scene import stiffness_of
 from ..scene.model import FRAME_SECONDS, Cloth, Fabric, Scene, Solver
 from ..simulation import Simulation
 from ..solvers import SOLVERS
@@ -40,6 +41,13 @@ def strip(solver: str, links: int, *, constant: float, pins: tuple[str | int, ..
     """A chain of equal masses and springs, one metre long, as three narrow columns of a sheet that does not bend."""
     scene = base(solver, links + 1, 3, width=0.1, lumping="equal", pins=pins)
     return structural(scene, constant)
+
+
+def strip_constant(simulation: Simulation) -> float:
+    """Constant of the three springs side by side down a strip [N/m]."""
+    stiffness = stiffness_of(simulation.scene, simulation.solver.springs, simulation.topology)
+    a, b = simulation.topology.ends.T
+    return float(stiffness[(a < 3) & (b - a == 3)].sum())
 
 
 def advance(simulation: Simulation, seconds: float) -> None:

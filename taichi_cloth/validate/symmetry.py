@@ -8,23 +8,29 @@ from math import sqrt
 
 import numpy as np
 
-from ..scene.model import Fabric, Forces, Scene
+from ..measure.cloth import energies, spring_strains
+from ..mesh.from_scene import stiffness_of
+from ..scene.model import Fabric, Forces, Scene, Solver
 from ..simulation import Simulation
-from .exact import Floats
+from .exact import GRAVITY, Floats
 from .row import Row, at_most
-from .setups import advance, base
+from .setups import advance, base, usual
 
 SHIFTS = (10.0, 100.0, 1000.0)  # [m]
+ORDERS = {"spring": 2.0, "rk4": 4.0}  # of all others 1
+ORDER_SUBSTEPS = {"spring": (4, 8, 16), "rk4": (1, 2, 4)}
 SOON = 0.5  # [s] a fold has not amplified rounding yet
 
 
 def at_rest(solver: str) -> Iterator[Row]:
-    scene = replace(base(solver, rotation=(-37.0, 20.0, 0.0)), forces=Forces(gravity=0.0))
-    with Simulation(scene) as simulation:
-        for _ in range(max(1, 10_000 // simulation.substeps)):
-            simulation.advance_frame()
-        moved = float(np.abs(simulation.positions() - simulation.topology.start).max())
-        yield at_most("displacement without forces in 10,000 substeps [m]", moved, 1e-6, 0.0)
+    """Without forces nothing moves. Turned, the sheet's lengths are rounded; flat along the axes they are exact."""
+    for name, rotation in (("flat", (0.0, 0.0, 0.0)), ("turned", (-37.0, 20.0, 0.0))):
+        scene = replace(base(solver, rotation=rotation), forces=Forces(gravity=0.0))
+        with Simulation(scene) as simulation:
+            for _ in range(max(1, 10_000 // simulation.substeps)):
+                simulation.advance_frame()
+            moved = float(np.abs(simulation.positions() - simulation.topology.start).max())
+            yield at_most(f"displacement without forces in 10,000 substeps, {name} [m]", moved, 1e-6, 0.0)
 
 
 def swinging(solver: str, **keys: object) -> Scene:
@@ -61,3 +67,48 @@ def far_away(solver: str) -> Iterator[Row]:
     for shift in SHIFTS:
         other = moved(swinging(solver, center=(shift, shift, 0.0)))
         yield at_most(f"difference {shift:g} m away, up and aside [m]", float(np.abs(other - plain).max()), 1e-2, 1e-4)
+
+
+def order(solver: str) -> Iterator[Row]:
+    """Half the substep, half the error, or a quarter, or a sixteenth: by the slope over two halvings."""
+    scene = replace(
+        base(solver, 3, 3, width=0.6, height=0.6, pins=("top",), rotation=(-50.0, 0.0, 0.0), area_density=0.3),
+        fabric=Fabric(warp=30.0, weft=30.0, shear=12.0, bend=3.0),
+    )
+    fine = after(replace(scene, solver=Solver(name="rk4", substeps=32, damping=0.0)))
+    errors = []
+    for substeps in ORDER_SUBSTEPS.get(solver, (8, 16, 32)):
+        setting = Solver(name=solver, substeps=substeps, iterations=50, damping=0.0)
+        errors.append(float(np.sqrt(((after(replace(scene, solver=setting)) - fine) ** 2).mean())))
+    yield Row(
+        "order of convergence",
+        exact := ORDERS.get(solver, 1.0),
+        measured := float(np.log2(errors[0] / errors[2]) / 2),
+        abs(measured - exact),
+        0.15,
+        0.05,
+    )
+
+
+def after(scene: Scene) -> Floats:
+    with Simulation(scene) as simulation:
+        advance(simulation, SOON)
+        return simulation.positions()
+
+
+def energy(solver: str) -> Iterator[Row]:
+    """A sheet that nothing damps keeps its energy: gravity's, the springs' and that of motion, over 10,000 substeps."""
+    scene = replace(swinging(solver), solver=usual(solver))
+    with Simulation(scene) as simulation:
+        topology = simulation.topology
+        stiffness = stiffness_of(scene, simulation.solver.springs, topology)
+        totals, kinetic = [], []
+        for _ in range(max(60, 10_000 // simulation.substeps)):
+            x = simulation.positions()
+            moving, lifted = energies(topology, x, simulation.velocities(), GRAVITY)
+            stretched = 0.5 * float((stiffness * (spring_strains(topology, x) * topology.rest) ** 2).sum())
+            totals.append(moving + lifted + stretched)
+            kinetic.append(moving)
+            simulation.advance_frame()
+        change = float(np.abs(np.array(totals) - totals[0]).max()) / max(kinetic)
+        yield at_most("energy lost or won, of the largest kinetic energy", change, 1e-2, 1e-3)

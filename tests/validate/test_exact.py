@@ -73,3 +73,28 @@ def test_backward_euler_damps_a_spring_by_the_printed_share(h: float, kept: floa
 def test_a_scheme_converges_with_its_order(solver: str, order: int) -> None:
     errors = [abs(exact.spring_scheme(solver, 5.0, 1 / n, n)[-1] - np.cos(5.0)) for n in (200, 400)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
+
+
+@pytest.mark.parametrize(("span", "sag"), [(0.6, 0.350113), (0.8, 0.260357), (0.9, 0.188835)])
+def test_a_sail_under_pressure_with_the_cosine(span: float, sag: float) -> None:
+    assert exact.sail_sag(span, drag_only=False) == pytest.approx(sag, abs=1e-6)
+
+
+@pytest.mark.parametrize("span", [0.6, 0.9])
+def test_a_sail_that_is_only_dragged_solves_its_equation(span: float) -> None:
+    """Tension of H across, and along the wind what the force p·cos²θ has gathered from the middle."""
+
+    def end(load: float) -> np.ndarray:
+        def slope(_: float, y: np.ndarray) -> list[float]:
+            angle = np.arctan(y[2])
+            return [np.cos(angle), np.sin(angle), load * np.cos(angle) ** 2]
+
+        return integrate.solve_ivp(slope, (0, 0.5), [0, 0, 0], rtol=1e-10, atol=1e-12).y[:, -1]
+
+    load = exact.root(lambda load: span / 2 - end(load)[0], 1e-3, 1e3)
+    assert exact.sail_sag(span, drag_only=True) == pytest.approx(end(load)[1], rel=1e-6)
+
+
+def test_a_taut_string_and_a_grid_have_the_printed_numbers() -> None:
+    assert exact.taut_modes(32, 10.0, 0.1 / 32, 1.0, 3) == pytest.approx([31.40331, 62.73097, 93.90750], abs=1e-5)
+    assert [exact.sheet_modulus(1000.0, k) for k in (500.0, 1000.0, 100.0)] == pytest.approx([4000 / 3, 1500, 1090.909])
