@@ -103,7 +103,9 @@ def build_parser() -> Parser:
     which = bench.add_mutually_exclusive_group()
     which.add_argument("--only", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver")
     which.add_argument("--stages", action="store_true", help="what each stage of the curtain costs, instead")
-    bench.add_argument("--full", action="store_true", help="every solver, path, grid and stage; takes 20 minutes")
+    bench.add_argument("--error", action="store_true", help="how wrong each setting is, beside its time, instead")
+    bench.add_argument("--plot", type=Path, metavar="DIR", help="with --error: a picture for each grid")
+    bench.add_argument("--full", action="store_true", help="all there is; takes 20 minutes")
     bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
     bench.add_argument("--csv", type=Path, metavar="FILE", help="write the measurements, a line each")
     bench.add_argument("--json", type=Path, metavar="FILE", help="write measurements, stages and machine")
@@ -240,6 +242,10 @@ def run_bench(args: argparse.Namespace) -> int:
 
     for path in filter(None, (args.csv, args.json)):
         report.check_free(path, force=args.force)
+    if args.error:
+        return run_front(args)
+    if args.plot:
+        raise WrongUse("--plot draws errors: it goes with --error")
     chosen = c.all_cases() if args.full else [] if args.stages else c.default_cases()
     cases = c.only(chosen, args.only)
     stages = c.stage_cases() if args.stages or (args.full and not args.only) else []
@@ -251,6 +257,33 @@ def run_bench(args: argparse.Namespace) -> int:
     if args.json:
         report.write_json(args.json, rows, stage_rows, bench.floor.missing)
     return 1 if report.failures(rows, stage_rows) else 0
+
+
+def run_front(args: argparse.Namespace) -> int:
+    from .front import report, sweep
+    from .front.truth import Curtain
+    from .progress import steps_progress
+
+    if args.stages:
+        raise WrongUse("--error and --stages are two measurements: give one of them")
+    if args.plot:
+        report.plotting()
+    runtime.start("cpu")
+    cells = sweep.ALL_GRIDS if args.full else sweep.GRIDS
+    wanted = list(sweep.points([Curtain(n) for n in cells], args.only))
+    found = []
+    with steps_progress(len(wanted)) as on_step:
+        for curtain, solver, substeps, iterations in wanted:
+            on_step(f"{solver} {substeps}×{iterations}, {curtain.cells} cells")
+            found.append(sweep.measure(curtain, solver, substeps, iterations))
+    report.print_report(found)
+    if args.csv:
+        report.write_csv(args.csv, found)
+    if args.json:
+        report.write_json(args.json, found)
+    if args.plot:
+        print(f"{len(report.plot(args.plot, found))} pictures in {args.plot}")
+    return 0
 
 
 def run_validate(args: argparse.Namespace) -> int:

@@ -104,7 +104,7 @@ def sail_sag(span: float, drag_only: bool) -> float:
             return (t * sqrt(1 + t * t) + asinh(t)) / 2
 
         t = root(lambda t: span - width(t) / (t + t**3 / 3), 1e-6, 1e3)
-        return ((1 + t * t) ** 1.5 - 1) / 3 / (2 * (t + t**3 / 3))
+        return ((1 + t * t) * sqrt(1 + t * t) - 1) / 3 / (2 * (t + t**3 / 3))
     half = span / 2
     # Arc length of y from one end to the other: 2b·artanh(sin(x/b)) = 1.
     b = root(lambda b: 1.0 - 2 * b * atanh(sin(half / b)), half / (pi / 2) * (1 + 1e-12), 1e3)

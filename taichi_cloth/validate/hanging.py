@@ -86,15 +86,15 @@ def hammock(solver: str) -> Iterator[Row]:
 def modulus(solver: str) -> Iterator[Row]:
     """A tall sheet hangs by its top; its middle third, away from the pins, stretches by the weight below it."""
     for shear in (500.0, 1000.0, 100.0):
-        scene = base(solver, 65, 9, width=0.25, height=2.0, pins=("top",), area_density=0.1)
+        scene = base(solver, 33, 9, width=0.25, pins=("top",))
         fabric = Fabric(warp=1000.0, weft=1000.0, shear=shear, bend=0.0)
         scene = replace(scene, fabric=fabric, solver=replace(scene.solver, damping=SETTLING))
         with Simulation(scene) as simulation:
-            advance(simulation, 12.0)
-            rows = slice(22, 44)
-            carried = simulation.topology.mass.reshape(65, 9).sum(axis=1)[::-1].cumsum()[::-1]  # by the row above [kg]
-            y = simulation.positions().reshape(65, 9, 3)[:, 4, 1]
-            strain = -np.diff(y) / (2.0 / 64) - 1
+            advance(simulation, 8.0)
+            rows = slice(11, 22)
+            carried = simulation.topology.mass.reshape(33, 9).sum(axis=1)[::-1].cumsum()[::-1]  # by the row above [kg]
+            y = simulation.positions().reshape(33, 9, 3)[:, 4, 1]
+            strain = -np.diff(y) / (1.0 / 32) - 1
             stress = carried[1:] * GRAVITY / 0.25
             measured = float((stress[rows] / strain[rows]).mean())
             exact = sheet_modulus(1000.0, shear)
