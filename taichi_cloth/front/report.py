@@ -111,15 +111,16 @@ def plot(folder: Path, points: Sequence[Point]) -> list[Path]:
             axes.plot([p.median_ms for p in own], [p.max_error for p in own], "o", label=solver)
         front = pareto(some)
         axes.plot([p.median_ms for p in front], [p.max_error for p in front], "-", color="0.6", zorder=0, label="front")
-        for point in front:
+        for number, point in enumerate(front):  # above and below in turn: neighbours would write over each other
+            away, side = (((5, 5), "left"), ((-5, -12), "right"))[number % 2]
             place = (point.median_ms, point.max_error)
-            axes.annotate(point.setting, place, xytext=(5, 5), textcoords="offset points", fontsize=8)
+            axes.annotate(point.setting, place, away, textcoords="offset points", ha=side, fontsize=8)
         for rate in BUDGETS:
             axes.axvline(1000 / rate, color="0.8", linestyle=":", zorder=0)
             axes.text(1000 / rate, 0.98, f" {rate}/s", transform=axes.get_xaxis_transform(), va="top", fontsize=8)
         axes.set(xscale="log", yscale="log", xlabel="milliseconds a frame", ylabel="largest error, of the side")
         axes.set_title(f"Swinging curtain, {cells} × {cells} cells, one second")
-        axes.legend()
+        axes.legend(loc="center right")
         figure.tight_layout()
         path = folder / f"error_{cells}.png"
         with whole_file(path) as file:

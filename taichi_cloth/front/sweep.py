@@ -9,7 +9,7 @@ from math import pi, sqrt
 import numpy as np
 
 from ..bench.worker import timed_frame
-from ..scene.model import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver
+from ..scene.model import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, Springs
 from ..simulation import Simulation
 from ..solvers import SOLVERS
 from .truth import Curtain, truth
@@ -68,6 +68,7 @@ def scene_of(curtain: Curtain, solver: str, substeps: int, iterations: int) -> S
             area_density=curtain.area_density,
             lumping="equal",
         ),
+        springs=Springs(shear=0.0, bend=0.0),
         fabric=Fabric(warp=curtain.constant, weft=curtain.constant, shear=0.0, bend=0.0),
         solver=Solver(solver, substeps, iterations, damping=0.0),
     )

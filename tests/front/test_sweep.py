@@ -12,6 +12,8 @@ from taichi_cloth import cli
 from taichi_cloth.front import report, sweep
 from taichi_cloth.front.sweep import Point, knee, measure, pareto
 from taichi_cloth.front.truth import Curtain
+from taichi_cloth.scene.model import SOLVER_NAMES
+from taichi_cloth.simulation import Simulation
 
 POINT = Point("spring", 8, 14, 1, 0.1, 0.2, 1e-6, 1e-5, 0.0, 0.01, 1.0)
 
@@ -36,6 +38,14 @@ def test_other_angles_stiffness_and_weights_are_as_right(curtain: Curtain) -> No
     once, four_times = (measure(curtain, "spring", n, 1).max_error for n in (1, 4))
     assert once < 2e-4
     assert four_times < 2e-5
+
+
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
+def test_every_method_has_springs_along_its_threads_only(solver: str) -> None:
+    with Simulation(sweep.scene_of(Curtain(6), solver, 5, 1)) as simulation:
+        assert list(simulation.topology.family_counts) == ["structural"]
+        assert simulation.positions()[0] == pytest.approx([-0.5, 0.0, 0.0], abs=1e-6)
+        assert simulation.positions()[-1] == pytest.approx([0.5, -(0.5**0.5), 0.5**0.5], abs=1e-6)
 
 
 def test_a_wrong_weight_shows(monkeypatch: pytest.MonkeyPatch) -> None:
