@@ -260,6 +260,7 @@ def run_bench(args: argparse.Namespace) -> int:
 
 
 def run_front(args: argparse.Namespace) -> int:
+    from .bench.report import write_csv
     from .front import report, sweep
     from .front.truth import Curtain
     from .progress import steps_progress
@@ -278,7 +279,7 @@ def run_front(args: argparse.Namespace) -> int:
             found.append(sweep.measure(curtain, solver, substeps, iterations))
     report.print_report(found)
     if args.csv:
-        report.write_csv(args.csv, found)
+        write_csv(args.csv, found, sweep.Point)
     if args.json:
         report.write_json(args.json, found)
     if args.plot:

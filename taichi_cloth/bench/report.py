@@ -121,11 +121,17 @@ LEGEND = (
 )
 
 
-def print_report(rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[str, str]) -> None:
-    """The tables, what is missing and why, and the machine in the last line."""
+def wide_console() -> Console:
+    """A console that plain tables fit on where there is no terminal."""
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console.width = LOG_WIDTH
+    return console
+
+
+def print_report(rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[str, str]) -> None:
+    """The tables, what is missing and why, and the machine in the last line."""
+    console = wide_console()
     if rows:
         table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
         for number_of, heading in enumerate(HEADINGS):
@@ -184,10 +190,10 @@ def check_free(path: Path, *, force: bool) -> None:
         raise WrongUse(f"{path.parent} is no folder to write {path.name} into")
 
 
-def write_csv(path: Path, rows: Sequence[Row]) -> None:
-    """The rows, an empty cell where nothing is known. Raises OSError."""
+def write_csv(path: Path, rows: Sequence[Any], kind: type = Row) -> None:
+    """Dataclasses of one kind, a line each, an empty cell where nothing is known. Raises OSError."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, [field.name for field in fields(Row)], lineterminator="\n")
+    writer = csv.DictWriter(text, [field.name for field in fields(kind)], lineterminator="\n")
     writer.writeheader()
     writer.writerows(asdict(row) for row in rows)
     with whole_file(path) as file:

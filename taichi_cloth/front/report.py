@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from ..bench.cases import BUDGETS
-from ..bench.report import LOG_WIDTH, machine
+from ..bench.report import machine, wide_console
 from ..errors import WrongUse
 from ..files import whole_file
 from .sweep import Point, knee, pareto
@@ -52,9 +49,7 @@ def words(points: Sequence[Point]) -> list[str]:
 
 
 def print_report(points: Sequence[Point]) -> None:
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = LOG_WIDTH
+    console = wide_console()
     table = Table(*HEADINGS, box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False)
     for column in table.columns[1:-1]:
         column.justify = "right"
@@ -68,16 +63,6 @@ def print_report(points: Sequence[Point]) -> None:
     console.print(table)
     for line in (LEGEND, *words(points), " · ".join(machine().values())):
         console.print(line, soft_wrap=True)
-
-
-def write_csv(path: Path, points: Sequence[Point]) -> None:
-    """The points, a line each. Raises OSError."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [field.name for field in fields(Point)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(point) for point in points)
-    with whole_file(path) as file:
-        file.write(text.getvalue().encode())
 
 
 def write_json(path: Path, points: Sequence[Point]) -> None:

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from ..bench.report import LOG_WIDTH, machine
+from ..bench.report import machine, wide_console
 from ..files import whole_file
 from .row import EXCELLENT, PASS, SHORT, Result
 
@@ -76,9 +75,7 @@ def matrix(results: Sequence[Result]) -> list[list[str]]:
 
 
 def print_report(results: Sequence[Result]) -> None:
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = LOG_WIDTH
+    console = wide_console()
     table = Table(*HEADINGS, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for column in table.columns[3:6]:
         column.justify = "right"
