@@ -62,6 +62,7 @@ REFERENCES = (
     Reference("A8.4", "far from the origin", "-", symmetry.far_away, ALL, ROUNDED),
     Reference("A8.5", "order", "Richardson", symmetry.order, ELASTIC),
     Reference("A8.6", "energy", "conservation", symmetry.energy, ELASTIC, FIRST_ORDER),
+    Reference("A8.7", "mesh", "-", hanging.finer_hammock, ("spring", "lines", "rk4")),
     Reference("B1", "swinging curtain", "float64, converged", swing.swinging_curtain, ALL, FIRST_ORDER),
     Reference("B3", "iterations", "sum of the weights below", hanging.independence, ("xpbd", "lines")),
 )

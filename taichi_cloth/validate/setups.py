@@ -19,10 +19,10 @@ ELASTIC = ("xpbd", "spring", "lines", "rk4", "projective")  # springs with a con
 ALL = ("verlet", *ELASTIC)
 
 
-def usual(solver: str, **keys: Any) -> Solver:
+def usual(solver: str) -> Solver:
     """A method at its usual substeps and iterations, without damping."""
     substeps, iterations = SETTINGS.get(solver, SEED_SETTING) if SOLVERS[solver].iterates else (1, 1)
-    return Solver(**{"name": solver, "substeps": substeps, "iterations": iterations, "damping": 0.0, **keys})
+    return Solver(solver, substeps, iterations, damping=0.0)
 
 
 def base(solver: str, rows: int = 9, columns: int = 9, **keys: Any) -> Scene:
