@@ -17,7 +17,7 @@ help:
 	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
 	@echo "make lint   ruff and mypy"
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
-	@echo "make validate  how far every solver is from known answers; writes docs/validation.md (3 minutes)"
+	@echo "make validate  how far every solver is from known answers; writes docs/validation.md and docs/scenes.md (10 minutes)"
 	@echo "make peers  the same cloth in other programs, installed into environments of their own"
 	@echo "make screenshots   draw the pictures in screenshots/ anew"
 
@@ -40,6 +40,7 @@ bench: .venv/ready
 
 validate: .venv/ready
 	$(BIN)/taichi-cloth validate --markdown docs/validation.md --force
+	$(BIN)/taichi-cloth ablate curtain drape15 table denim net --markdown docs/scenes.md --force
 
 peers: .venv/ready
 	$(BIN)/python benchmarks/peers/run.py

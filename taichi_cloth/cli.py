@@ -120,6 +120,12 @@ def build_parser() -> Parser:
     validate.add_argument("--markdown", type=Path, metavar="FILE", help="write the table for a document")
     validate.add_argument("--force", action="store_true", help="replace FILE")
 
+    ablate = command("ablate", run_ablate, "what each stage of a scene costs, and what it changes", "ablate curtain")
+    ablate.add_argument("scenes", nargs="+", metavar="SCENE", help="shipped scenes or TOML files")
+    ablate.add_argument("--frames", type=count, default=120, metavar="N", help="frames to compare at most")
+    ablate.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables for a document")
+    ablate.add_argument("--force", action="store_true", help="replace FILE")
+
     check = command("check", check_file, "check a scene file", "check my_scene.toml")
     what = check.add_mutually_exclusive_group(required=True)
     what.add_argument("file", nargs="?", metavar="FILE", help="a scene file, or the name of a shipped scene")
@@ -309,6 +315,26 @@ def run_validate(args: argparse.Namespace) -> int:
     if args.markdown:
         report.write_markdown(args.markdown, results)
     return 1 if any(result.broken for result in results) else 0
+
+
+def run_ablate(args: argparse.Namespace) -> int:
+    scenes = [load_scene(name) for name in args.scenes]
+    from .bench.report import check_free
+    from .front import ablate
+    from .progress import steps_progress
+
+    if args.markdown:
+        check_free(args.markdown, force=args.force)
+    runtime.start("cpu")
+    found = []
+    with steps_progress(len(scenes)) as on_step:
+        for scene in scenes:
+            on_step(scene.name)
+            found.append(ablate.ablate(scene, args.frames))
+    ablate.print_tables(found)
+    if args.markdown:
+        ablate.write_markdown(args.markdown, found)
+    return 0
 
 
 def check_file(args: argparse.Namespace) -> int:

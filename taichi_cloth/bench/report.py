@@ -154,6 +154,12 @@ def print_report(rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[
     console.print(" · ".join(machine().values()), soft_wrap=True)
 
 
+def markdown_table(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of Markdown; the first is the heading."""
+    head, *body = (f"| {' | '.join(line)} |" for line in lines)
+    return [head, f"|{'---|' * len(lines[0])}", *body]
+
+
 def failures(rows: Sequence[Row], stages: Sequence[StageRow]) -> dict[str, str]:
     """What failed, and why."""
     found = {f"{r.solver} {r.columns}×{r.rows} {r.path}, failed": r.error for r in rows if r.error}

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich import box
 from rich.table import Table
 
-from ..bench.report import machine, wide_console
+from ..bench.report import machine, markdown_table, wide_console
 from ..files import whole_file
 from .row import EXCELLENT, PASS, SHORT, Result
 
@@ -113,14 +113,8 @@ def write_markdown(path: Path, results: Sequence[Result]) -> None:
     """Tables that documents can hold: the largest errors, why some fall short, and every row. Raises OSError."""
     lines = ["# Validation", "", count(results), "", " · ".join(machine().values()), ""]
     lines += ["## Largest errors", "", "*Excellent* · pass · **falls short**", ""]
-    lines += _table(matrix(results))
+    lines += markdown_table(matrix(results))
     lines += ["", "## Why", "", *(f"- {line}" for line in reasons(results)), "", "## All rows", ""]
-    lines += _table([[*HEADINGS, "source"], *([*cells(result), result.reference.source] for result in results)])
+    lines += markdown_table([[*HEADINGS, "source"], *([*cells(result), result.reference.source] for result in results)])
     with whole_file(path) as file:
         file.write("\n".join([*lines, ""]).encode())
-
-
-def _table(lines: Sequence[Sequence[str]]) -> list[str]:
-    """Markdown; the first line is the heading."""
-    head, *body = (f"| {' | '.join(line)} |" for line in lines)
-    return [head, f"|{'---|' * len(lines[0])}", *body]

@@ -1,0 +1,160 @@
+"""What each stage of a scene costs, and what would be missing without it (`taichi-cloth ablate`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+
+from ..bench.report import machine, markdown_table, wide_console
+from ..bench.worker import frames as time_frames
+from ..files import whole_file
+from ..measure.cloth import energies
+from ..scene import load_scene, scene_names
+from ..scene.model import Scene
+from ..simulation import Simulation
+from ..solvers import SOLVERS
+
+Floats = NDArray[np.float64]
+
+NUDGE = 1e-6  # of the side: a start this far off …
+GROWN = 100.0  # … that has grown so much says nothing any more about one motion rather than another
+TIMED_FRAMES, TIMED_SECONDS = 40, 2.0
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """A scene without one of its stages."""
+
+    stage: str
+    less_ms: float  # that a frame takes
+    change: float  # of the places, root mean square up to the horizon, as a share of the longer side
+    kinetic: float  # of the kinetic energy, as a share
+
+
+@dataclass(frozen=True)
+class Ablations:
+    """All of a scene."""
+
+    scene: str
+    ms: float  # of a frame with all stages
+    frames: int  # compared: up to the horizon
+    rows: list[Ablation]
+
+
+def without(scene: Scene) -> dict[str, Scene]:
+    """The scene without each of what it names, by the name of the stage."""
+    section = SOLVERS[scene.solver.name].springs
+    springs = getattr(scene, section)
+    found = {}
+    for family in ("shear", "bend"):
+        if getattr(springs, family) > 0:
+            found[family] = replace(scene, **{section: replace(springs, **{family: 0.0})})
+    if section == "fabric" and scene.fabric.damping_time > 0:
+        found["dashpots"] = replace(scene, fabric=replace(scene.fabric, damping_time=0.0))
+    if scene.solver.damping > 0:
+        found["damping"] = replace(scene, solver=replace(scene.solver, damping=0.0))
+    if scene.wind is not None:
+        found["wind"] = replace(scene, wind=None)
+        if scene.wind.turbulence > 0:
+            found["gusts"] = replace(scene, wind=replace(scene.wind, turbulence=0.0))
+        if scene.wind.lift > 0:
+            found["lift"] = replace(scene, wind=replace(scene.wind, lift=0.0))
+    for name, none in (("limit", None), ("tethers", None), ("spheres", ()), ("boxes", ()), ("ground", None)):
+        if getattr(scene, name):
+            found[name] = replace(scene, **{name: none})  # type: ignore[arg-type]
+    slippery = replace(
+        scene,
+        spheres=tuple(replace(sphere, friction=0.0) for sphere in scene.spheres),
+        boxes=tuple(replace(box, friction=0.0) for box in scene.boxes),
+        ground=scene.ground and replace(scene.ground, friction=0.0),
+    )
+    if slippery != scene:
+        found["friction"] = slippery
+    return found
+
+
+def motion(simulation: Simulation, frames: int) -> tuple[Floats, float]:
+    """Places after each frame, (frames, N, 3) [m], and the mean kinetic energy [J]."""
+    places, kinetic = [], []
+    for _ in range(frames):
+        simulation.advance_frame()
+        places.append(simulation.positions())
+        kinetic.append(energies(simulation.topology, places[-1], simulation.velocities(), 0.0)[0])
+    return np.array(places), float(np.mean(kinetic))
+
+
+def apart(a: Floats, b: Floats) -> Floats:
+    """Root mean square distance of the particles, frame by frame [m]."""
+    distances: Floats = np.sqrt(((a - b) ** 2).sum(axis=2).mean(axis=1))
+    return distances
+
+
+def ablate(scene: Scene, frames: int) -> Ablations:
+    """Runs the scene as it is, a hair off, and without each stage in turn; compares at most so many frames."""
+    side = max(scene.cloth.width, scene.cloth.height)
+    with Simulation(scene) as whole:
+        plain, kinetic = motion(whole, frames)
+        whole.reset()
+        start = whole.topology.start
+        free = ~whole.topology.pinned[:, None]
+        whole.place(start + free * np.random.default_rng(1).normal(0.0, NUDGE * side, start.shape))
+        off = apart(plain, motion(whole, frames)[0])
+        far = np.flatnonzero(off > GROWN * NUDGE * side)
+        horizon = int(far[0]) if len(far) else frames
+        rows = []
+        all_ms = []
+        for stage, variant in without(scene).items():
+            with Simulation(variant) as other:
+                places, moving = motion(other, frames)
+                ms, less = (float(np.median(t)) for t in time_frames([whole, other], TIMED_FRAMES, TIMED_SECONDS))
+            change = sqrt(float((apart(plain[:horizon], places[:horizon]) ** 2).mean())) / side if horizon else 0.0
+            rows.append(Ablation(stage, ms - less, change, moving / kinetic - 1 if kinetic else 0.0))
+            all_ms.append(ms)
+    return Ablations(scene.name, float(np.median(all_ms)) if all_ms else 0.0, horizon, rows)
+
+
+def table(found: Ablations) -> list[list[str]]:
+    """Lines of text, the heading first."""
+    lines = [["without", "ms less", "places change by", "kinetic energy"]]
+    for row in found.rows:
+        lines.append([row.stage, f"{row.less_ms:+.3f}", f"{row.change:.2%}", f"{row.kinetic:+.1%}"])
+    return lines
+
+
+def heading(found: Ablations) -> str:
+    """What the table belongs to."""
+    return (
+        f"{found.ms:.2f} ms a frame. Places: root mean square of the side up to frame {found.frames}, when a start"
+        f" {NUDGE:g} of the side off has grown {GROWN:g} times or the run ends; kinetic energy: mean of the whole run."
+    )
+
+
+def print_tables(all_found: Sequence[Ablations]) -> None:
+    console = wide_console()
+    for found in all_found:
+        head, *body = table(found)
+        lines = Table(*head, box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False, title_justify="left")
+        for column in lines.columns[1:]:
+            column.justify = "right"
+        for line in body:
+            lines.add_row(*line)
+        console.print(f"{found.scene}: {heading(found)}", soft_wrap=True)
+        console.print(lines)
+
+
+def write_markdown(path: Path, all_found: Sequence[Ablations]) -> None:
+    """A chapter for each scene. Raises OSError."""
+    lines = ["# Scenes: what each stage is there for", "", "`taichi-cloth ablate` wrote this on:", ""]
+    lines += [" · ".join(machine().values()), ""]
+    for found in all_found:
+        title = load_scene(found.scene).title if found.scene in scene_names() else found.scene
+        lines += [f"## {found.scene}", "", title, "", heading(found), "", *markdown_table(table(found)), ""]
+    with whole_file(path) as file:
+        file.write("\n".join(lines).encode())

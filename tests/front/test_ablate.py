@@ -1,0 +1,56 @@
+"""What a stage costs and changes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from taichi_cloth import cli, load_scene
+from taichi_cloth.front.ablate import ablate, without
+from taichi_cloth.scene.model import Cloth, Ground, Scene, Solver, Springs, Wind
+
+HANGING = Scene(cloth=Cloth(rows=8, columns=8, width=1.0, height=1.0), springs=Springs(shear=0.0, bend=0.0))
+
+
+def test_each_stage_that_is_named_is_left_out_once() -> None:
+    scene = load_scene("curtain")
+    variants = without(scene)
+    assert list(variants) == [
+        *("shear", "bend", "damping", "wind", "gusts", "lift", "spheres", "ground", "friction"),
+    ]
+    assert variants["wind"].wind is None
+    assert variants["spheres"].spheres == ()
+    assert variants["shear"].springs.shear == 0
+    assert variants["friction"].ground == replace(scene.ground, friction=0.0)
+    assert {"tethers", "dashpots"} <= set(without(load_scene("denim")))
+    assert "limit" in without(load_scene("net"))
+    assert without(replace(HANGING, solver=Solver(damping=0.0))) == {}
+
+
+def test_ground_far_below_changes_nothing_and_wind_does() -> None:
+    scene = replace(HANGING, ground=Ground(height=-5.0, friction=0.0), wind=Wind(z=5.0, turbulence=0.0, lift=0.0))
+    found = {row.stage: row for row in ablate(scene, 20).rows}
+    assert list(found) == ["damping", "wind", "ground"]
+    assert found["ground"].change == 0.0
+    assert found["ground"].kinetic == 0.0
+    assert found["wind"].change > 0.01
+    assert found["wind"].kinetic < -0.1
+
+
+def test_the_horizon_ends_where_a_hair_has_grown() -> None:
+    calm, wild = ablate(HANGING, 20), ablate(load_scene("denim", rows=16, columns=16), 60)
+    assert calm.frames == 20
+    assert 1 <= wild.frames < 60
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["ablate", "curtain", "--frames", "3", "--markdown", "o.md"]
+    assert cli.main(words) == 0
+    assert "curtain: " in capsys.readouterr().out
+    text = Path("o.md").read_text(encoding="utf-8")
+    assert "\n## curtain\n" in text
+    assert text.count("\n| ") == 1 + 9
+    assert cli.main(words) == 2
+    assert cli.main(["ablate", "curtian"]) == 2
+    assert "curtain" in capsys.readouterr().err
