@@ -107,14 +107,14 @@ def ablate(scene: Scene, frames: int) -> Ablations:
         whole.place(start + free * np.random.default_rng(1).normal(0.0, NUDGE * side, start.shape))
         off = apart(plain, motion(whole, frames)[0])
         far = np.flatnonzero(off > GROWN * NUDGE * side)
-        horizon = int(far[0]) if len(far) else frames
+        horizon = max(1, int(far[0])) if len(far) else frames
         rows = []
         all_ms = []
         for stage, variant in without(scene).items():
             with Simulation(variant) as other:
                 places, moving = motion(other, frames)
                 ms, less = (float(np.median(t)) for t in time_frames([whole, other], TIMED_FRAMES, TIMED_SECONDS))
-            change = sqrt(float((apart(plain[:horizon], places[:horizon]) ** 2).mean())) / side if horizon else 0.0
+            change = sqrt(float((apart(plain[:horizon], places[:horizon]) ** 2).mean())) / side
             rows.append(Ablation(stage, ms - less, change, moving / kinetic - 1 if kinetic else 0.0))
             all_ms.append(ms)
     return Ablations(scene.name, float(np.median(all_ms)) if all_ms else 0.0, horizon, rows)
