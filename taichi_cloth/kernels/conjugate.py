@@ -10,8 +10,8 @@ import taichi as ti
 from .controls import STIFFNESS
 from .maths import TINY
 from .places import choose, dot, times
-from .springs import add_to_both, for_springs
-from .strips import Treatment
+from .springs import sum_springs
+from .strips import Share
 
 TOLERANCE = 1e-4
 MOST_PRODUCTS = 304  # of the matrix and a direction
@@ -63,13 +63,12 @@ def inner(cloth: ti.template(), a: ti.template(), b: ti.template()):
 
 @ti.func
 def resist(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
-    """Adds a spring's share of h²L times the direction to the product."""
-    gap = cloth.search.direction[b] - cloth.search.direction[a]
-    share = times(gap, stiffness * (controls[STIFFNESS] * h * h))
-    add_to_both(cloth.search.product, a, b, -share, share)
+    """A spring's share of h²L times the direction."""
+    gap = cloth.search.direction[a] - cloth.search.direction[b]
+    return times(gap, stiffness * (controls[STIFFNESS] * h * h))
 
 
-RESIST = Treatment(resist, reads=("search.direction",), changes="search.product")
+RESIST = Share(resist, reads=("search.direction",), into="search.product")
 
 
 @ti.func
@@ -84,7 +83,7 @@ def find_way(cloth: ti.template(), search: ti.template(), stages: ti.template(),
         products += 1
         for i in range(cloth.slot_count[None]):
             begin_product(cloth, search, i)
-        for_springs(cloth, stages, RESIST, controls, h)
+        sum_springs(cloth, stages, RESIST, controls, h)
         ahead = squares / inner(cloth, search.direction, search.product)
         for i in range(cloth.slot_count[None]):
             go_on(cloth, search, i, ahead)
@@ -123,16 +122,11 @@ def begin_search(cloth: ti.template(), search: ti.template()):
 
 
 @ti.func
-def search_on(cloth: ti.template(), search: ti.template(), controls: ti.template(), h: float):
+def search_on(cloth: ti.template(), search: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
     """One product; nothing moves any more once the goal is reached."""
     for i in range(cloth.slot_count[None]):
         begin_product(cloth, search, i)
-        share = search.product[i]
-        for n in range(cloth.spring_first[i], cloth.spring_first[i + 1]):
-            e = cloth.spring_rows[n]
-            gap = search.direction[i] - search.direction[cloth.ends[e][0] + cloth.ends[e][1] - i]
-            share += gap * (cloth.stiffness[e] * controls[STIFFNESS] * h * h)
-        search.product[i] = share
+    sum_springs(cloth, stages, RESIST, controls, h)
     inner_of_many(cloth, search.direction, search.product, search.slope)
     for i in range(cloth.slot_count[None]):
         if search.squares[None] > search.goal[None]:

@@ -1,5 +1,7 @@
 """External forces: gravity on every particle, air on every triangle. Shared by all solvers."""
 
+from typing import Any
+
 import taichi as ti
 import taichi.math as tm
 
@@ -16,7 +18,8 @@ from .controls import (
     WIND_Z,
 )
 from .maths import TINY, air_force, arc_wave, triangle_area_normal
-from .places import dot, from_previous, join, length, next_lane, spread, times
+from .places import dot, join, length, spread, times
+from .strips import bring_back, fetch_beyond
 
 # Three plane waves, one for each component of the gust: turns a metre along x, y, z (wavelengths of 2 to 3 m).
 GUST_WAVES = ((0.31, 0.17, 0.11), (0.13, 0.37, 0.19), (0.23, -0.11, 0.29))
@@ -109,6 +112,11 @@ def blow_on_triangles(cloth: ti.template(), stages: ti.template(), controls: ti.
             push_corners(cloth, i, j, k, third_of_triangle(cloth, stages, i, j, k, controls, h, seconds))
 
 
+def air_reads(stages: Any) -> tuple[str, ...]:
+    """What the air has to know of a particle."""
+    return "x", "inverse_mass", "velocity" if stages.own_velocity else "x_prev"
+
+
 @ti.func
 def blow_on_strips(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, seconds: float):
     """The same for a grid in strips: the two triangles of eight cells at once, cut as `grid.triangles` cuts them.
@@ -116,9 +124,7 @@ def blow_on_strips(cloth: ti.template(), stages: ti.template(), controls: ti.tem
     The last cells of the strips end at the first column of the next lane: it is fetched into slots behind the grid.
     """
     pitch, spare = cloth.pitch[None], cloth.slot_count[None]
-    for y in range(cloth.rows[None]):
-        fetch_first_column(cloth, stages, y * pitch, spare + y)
-        cloth.force[spare + y] = spread(tm.vec3(0.0), cloth.force[spare + y])
+    fetch_beyond(cloth, ti.static(air_reads(stages)), "force", 1)
     for y in range(cloth.rows[None] - 1):
         for i in range(pitch):
             a = y * pitch + i  # corners of the cell: a b over c d
@@ -134,23 +140,12 @@ def blow_on_strips(cloth: ti.template(), stages: ti.template(), controls: ti.tem
                     p, o = a, b if right else d
                 third = third_of_triangle(cloth, stages, p, q, o, controls, h, seconds)
                 push_corners(cloth, p, q, o, times(third, cloth.has_cell[i]))
-    for y in range(cloth.rows[None]):
-        cloth.force[y * pitch] = cloth.force[y * pitch] + from_previous(cloth.force[spare + y])
-
-
-@ti.func
-def fetch_first_column(cloth: ti.template(), stages: ti.template(), first: int, spare: int):
-    """What the air has to know of a particle."""
-    cloth.x[spare] = next_lane(cloth.x[first])
-    cloth.inverse_mass[spare] = next_lane(cloth.inverse_mass[first])
-    if ti.static(stages.own_velocity):
-        cloth.velocity[spare] = next_lane(cloth.velocity[first])
-    else:
-        cloth.x_prev[spare] = next_lane(cloth.x_prev[first])
+    bring_back(cloth, "force", 1)
 
 
 @ti.func
 def forget_forces(cloth: ti.template()):
+    """Once, before the first frame: whoever uses a force takes it away."""
     for i in range(cloth.slot_count[None]):
         cloth.force[i] = spread(tm.vec3(0.0), cloth.force[i])
 
@@ -166,7 +161,15 @@ def add_air(cloth: ti.template(), stages: ti.template(), now: ti.template(), ste
 
 
 @ti.func
-def acceleration_of(cloth: ti.template(), i: int, controls: ti.template()):
-    """Acceleration of a particle [m/s²] by the forces gathered for it, and by gravity."""
+def take_force(cloth: ti.template(), i: int):
+    """The force [N] gathered for a particle, which is then gone."""
     force = cloth.force[i]
+    cloth.force[i] = spread(tm.vec3(0.0), force)
+    return force
+
+
+@ti.func
+def take_acceleration(cloth: ti.template(), i: int, controls: ti.template()):
+    """Acceleration of a particle [m/s²] by the force gathered for it, and by gravity."""
+    force = take_force(cloth, i)
     return times(force, cloth.inverse_mass[i]) + spread(tm.vec3(0.0, -controls[GRAVITY], 0.0), force)

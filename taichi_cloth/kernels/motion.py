@@ -2,32 +2,33 @@
 
 import taichi as ti
 
-from .forces import acceleration_of
+from .forces import take_acceleration
 from .places import choose
 
 
 @ti.func
-def kick(cloth: ti.template(), controls: ti.template(), h: float, kept: float):
-    """v ← kept·v + h·a; a pin stays at rest."""
-    for i in range(cloth.slot_count[None]):
-        velocity = cloth.velocity[i] * kept + acceleration_of(cloth, i, controls) * h
-        cloth.velocity[i] = choose(cloth.inverse_mass[i] > 0.0, velocity, velocity * 0.0)
+def move_freely(
+    cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, kept: float, ahead: float
+):
+    """v ← kept·v + h·a; a pin stays at rest. Then x ← x + ahead·v.
 
-
-@ti.func
-def drift(cloth: ti.template(), h: float):
-    """x ← x + h·v, and remembers where the particle was and where it would be without constraints."""
+    Remembers where the particle was, and where it would be without constraints, if there are any.
+    """
     for i in range(cloth.slot_count[None]):
-        x = cloth.x[i]
-        there = x + cloth.velocity[i] * h
-        cloth.x_prev[i] = x
+        x, velocity = cloth.x[i], cloth.velocity[i] * kept + take_acceleration(cloth, i, controls) * h
+        velocity = choose(cloth.inverse_mass[i] > 0.0, velocity, velocity * 0.0)
+        there = x + velocity * ahead
+        cloth.velocity[i] = velocity
         cloth.x[i] = there
-        cloth.predicted[i] = there
+        if ti.static(stages.constrained):
+            cloth.x_prev[i] = x
+            cloth.predicted[i] = there
 
 
 @ti.func
-def take_up_corrections(cloth: ti.template(), h: float):
-    """Adds what constraints and contact moved since `drift`: v = (x − x_prev)/h, without its rounding."""
-    for i in range(cloth.slot_count[None]):
-        change = (cloth.x[i] - cloth.predicted[i]) / h
-        cloth.velocity[i] = cloth.velocity[i] + choose(cloth.inverse_mass[i] > 0.0, change, change * 0.0)
+def take_up_corrections(cloth: ti.template(), stages: ti.template(), h: float):
+    """Adds what constraints and contact moved since `move_freely`: v = (x − x_prev)/h, without its rounding."""
+    if ti.static(stages.constrained):
+        for i in range(cloth.slot_count[None]):
+            change = (cloth.x[i] - cloth.predicted[i]) / h
+            cloth.velocity[i] = cloth.velocity[i] + choose(cloth.inverse_mass[i] > 0.0, change, change * 0.0)

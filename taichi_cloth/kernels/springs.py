@@ -1,8 +1,11 @@
-"""What is done to every spring in turn: relaxed as a distance, relaxed with compliance, pulled, limited.
+"""What is done to every spring: relaxed as a distance, relaxed with compliance, limited, one after the other; and what
+each gives to sums over its ends, such as their forces.
 
 Each function treats one spring in slot `e` between the particles in slots `a` and `b`, or eight springs at
 once (`places.py`).
 """
+
+from operator import attrgetter
 
 import taichi as ti
 
@@ -10,7 +13,7 @@ from ..mesh.grid import MOST_BATCHES
 from .controls import DAMPING_TIME, MOST_STRAIN, STIFFNESS
 from .maths import TINY, dashpot_pull, project_compliant, project_distance, spring_pull
 from .places import dot, length, times
-from .strips import Treatment, for_strip_springs
+from .strips import Share, Treatment, for_strip_springs, sum_strip_springs
 
 
 @ti.func
@@ -54,7 +57,7 @@ def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffn
 
 
 @ti.func
-def force_of(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template()):
+def pull(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """Force [N] on a of the spring-damper e between a and b."""
     gap = cloth.x[b] - cloth.x[a]
     force = spring_pull(gap, cloth.rest[e], stiffness * controls[STIFFNESS])
@@ -62,13 +65,6 @@ def force_of(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, co
         rate = cloth.velocity[b] - cloth.velocity[a]
         force += dashpot_pull(gap, rate, stiffness * (controls[STIFFNESS] * controls[DAMPING_TIME]))
     return force
-
-
-@ti.func
-def pull(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
-    """Adds the force of a spring-damper to both its particles."""
-    force = force_of(cloth, stages, a, b, e, stiffness, controls)
-    add_to_both(cloth.force, a, b, force, -force)
 
 
 @ti.func
@@ -81,10 +77,10 @@ def limit(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, contr
     add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b))
 
 
-RELAX = Treatment(relax, reads=("inverse_mass",), changes="x")
-RELAX_COMPLIANT = Treatment(relax_compliant, reads=("inverse_mass",), changes="x", damped=("x_prev",))
-PULL = Treatment(pull, reads=("x",), changes="force", damped=("velocity",))
-LIMIT = Treatment(limit, reads=("inverse_mass",), changes="x")
+RELAX = Treatment(relax)
+RELAX_COMPLIANT = Treatment(relax_compliant, damped=("x_prev",))
+LIMIT = Treatment(limit)
+PULL = Share(pull, reads=("x",), into="force", damped=("velocity",))
 
 
 @ti.func
@@ -97,16 +93,28 @@ def limit_strain(cloth: ti.template(), stages: ti.template(), controls: ti.templ
 @ti.func
 def add_spring_forces(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
     """Adds the force [N] of every spring-damper to cloth.force."""
-    if ti.static(cloth.gathers):  # each particle asks its own springs: one loop instead of one for each colour
+    sum_springs(cloth, stages, PULL, controls, h)
+
+
+@ti.func
+def sum_springs(cloth: ti.template(), stages: ti.template(), share: ti.template(), controls: ti.template(), h: float):
+    """Every spring's share to the sums of both its ends."""
+    sums = ti.static(attrgetter(share.into)(cloth))
+    if ti.static(cloth.in_lanes):
+        sum_strip_springs(cloth, stages, share, controls, h)
+    elif ti.static(cloth.gathers):  # each particle asks its own springs: one loop instead of one for each colour
         for i in range(cloth.slot_count[None]):
-            total = cloth.force[i]
+            total = sums[i]
             for n in range(cloth.spring_first[i], cloth.spring_first[i + 1]):
                 e = cloth.spring_rows[n]
                 other = cloth.ends[e][0] + cloth.ends[e][1] - i
-                total += force_of(cloth, stages, i, other, e, cloth.stiffness[e], controls)
-            cloth.force[i] = total
+                total += share.of(cloth, stages, i, other, e, cloth.stiffness[e], controls, h)
+            sums[i] = total
     else:
-        for_springs(cloth, stages, PULL, controls, h)
+        for e in range(cloth.spring_count[None]):
+            a, b = cloth.ends[e]
+            given = share.of(cloth, stages, a, b, e, cloth.stiffness[e], controls, h)
+            add_to_both(sums, a, b, given, -given)
 
 
 @ti.func

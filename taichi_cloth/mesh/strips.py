@@ -20,6 +20,10 @@ STRIPS = 8
 # and odd number; and the first and the last row, whose own springs run along an edge.
 EVEN_ROW, ODD_ROW, EDGE_ROW, ROW_KINDS = range(4)
 
+# A spring begins at its left end, or at its upper: the steps down and along to the other. None is longer than REACH.
+ONWARD = tuple((down, along) if along >= 0 else (-down, -along) for _, down, along in DIRECTIONS)
+REACH = 2
+
 # Columns of a pass: the springs of one direction and one colour, as a loop over rows and slots. (A division by a
 # variable takes longer than a spring: so shifts and masks.) Row y belongs to the pass if (y >> ROW_SHIFT) & ROW_MASK is
 # its colour. Within a row, spring n begins in slot FIRST + (n >> LINK_SHIFT)·STRIDE + (n & LINK_MASK); first come
@@ -47,25 +51,24 @@ def row_kinds(rows: int) -> list[int]:
     return [min(2, rows - 1), 1, 0]
 
 
-def passes(directions: NDArray[np.bool_], pitch: int, *, coloured: bool) -> NDArray[np.int32]:
+def passes(directions: NDArray[np.bool_], pitch: int) -> NDArray[np.int32]:
     """The sweep over the directions in use, shape (passes, PASS_COLUMNS).
 
-    Coloured, each direction is two passes whose springs share no particle, in the order of `grid.springs`.
-    A sweep that only adds to its particles needs no colours.
+    Each direction is two passes whose springs share no particle, in the order of `grid.springs`.
     """
     table = []
     for direction, (_, down, along) in enumerate(DIRECTIONS):
         if not directions[direction]:
             continue
-        for colour in (0, 1) if coloured else (0,):
+        for colour in (0, 1):
             row = np.zeros(PASS_COLUMNS, np.int32)
             row[DIRECTION], row[DOWN], row[ALONG] = direction, down, abs(along)
             row[A_ROW if along < 0 else B_ROW] = down
             starts = np.arange(pitch)
             row[LINK_SHIFT], row[LINK_MASK] = 31, -1
-            if coloured and down:  # the colour changes from chain link to chain link, down the rows …
+            if down:  # the colour changes from chain link to chain link, down the rows …
                 row[ROW_SHIFT], row[ROW_MASK], row[COLOUR] = down - 1, 1, colour
-            elif coloured:  # … or along the row
+            else:  # … or along the row
                 starts = starts[starts // along % 2 == colour]
                 row[FIRST], row[STRIDE] = colour * along, 2 * along
                 row[LINK_SHIFT], row[LINK_MASK] = along - 1, along - 1

@@ -9,6 +9,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..kernels.controls import Substep, row, table
+from ..kernels.forces import forget_forces
 from ..kernels.layout import load, store
 from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
@@ -30,6 +31,7 @@ class Stages:
     strain_limit: bool = False
     tethers: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
+    constrained: bool = True  # something moves particles besides their velocity
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,11 @@ def run_serially(
 
 
 @ti.kernel
+def start_without_forces(cloth: ti.template()):
+    forget_forces(cloth)
+
+
+@ti.kernel
 def set_vector(field: ti.template(), i: int, x: float, y: float, z: float):
     field[i] = ti.math.vec3(x, y, z)
 
@@ -138,6 +145,7 @@ class Solver:
     paths: ClassVar[tuple[str, ...]] = ("lanes", "list", "gather")  # the first that fits a grid is taken
     own_velocity: ClassVar[bool] = True
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes
+    constrains: ClassVar[bool] = True  # particles are moved besides by their velocity
     iterates: ClassVar[bool] = True  # `iterations` means something
     closing: ClassVar[bool] = False  # a frame ends with one more `before`
 
@@ -147,7 +155,8 @@ class Solver:
         """`stiffness`: of every spring, (E,), in the unit of the section `springs`."""
         self.cloth = cloth
         self.path = path
-        self.stages = replace(stages, own_velocity=self.own_velocity)
+        moved = stages.spheres or stages.boxes or stages.ground or stages.strain_limit or stages.tethers
+        self.stages = replace(stages, own_velocity=self.own_velocity, constrained=self.constrains or bool(moved))
         coloured = self.coloured or stages.strain_limit
         self.work: Any = cloth  # the layout that is worked on
         if path == "lanes":
@@ -156,6 +165,7 @@ class Solver:
             self.work = gathering(cloth, topology)
         if stages.tethers:
             tie(self.work, topology)
+        start_without_forces(self.work)
         self.launches = Launches(self.work, self.stages)
 
     def advance_frame(self, frame: FrameInput) -> None:
@@ -211,6 +221,7 @@ class ExplicitSolver(Solver):
 
     iterates = False
     coloured = False
+    constrains = False
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..kernels.chains import begin_frame, forget_chains, solve_chains
 from ..kernels.controls import KEPT
-from ..kernels.forces import add_air, forget_forces
+from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
-from ..kernels.motion import drift, kick, take_up_corrections
+from ..kernels.motion import move_freely, take_up_corrections
 from ..kernels.springs import RELAX_COMPLIANT, for_springs_from, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..mesh.grid import MOST_BENDS
@@ -28,10 +28,8 @@ from .base import Solver, Stages
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     if now.s == 0:
         begin_frame(cloth)
-    forget_forces(cloth)
     add_air(cloth, stages, now, now.s)
-    kick(cloth, now.controls, now.h, now.controls[KEPT])
-    drift(cloth, now.h)
+    move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
     forget_chains(cloth)
 
@@ -48,7 +46,7 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     pull_tethers(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, now.h)
+    take_up_corrections(cloth, stages, now.h)
 
 
 class Lines(Solver):

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..kernels.conjugate import MOST_PRODUCTS, PARTIAL_SUMS, begin_search, find_way, search_on
 from ..kernels.controls import KEPT, STIFFNESS, row, table
-from ..kernels.forces import add_air, forget_forces
+from ..kernels.forces import add_air, take_force
 from ..kernels.grab import lead_held
 from ..kernels.maths import TINY
-from ..kernels.motion import drift, kick, take_up_corrections
+from ..kernels.motion import move_freely, take_up_corrections
 from ..kernels.places import choose, times
 from ..kernels.springs import add_spring_forces, limit_strain
 from ..kernels.tethers import pull_tethers
@@ -45,18 +45,16 @@ PRODUCTS_A_LOOK = 8  # of the matrix and a direction, between two looks at how f
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Every particle to y, where it would be without springs, and the held one to the hand."""
-    forget_forces(cloth)
     add_air(cloth, stages, now, now.s)
-    kick(cloth, now.controls, now.h, now.controls[KEPT])
-    drift(cloth, now.h)
+    move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
 
 
 @ti.func
 def missing(cloth: ti.template(), i: int, h: float):
-    """Right side of the equation [kg·m]: M·(y − x) + h²·f, and 0 for a particle that is not free."""
+    """Right side of the equation [kg·m]: M·(y − x) + h²·f, and 0 for a particle that is not free. Takes the force."""
     mass = 1.0 / ti.max(cloth.inverse_mass[i], TINY)
-    both = times(cloth.predicted[i] - cloth.x[i], mass) + cloth.force[i] * (h * h)
+    both = times(cloth.predicted[i] - cloth.x[i], mass) + take_force(cloth, i) * (h * h)
     return choose(cloth.inverse_mass[i] > 0.0, both, both * 0.0)
 
 
@@ -66,7 +64,7 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     pull_tethers(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, now.h)
+    take_up_corrections(cloth, stages, now.h)
 
 
 # -- by conjugate gradients ----------------------------------------------------------------------------------------
@@ -74,7 +72,6 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 
 @ti.func
 def write_residual(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    forget_forces(cloth)
     add_spring_forces(cloth, stages, now.controls, now.h)
     for i in range(cloth.slot_count[None]):
         cloth.search.residual[i] = missing(cloth, i, now.h)
@@ -102,7 +99,7 @@ def begin_round(cloth: ti.template(), stages: ti.template(), now: ti.template())
 
 @ti.func
 def go_on_searching(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    search_on(cloth, cloth.search, now.controls, now.h)
+    search_on(cloth, cloth.search, stages, now.controls, now.h)
 
 
 # -- by a factor ---------------------------------------------------------------------------------------------------
@@ -110,7 +107,6 @@ def go_on_searching(cloth: ti.template(), stages: ti.template(), now: ti.templat
 
 @ti.func
 def write_missing(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, right: ti.template()):
-    forget_forces(cloth)
     add_spring_forces(cloth, stages, controls, h)
     for i in range(cloth.slot_count[None]):
         value = missing(cloth, i, h)

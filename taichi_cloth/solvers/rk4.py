@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
 from ..kernels.controls import KEPT
-from ..kernels.forces import acceleration_of, add_air, forget_forces
+from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
 from ..kernels.motion import take_up_corrections
 from ..kernels.places import choose
@@ -62,7 +62,7 @@ def go_on(cloth: ti.template(), controls: ti.template(), rate: float, weight: fl
     """
     for i in range(cloth.slot_count[None]):
         v = cloth.velocity[i]
-        a = acceleration_of(cloth, i, controls) - v * rate
+        a = take_acceleration(cloth, i, controls) - v * rate
         a = choose(cloth.inverse_mass[i] > 0.0, a, a * 0.0)
         cloth.slopes.velocity[i] = cloth.slopes.velocity[i] + v * weight
         cloth.slopes.acceleration[i] = cloth.slopes.acceleration[i] + a * weight
@@ -85,7 +85,6 @@ def add_slope(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
     outer = stage == 0 or stage == 3
     time = ti.select(stage == 0, 0.0, ti.select(stage == 3, 1.0, 0.5))  # of this slope, in substeps
     lead_held(cloth, stages, now, now.s + time)
-    forget_forces(cloth)
     add_air(cloth, stages, now, now.s + time)
     add_spring_forces(cloth, stages, now.controls, now.h)
     rate = -ti.log(now.controls[KEPT]) / now.h
@@ -107,7 +106,7 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     pull_tethers(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, now.h)
+    take_up_corrections(cloth, stages, now.h)
 
 
 class Rk4(ExplicitSolver):

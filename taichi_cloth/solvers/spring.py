@@ -8,9 +8,9 @@ import taichi as ti
 
 from ..contact.push_out import push_out
 from ..kernels.controls import KEPT
-from ..kernels.forces import add_air, forget_forces
+from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
-from ..kernels.motion import drift, kick, take_up_corrections
+from ..kernels.motion import move_freely, take_up_corrections
 from ..kernels.springs import add_spring_forces, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..mesh.frequency import stable_substeps
@@ -20,25 +20,28 @@ from .base import ExplicitSolver
 
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Forces at the present places. Half a kick opens the frame and half a kick closes it; two halves are one."""
+    """Forces at the present places, and where they lead.
+
+    Half a kick opens the frame and half a kick closes it; two halves are one.
+    """
     lead_held(cloth, stages, now, now.s)  # where it is already: its velocity, for the forces
-    forget_forces(cloth)
     add_air(cloth, stages, now, now.s)
     add_spring_forces(cloth, stages, now.controls, now.h)
-    share = 1.0
+    share, ahead = 1.0, now.h
     if now.s == 0 or now.s == now.substeps:
         share = 0.5
-    kick(cloth, now.controls, share * now.h, ti.pow(now.controls[KEPT], share))
+    if now.s == now.substeps:
+        ahead = 0.0
+    move_freely(cloth, stages, now.controls, share * now.h, ti.pow(now.controls[KEPT], share), ahead)
 
 
 @ti.func
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    drift(cloth, now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
     pull_tethers(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, now.h)
+    take_up_corrections(cloth, stages, now.h)
 
 
 class Spring(ExplicitSolver):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
 from ..kernels.controls import KEPT
-from ..kernels.forces import acceleration_of, add_air, forget_forces
+from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
 from ..kernels.maths import verlet_step
 from ..kernels.places import choose
@@ -26,7 +26,7 @@ def predict(cloth: ti.template(), controls: ti.template(), h: float):
     """Every particle goes on as it moved, pulled by the external forces; a pin stays."""
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
-        onwards = verlet_step(x, cloth.x_prev[i], controls[KEPT], acceleration_of(cloth, i, controls), h)
+        onwards = verlet_step(x, cloth.x_prev[i], controls[KEPT], take_acceleration(cloth, i, controls), h)
         cloth.x[i] = choose(cloth.inverse_mass[i] > 0.0, onwards, x)
         cloth.x_prev[i] = x
 
@@ -34,7 +34,6 @@ def predict(cloth: ti.template(), controls: ti.template(), h: float):
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """External forces, and every particle goes on as it moved."""
-    forget_forces(cloth)
     add_air(cloth, stages, now, now.s)
     predict(cloth, now.controls, now.h)
     lead_held(cloth, stages, now, now.s + 1.0)

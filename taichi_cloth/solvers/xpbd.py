@@ -6,9 +6,9 @@ import taichi as ti
 
 from ..contact.push_out import push_out
 from ..kernels.controls import KEPT
-from ..kernels.forces import add_air, forget_forces
+from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
-from ..kernels.motion import drift, kick, take_up_corrections
+from ..kernels.motion import move_freely, take_up_corrections
 from ..kernels.springs import RELAX_COMPLIANT, for_springs, forget_multipliers, limit_strain
 from ..kernels.tethers import pull_tethers
 from .base import Solver
@@ -16,10 +16,8 @@ from .base import Solver
 
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    forget_forces(cloth)
     add_air(cloth, stages, now, now.s)
-    kick(cloth, now.controls, now.h, now.controls[KEPT])
-    drift(cloth, now.h)  # (1)
+    move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)  # (1)
     lead_held(cloth, stages, now, now.s + 1.0)
     forget_multipliers(cloth)  # (4)
 
@@ -35,7 +33,7 @@ def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     pull_tethers(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, now.h)  # (15)
+    take_up_corrections(cloth, stages, now.h)  # (15)
 
 
 class Xpbd(Solver):

@@ -37,7 +37,8 @@ class LaneState:
     multiplier: Any
     stiffness: Any  # row of eight (6·3·pitch,) by direction, kind of row, slot in the row; 0: no spring
     has_cell: Any  # row of eight (pitch,) 1 where a cell begins in this column
-    passes: Any  # (P, PASS_COLUMNS) the sweep
+    used: Any  # (6,) 1 for each direction that has springs
+    passes: Any  # (P, PASS_COLUMNS) a sweep colour by colour
     pass_count: Any  # 0-D
     rows: Any  # 0-D
     columns: Any  # 0-D
@@ -49,13 +50,15 @@ class LaneState:
         """Fills all that a frame does not load. `stiffness`: of every spring, (E,)."""
         rows, columns = topology.shape
         by_place = topology.by_place(stiffness)
+        used = by_place.max(axis=(1, 2)) > 0
         for field, values in (
             (self.rest, topology.by_place(topology.rest)),
             (self.stiffness, by_place[:, strips.row_kinds(rows)]),
             (self.has_cell, np.arange(columns) < columns - 1),
         ):
             fields.put(field, strips.pack(values, pitch).reshape(-1, strips.STRIPS))
-        table = strips.passes(by_place.max(axis=(1, 2)) > 0, pitch, coloured=coloured)
+        fields.put(self.used, used)
+        table = strips.passes(used & coloured, pitch)
         fields.put(self.passes, table)
         self.pass_count[None] = len(table)
         self.rows[None], self.columns[None], self.pitch[None] = rows, columns, pitch
@@ -83,6 +86,7 @@ def _allocate(slots: int, pitch: int) -> LaneState:
         multiplier=numbers(len(DIRECTIONS) * slots),
         stiffness=numbers(len(DIRECTIONS) * strips.ROW_KINDS * pitch),
         has_cell=numbers(pitch),
+        used=fields.numbers(len(DIRECTIONS), kind=ti.i32),
         passes=ti.Vector.field(strips.PASS_COLUMNS, ti.i32, 2 * len(DIRECTIONS)),
         pass_count=fields.number(),
         rows=fields.number(),

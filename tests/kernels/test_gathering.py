@@ -8,7 +8,7 @@ from taichi_cloth import state
 from taichi_cloth.contact.push_out import push_out
 from taichi_cloth.kernels import controls as c
 from taichi_cloth.kernels import springs
-from taichi_cloth.kernels.forces import acceleration_of, add_air, forget_forces, wind_at
+from taichi_cloth.kernels.forces import add_air, forget_forces, take_acceleration, wind_at
 from taichi_cloth.mesh.topology import Topology, sheet
 from taichi_cloth.solvers import Stages
 from taichi_cloth.solvers.base import run_serially
@@ -27,7 +27,7 @@ def gather_into_predicted(cloth: ti.template(), stages: ti.template(), now: ti.t
     forget_forces(cloth)
     add_air(cloth, stages, now, 0.0)
     for i in range(cloth.slot_count[None]):
-        cloth.predicted[i] = acceleration_of(cloth, i, now.controls)
+        cloth.predicted[i] = take_acceleration(cloth, i, now.controls)
 
 
 @ti.func

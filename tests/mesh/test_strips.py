@@ -61,7 +61,7 @@ def visited(table: np.ndarray, rows: int, columns: int, pitch: int) -> list[list
 @given(st.integers(2, 9), st.integers(2, 40))
 def test_coloured_passes_are_the_batches_of_the_list(rows: int, columns: int) -> None:
     pitch = strips.pitch(columns)
-    table = strips.passes(np.full(6, True), pitch, coloured=True)
+    table = strips.passes(np.full(6, True), pitch)
     passes = [p for p in visited(table, rows, columns, pitch) if p]
     batches = [
         {frozenset(map(int, pair)) for pair in batch}
@@ -72,17 +72,8 @@ def test_coloured_passes_are_the_batches_of_the_list(rows: int, columns: int) ->
     assert [{frozenset((a, b)) for _, a, b in p} for p in passes] == batches
 
 
-@given(st.integers(2, 9), st.integers(2, 40))
-def test_passes_without_colours_meet_every_spring_once(rows: int, columns: int) -> None:
-    pitch = strips.pitch(columns, 2)
-    table = strips.passes(np.full(6, True), pitch, coloured=False)
-    found = [spring for p in visited(table, rows, columns, pitch) for spring in p]
-    expected = sum(len(b) for _, down, along in DIRECTIONS for b in springs(rows, columns, down, along))
-    assert len(found) == len(set(found)) == expected
-
-
 def test_directions_that_are_not_used_have_no_pass() -> None:
-    table = strips.passes(np.array([True, False, False, False, True, False]), 4, coloured=True)
+    table = strips.passes(np.array([True, False, False, False, True, False]), 4)
     assert [p[DIRECTION] for p in table] == [0, 0, 4, 4]
 
 
