@@ -233,8 +233,8 @@ class Simulation:
     def stages(self) -> tuple[str, ...]:
         """Names of what is switched on: spring families, limits, forces and colliders."""
         names = {"strain_limit": "limit", "spheres": "sphere", "boxes": "box"}
-        stages = ("strain_limit", "tethers", "wind", "spheres", "boxes", "ground")
-        on = (names.get(stage, stage) for stage in stages if getattr(self._stages, stage))
+        stages = ("bending", "strain_limit", "tethers", "wind", "spheres", "boxes", "ground")
+        on = (names.get(stage, stage) for stage in stages if getattr(self.solver.stages, stage))
         return (*self.topology.family_counts, *on)
 
     @property

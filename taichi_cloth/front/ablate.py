@@ -56,8 +56,11 @@ def without(scene: Scene) -> dict[str, Scene]:
     for family in ("shear", "bend"):
         if getattr(springs, family) > 0:
             found[family] = replace(scene, **{section: replace(springs, **{family: 0.0})})
-    if section == "fabric" and scene.fabric.damping_time > 0:
-        found["dashpots"] = replace(scene, fabric=replace(scene.fabric, damping_time=0.0))
+    if section == "fabric":
+        if scene.fabric.bending > 0:
+            found["bending"] = replace(scene, fabric=replace(scene.fabric, bending=0.0))
+        if scene.fabric.damping_time > 0:
+            found["dashpots"] = replace(scene, fabric=replace(scene.fabric, damping_time=0.0))
     if scene.solver.damping > 0:
         found["damping"] = replace(scene, solver=replace(scene.solver, damping=0.0))
     if scene.wind is not None:
@@ -96,28 +99,39 @@ def apart(a: Floats, b: Floats) -> Floats:
     return distances
 
 
+def side_of(scene: Scene) -> float:
+    """The longer side of the cloth [m]."""
+    return max(scene.cloth.width, scene.cloth.height)
+
+
+def horizon(whole: Simulation, plain: Floats) -> int:
+    """How many frames of a run from the start, `plain`, say something: a start a hair off goes the same way so long."""
+    side = side_of(whole.scene)
+    whole.reset()
+    start = whole.topology.start
+    free = ~whole.topology.pinned[:, None]
+    whole.place(start + free * np.random.default_rng(1).normal(0.0, NUDGE * side, start.shape))
+    off = apart(plain, motion(whole, len(plain))[0])
+    far = np.flatnonzero(off > GROWN * NUDGE * side)
+    return max(1, int(far[0])) if len(far) else len(plain)
+
+
 def ablate(scene: Scene, frames: int) -> Ablations:
     """Runs the scene as it is, a hair off, and without each stage in turn; compares at most so many frames."""
-    side = max(scene.cloth.width, scene.cloth.height)
+    side = side_of(scene)
     with Simulation(scene) as whole:
         plain, kinetic = motion(whole, frames)
-        whole.reset()
-        start = whole.topology.start
-        free = ~whole.topology.pinned[:, None]
-        whole.place(start + free * np.random.default_rng(1).normal(0.0, NUDGE * side, start.shape))
-        off = apart(plain, motion(whole, frames)[0])
-        far = np.flatnonzero(off > GROWN * NUDGE * side)
-        horizon = max(1, int(far[0])) if len(far) else frames
+        told = horizon(whole, plain)
         rows = []
         all_ms = []
         for stage, variant in without(scene).items():
             with Simulation(variant) as other:
                 places, moving = motion(other, frames)
                 ms, less = (float(np.median(t)) for t in time_frames([whole, other], TIMED_FRAMES, TIMED_SECONDS))
-            change = sqrt(float((apart(plain[:horizon], places[:horizon]) ** 2).mean())) / side
+            change = sqrt(float((apart(plain[:told], places[:told]) ** 2).mean())) / side
             rows.append(Ablation(stage, ms - less, change, moving / kinetic - 1 if kinetic else 0.0))
             all_ms.append(ms)
-    return Ablations(scene.name, float(np.median(all_ms)) if all_ms else 0.0, horizon, rows)
+    return Ablations(scene.name, float(np.median(all_ms)) if all_ms else 0.0, told, rows)
 
 
 def table(found: Ablations) -> list[list[str]]:

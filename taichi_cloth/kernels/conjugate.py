@@ -1,8 +1,8 @@
 """Conjugate gradients (Hestenes and Stiefel 1952) for (M + h²L)·δ = right side, without ever forming the matrix.
 
-L is the stiffness-weighted Laplacian of the springs. A particle that is not free takes no part: its residual is 0.
-The search begins at δ = 0 with the right side in `residual`, and ends when the residual is `TOLERANCE` of the first, or
-after `MOST_PRODUCTS`: the next round sees what is left.
+L is the Laplacian of springs and bonds, weighted by their constants. A particle that is not free takes no part: its
+residual is 0. The search begins at δ = 0 with the right side in `residual`, and ends when the residual is `TOLERANCE`
+of the first, or after `MOST_PRODUCTS`: the next round sees what is left.
 """
 
 import taichi as ti
@@ -10,7 +10,7 @@ import taichi as ti
 from .controls import STIFFNESS
 from .maths import TINY
 from .places import choose, dot, times
-from .springs import sum_springs
+from .springs import sum_links
 from .strips import Share
 
 TOLERANCE = 1e-4
@@ -65,10 +65,20 @@ def inner(cloth: ti.template(), a: ti.template(), b: ti.template()):
 def resist(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """A spring's share of h²L times the direction."""
     gap = cloth.search.direction[a] - cloth.search.direction[b]
+    if ti.static(stages.bending and cloth.in_lanes):
+        stiffness += cloth.bonds.stiffness[e]
     return times(gap, stiffness * (controls[STIFFNESS] * h * h))
 
 
 RESIST = Share(resist, reads=("search.direction",), into="search.product")
+
+
+@ti.func
+def add_products(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
+    """h²L times the direction, of springs and of bonds."""
+    sum_links(cloth, cloth, stages, RESIST, controls, h)
+    if ti.static(stages.bending and not cloth.in_lanes):
+        sum_links(cloth, cloth.bonds, stages, RESIST, controls, h)
 
 
 @ti.func
@@ -83,7 +93,7 @@ def find_way(cloth: ti.template(), search: ti.template(), stages: ti.template(),
         products += 1
         for i in range(cloth.slot_count[None]):
             begin_product(cloth, search, i)
-        sum_springs(cloth, stages, RESIST, controls, h)
+        add_products(cloth, stages, controls, h)
         ahead = squares / inner(cloth, search.direction, search.product)
         for i in range(cloth.slot_count[None]):
             go_on(cloth, search, i, ahead)
@@ -126,7 +136,7 @@ def search_on(cloth: ti.template(), search: ti.template(), stages: ti.template()
     """One product; nothing moves any more once the goal is reached."""
     for i in range(cloth.slot_count[None]):
         begin_product(cloth, search, i)
-    sum_springs(cloth, stages, RESIST, controls, h)
+    add_products(cloth, stages, controls, h)
     inner_of_many(cloth, search.direction, search.product, search.slope)
     for i in range(cloth.slot_count[None]):
         if search.squares[None] > search.goal[None]:

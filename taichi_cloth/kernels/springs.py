@@ -58,13 +58,23 @@ def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffn
 
 @ti.func
 def pull(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
-    """Force [N] on a of the spring-damper e between a and b."""
+    """Force [N] on a of the spring-damper e between a and b; in strips of their bond too."""
     gap = cloth.x[b] - cloth.x[a]
     force = spring_pull(gap, cloth.rest[e], stiffness * controls[STIFFNESS])
     if ti.static(stages.spring_damping):
         rate = cloth.velocity[b] - cloth.velocity[a]
         force += dashpot_pull(gap, rate, stiffness * (controls[STIFFNESS] * controls[DAMPING_TIME]))
+    if ti.static(stages.bending and cloth.in_lanes):
+        force += times(gap, cloth.bonds.stiffness[e] * controls[STIFFNESS])
     return force
+
+
+@ti.func
+def bend(cloth: ti.template(), stages: ti.template(), a, b, e, constant, controls: ti.template(), h):
+    """Force [N] on a of bond e between a and b (`mesh/bending.py`)."""
+    if ti.static(cloth.in_lanes):
+        constant = cloth.bonds.stiffness[e]
+    return times(cloth.x[b] - cloth.x[a], constant * controls[STIFFNESS])
 
 
 @ti.func
@@ -81,6 +91,7 @@ RELAX = Treatment(relax)
 RELAX_COMPLIANT = Treatment(relax_compliant, damped=("x_prev",))
 LIMIT = Treatment(limit)
 PULL = Share(pull, reads=("x",), into="force", damped=("velocity",))
+BEND = Share(bend, reads=("x",), into="force")
 
 
 @ti.func
@@ -92,28 +103,39 @@ def limit_strain(cloth: ti.template(), stages: ti.template(), controls: ti.templ
 
 @ti.func
 def add_spring_forces(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
-    """Adds the force [N] of every spring-damper to cloth.force."""
-    sum_springs(cloth, stages, PULL, controls, h)
+    """Adds the force [N] of every spring-damper and of every bond to cloth.force."""
+    sum_links(cloth, cloth, stages, PULL, controls, h)
+    if ti.static(not cloth.in_lanes):  # there springs and bonds are one pass
+        add_bending(cloth, stages, controls, h)
 
 
 @ti.func
-def sum_springs(cloth: ti.template(), stages: ti.template(), share: ti.template(), controls: ti.template(), h: float):
-    """Every spring's share to the sums of both its ends."""
+def add_bending(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
+    """Adds the force [N] of every bond, where the sheet resists bending."""
+    if ti.static(stages.bending):
+        sum_links(cloth, cloth.bonds, stages, BEND, controls, h)
+
+
+@ti.func
+def sum_links(
+    cloth: ti.template(), links: ti.template(), stages: ti.template(), share: ti.template(), controls: ti.template(), h
+):
+    """What each link, a spring of the cloth or one of its bonds, adds to the sums of both its ends."""
     sums = ti.static(attrgetter(share.into)(cloth))
     if ti.static(cloth.in_lanes):
         sum_strip_springs(cloth, stages, share, controls, h)
     elif ti.static(cloth.gathers):  # each particle asks its own springs: one loop instead of one for each colour
         for i in range(cloth.slot_count[None]):
             total = sums[i]
-            for n in range(cloth.spring_first[i], cloth.spring_first[i + 1]):
-                e = cloth.spring_rows[n]
-                other = cloth.ends[e][0] + cloth.ends[e][1] - i
-                total += share.of(cloth, stages, i, other, e, cloth.stiffness[e], controls, h)
+            for n in range(links.spring_first[i], links.spring_first[i + 1]):
+                e = links.spring_rows[n]
+                other = links.ends[e][0] + links.ends[e][1] - i
+                total += share.of(cloth, stages, i, other, e, links.stiffness[e], controls, h)
             sums[i] = total
     else:
-        for e in range(cloth.spring_count[None]):
-            a, b = cloth.ends[e]
-            given = share.of(cloth, stages, a, b, e, cloth.stiffness[e], controls, h)
+        for e in range(links.spring_count[None]):
+            a, b = links.ends[e]
+            given = share.of(cloth, stages, a, b, e, links.stiffness[e], controls, h)
             add_to_both(sums, a, b, given, -given)
 
 

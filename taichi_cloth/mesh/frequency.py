@@ -14,26 +14,28 @@ STEPS = 40
 
 
 def highest_frequency(topology: Topology, stiffness: NDArray[np.float64]) -> float:
-    """Bound of the angular frequencies [rad/s] of the cloth, whatever its shape; `stiffness` [N/m], (E,).
+    """Bound of the angular frequencies [rad/s] of the cloth, whatever its shape; `stiffness` [N/m] of springs, (E,).
 
     A spring of stiffness k along the unit vector n resists by at most k·n·nᵀ, and n·nᵀ ≤ 1: so every vibration of
     every shape is slower than the fastest one of the network in which springs resist alike in all directions,
-    ω² = max eigenvalue of M⁻¹·L with the weighted graph Laplacian L. The Lanczos iteration finds it; pins stand still.
+    ω² = max eigenvalue of M⁻¹·L with the weighted graph Laplacian L. Bonds are alike in all directions as they are.
+    The Lanczos iteration finds it; pins stand still.
     """
+    a, b = np.concatenate([topology.ends, topology.bonds.ends]).T
+    constant = np.concatenate([stiffness, topology.bonds.constant])
     root = 1 / np.sqrt(topology.mass)
     root[topology.pinned] = 0
-    a, b = topology.ends.T
     count = topology.particle_count
 
     def apply(v: NDArray[np.float64]) -> NDArray[np.float64]:
         u = root * v
-        pull = stiffness * (u[a] - u[b])
+        pull = constant * (u[a] - u[b])
         total = np.bincount(a, pull, count) - np.bincount(b, pull, count)
         applied: NDArray[np.float64] = root * total
         return applied
 
     start = np.random.default_rng(0).standard_normal(count) * (root > 0)
-    if not len(stiffness) or not start.any():
+    if not len(constant) or not start.any():
         return 0.0
     v: NDArray[np.float64] = start / np.linalg.norm(start)
     before = np.zeros(count)

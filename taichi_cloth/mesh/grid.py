@@ -89,6 +89,19 @@ def springs(
     return pairs[wanted & (place % 2 == 0)], pairs[wanted & (place % 2 == 1)]
 
 
+def by_place(
+    shape: tuple[int, int], direction: NDArray[np.int64], ends: NDArray[np.int32], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Numbers of pairs of particles as (6, rows, columns): by direction and the upper left of the pair's place.
+
+    Zero where there is no pair.
+    """
+    rows, columns = np.unravel_index(ends, shape)
+    grids = np.zeros((len(DIRECTIONS), *shape))
+    grids[direction, rows.min(axis=1), columns.min(axis=1)] = values
+    return grids
+
+
 def along_edge(rows: int, columns: int, ends: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Which springs run along an edge of the sheet, shape (E,)."""
     row, column = np.unravel_index(ends, (rows, columns))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import grid
+from .bending import Bonds, bonds
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class Topology:
     rest: NDArray[np.float64]  # [m] (E,) its rest length
     width: NDArray[np.float64]  # (E,) share of a cell's width that a spring stands for: ½ along an edge
     batches: tuple[Batch, ...]
+    bonds: Bonds  # that resist bending
     triangles: NDArray[np.int32]  # (T, 3)
     cells: NDArray[np.int32]  # (T, 2) row and column of the triangle in the weave
     shape: tuple[int, int]  # rows and columns of the grid
@@ -65,10 +67,7 @@ class Topology:
 
         Zero where there is no spring.
         """
-        rows, columns = np.unravel_index(self.ends, self.shape)
-        grids = np.zeros((len(grid.DIRECTIONS), *self.shape))
-        grids[self.direction, rows.min(axis=1), columns.min(axis=1)] = values
-        return grids
+        return grid.by_place(self.shape, self.direction, self.ends, values)
 
     @property
     def family_counts(self) -> dict[str, int]:
@@ -92,8 +91,9 @@ def sheet(
     directions: Sequence[bool],
     diagonals: int = 2,
     lumping: str = "area",
+    bending: float = 0.0,
 ) -> Topology:
-    """A rectangular sheet; lengths in m, angles in degrees, area density in kg/m².
+    """A rectangular sheet; lengths in m, angles in degrees, area density in kg/m², bending stiffness in N·m.
 
     `directions` tells which of `grid.DIRECTIONS` have springs, and `diagonals` whether a cell has both or only
     the one along which its triangles meet. With `lumping` "area" a particle weighs a third of its triangles and a
@@ -130,6 +130,7 @@ def sheet(
         rest=np.linalg.norm(start[ends[:, 0]] - start[ends[:, 1]], axis=1),
         width=np.where(along_edge, 0.5, 1.0),
         batches=tuple(batches),
+        bonds=bonds(rows, columns, width, height, bending, halved=lumping == "area"),
         triangles=triangles,
         cells=cells,
         shape=(rows, columns),

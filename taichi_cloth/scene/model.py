@@ -82,7 +82,8 @@ class Fabric:
     warp: float = _key(2000.0, "constant of a spring down a column", "N/m", low=0.0, high=1e9)
     weft: float = _key(2000.0, "the same along a row", "N/m", low=0.0, high=1e9)
     shear: float = _key(1000.0, "the same along the diagonals of each cell", "N/m", low=0.0, high=1e9)
-    bend: float = _key(20.0, "the same for particles two apart", "N/m", low=0.0, high=1e9)
+    bend: float = _key(20.0, "the same for particles two apart: no linear bending", "N/m", low=0.0, high=1e9)
+    bending: float = _key(0.0, "resistance of the sheet to bending, whatever the grid", "N·m", low=0.0, high=1e6)
     damping_time: float = _key(0.0, "a spring's dashpot is this times its constant", "s", low=0.0, high=1.0)
     preset: str = _key(
         "",

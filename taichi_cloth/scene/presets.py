@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from math import cos, isfinite, sqrt
+from math import isfinite, sqrt
 from typing import Any
 
 from .errors import SceneError, nearest, shown
@@ -20,7 +20,7 @@ _SHARES = ("structural", "shear", "bend")
 # The keys of a scene that a fabric fills, by section.
 FILLED = {
     "cloth": ("area_density",),
-    "fabric": ("warp", "weft", "shear", "bend", "damping_time"),
+    "fabric": ("warp", "weft", "shear", "bend", "bending", "damping_time"),
     "springs": _SHARES,
 }
 
@@ -67,18 +67,19 @@ def load_preset(name: str) -> Preset:
 def preset_keys(preset: Preset, cloth: Cloth) -> dict[str, dict[str, float]]:
     """What the fabric sets in a scene with this grid: section → key → value.
 
-    Of one diagonal a cell each spring stands for two. `damping_time` is the measured time as it is: with it the slow
+    Of one diagonal a cell each spring stands for two. The sheet resists bending itself and needs no springs for it.
+    `damping_time` is the measured time as it is: with it the slow
     stretch vibrations lose what was measured and the fast ones more.
     """
     warp, weft, shear = spring_constants(preset.warp, preset.weft, preset.bias)
-    side = (cloth.width / (cloth.columns - 1) + cloth.height / (cloth.rows - 1)) / 2
     return {
         "cloth": {"area_density": preset.area_density},
         "fabric": {
             "warp": warp,
             "weft": weft,
             "shear": shear * 2 / cloth.diagonals,
-            "bend": bend_constant(preset.bending, side),
+            "bend": 0.0,
+            "bending": preset.bending,
             "damping_time": preset.damping,
         },
         "springs": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
@@ -106,17 +107,6 @@ def spring_constants(warp: float, weft: float, bias: float) -> tuple[float, floa
     if min(a, b) <= high:
         raise ValueError(f"no grid of springs has {warp:g}, {weft:g} and {bias:g} N/m along warp, weft and bias")
     return a - high, b - high, high
-
-
-def bend_constant(bending: float, side: float) -> float:
-    """Constant [N/m] of the springs between particles two apart for a bending stiffness [N·m] on cells of `side` [m].
-
-    It has the energy of a hinge at a turn of 1 rad between two cells, and only there. The chord over a turn θ is
-    shorter by 2c·(1 − cos(θ/2)), so ½·k·(2c·(1 − cos(θ/2)))² = ½·B·θ². Such a spring has no linear bending stiffness:
-    below 1 rad it is too soft, almost four times at half a radian, and a finer grid has smaller turns. It adds 4·k
-    to the stiffness along its row. A bending stage with hinges is to replace it.
-    """
-    return bending / (2 * side * (1 - cos(0.5))) ** 2
 
 
 def _diagonal(warp: float, weft: float, shear: float) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
 from ..kernels.motion import move_freely, take_up_corrections
-from ..kernels.springs import RELAX_COMPLIANT, for_springs_from, limit_strain
+from ..kernels.springs import RELAX_COMPLIANT, add_bending, for_springs_from, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..mesh.grid import MOST_BENDS
 from ..mesh.topology import Topology
@@ -29,6 +29,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     if now.s == 0:
         begin_frame(cloth)
     add_air(cloth, stages, now, now.s)
+    add_bending(cloth, stages, now.controls, now.h)
     move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
     forget_chains(cloth)

@@ -141,9 +141,10 @@ def fill(
 class Factor:
     """The matrix M + h²L of one cloth, factorised (Cholesky, in float32)."""
 
-    def __init__(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
-        """`stiffness`: h²k of every spring [kg]. The row of a pin has its mass and nothing else, so it stays."""
-        a, b = topology.ends.T
+    def __init__(self, topology: Topology, stiffness: NDArray[np.float64], scale: float) -> None:
+        """`stiffness` of every spring [N/m], `scale` h² [s²]. The row of a pin has its mass only, so it stays."""
+        a, b = np.concatenate([topology.ends, topology.bonds.ends]).T
+        stiffness = np.concatenate([stiffness, topology.bonds.constant]) * scale
         inside = ~topology.pinned[a] & ~topology.pinned[b]
         count = topology.particle_count
         beside = np.bincount(a, stiffness, count) + np.bincount(b, stiffness, count)
@@ -243,8 +244,11 @@ class Projective(Solver):
     def _factorised(self, scale: float) -> Factor:
         """The factor for springs of `scale` [s²] times their stiffness: the last one, as long as nothing changes."""
         if self._factor is None or scale != self._factor_of:
-            self._factor, self._factor_of = Factor(self._topology, self._stiffness * scale), scale
+            self._factor, self._factor_of = Factor(self._topology, self._stiffness, scale), scale
         return self._factor
+
+    def _frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:
+        return 0.0  # springs and bonds are both in the matrix
 
     def close(self) -> None:
         super().close()

@@ -9,7 +9,7 @@ from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
 from ..kernels.motion import move_freely, take_up_corrections
-from ..kernels.springs import RELAX_COMPLIANT, for_springs, forget_multipliers, limit_strain
+from ..kernels.springs import RELAX_COMPLIANT, add_bending, for_springs, forget_multipliers, limit_strain
 from ..kernels.tethers import pull_tethers
 from .base import Solver
 
@@ -17,6 +17,7 @@ from .base import Solver
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     add_air(cloth, stages, now, now.s)
+    add_bending(cloth, stages, now.controls, now.h)
     move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)  # (1)
     lead_held(cloth, stages, now, now.s + 1.0)
     forget_multipliers(cloth)  # (4)

@@ -37,7 +37,7 @@ class LaneState:
     multiplier: Any
     stiffness: Any  # row of eight (6·3·pitch,) by direction, kind of row, slot in the row; 0: no spring
     has_cell: Any  # row of eight (pitch,) 1 where a cell begins in this column
-    used: Any  # (6,) 1 for each direction that has springs
+    used: Any  # (6,) 1 for each direction that has springs or bonds
     passes: Any  # (P, PASS_COLUMNS) a sweep colour by colour
     pass_count: Any  # 0-D
     rows: Any  # 0-D
@@ -50,15 +50,16 @@ class LaneState:
         """Fills all that a frame does not load. `stiffness`: of every spring, (E,)."""
         rows, columns = topology.shape
         by_place = topology.by_place(stiffness)
-        used = by_place.max(axis=(1, 2)) > 0
+        sprung = by_place.max(axis=(1, 2)) > 0
+        bonded = np.isin(np.arange(len(DIRECTIONS)), topology.bonds.direction)
         for field, values in (
             (self.rest, topology.by_place(topology.rest)),
             (self.stiffness, by_place[:, strips.row_kinds(rows)]),
             (self.has_cell, np.arange(columns) < columns - 1),
         ):
             fields.put(field, strips.pack(values, pitch).reshape(-1, strips.STRIPS))
-        fields.put(self.used, used)
-        table = strips.passes(used & coloured, pitch)
+        fields.put(self.used, sprung | bonded)
+        table = strips.passes(sprung & coloured, pitch)
         fields.put(self.passes, table)
         self.pass_count[None] = len(table)
         self.rows[None], self.columns[None], self.pitch[None] = rows, columns, pitch

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import WrongUse
-from . import air, contact, flight, hanging, swing, symmetry
+from . import air, bending, contact, flight, hanging, swing, symmetry
 from .row import Reference
 from .setups import ALL, ELASTIC
 
@@ -36,7 +36,13 @@ REFERENCES = (
     Reference("A3.1", "hanging sheet", "sum of the weights below", hanging.elongation, ELASTIC, UNDONE),
     Reference("A3.2", "artificial stretch", "fixed point of a red-black sweep", hanging.stretch, ("verlet",)),
     Reference("A3.3", "hammock", "equilibrium of its springs", hanging.hammock, ELASTIC, UNDONE),
-    Reference("A4.1", "doubling", "linear bending", hanging.doubling, ("spring", "lines"), STAND_IN),
+    Reference("A3.4", "buckling", "Euler's elastica", bending.buckling, ELASTIC),
+    Reference("A4.1", "doubling", "linear bending", bending.doubling, ELASTIC),
+    Reference(
+        "A4.2", "doubling, springs", "linear bending", bending.doubling_by_springs, ("spring", "lines"), STAND_IN
+    ),
+    Reference("A4.3", "cantilever", "heavy elastica", bending.droop, ELASTIC),
+    Reference("A4.4", "pear loop", "elastica", bending.loop, ELASTIC),
     Reference(
         "A5.1",
         "stiffness of a grid",

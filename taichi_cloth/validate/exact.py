@@ -136,3 +136,82 @@ def spring_scheme(solver: str, omega: float, h: float, steps: int) -> Floats:
     for _ in range(steps):
         states.append(step @ states[-1])
     return np.array(states)[:, 0]
+
+
+ELASTICA_STEPS = 1000  # of a strip; halving them changes the tenth digit
+
+
+def elastica(angle: float, rate: float, length: float, bends: Callable[[float, float], float]) -> Floats:
+    """(angle, its rate, x, y) along a line that turns by angle'' = bends(s, angle), (steps + 1, 4); Runge–Kutta."""
+
+    def slope(s: float, y: Floats) -> Floats:
+        return np.array([y[1], bends(s, y[0]), cos(y[0]), sin(y[0])])
+
+    h = length / ELASTICA_STEPS
+    line = [np.array([angle, rate, 0.0, 0.0])]
+    for k in range(ELASTICA_STEPS):
+        s, y = k * h, line[-1]
+        a = slope(s, y)
+        b = slope(s + h / 2, y + h / 2 * a)
+        c = slope(s + h / 2, y + h / 2 * b)
+        line.append(y + h / 6 * (a + 2 * b + 2 * c + slope(s + h, y + h * c)))
+    return np.array(line)
+
+
+def cantilever(gamma: float) -> tuple[float, float]:
+    """(drop, reach) over the length L of a strip clamped level at one end, for Γ = σgL³/B.
+
+    Measured from the free tip in bending lengths, the angle ψ from the vertical obeys ψ'' = s·sin ψ until it is ½π at
+    the clamp; the angle of the tip is found by bisection.
+    """
+    length = gamma ** (1 / 3)
+    low, high = -0.75 * sqrt(gamma) - 5, log(pi / 2)  # of log ψ at the tip
+    while low < (middle := (low + high) / 2) < high:
+        line = elastica(float(np.exp(middle)), 0.0, length, lambda s, psi: s * sin(psi))
+        if line[:, 0].max() < pi / 2:
+            low = middle
+        else:
+            high = middle
+        if high - low < 1e-13:
+            break
+    return float(line[-1, 2]) / length, float(line[-1, 3]) / length
+
+
+def buckled(compression: float) -> float:
+    """Height over length of a weightless strip on hinges that are nearer by this share of its length: Euler's elastica.
+
+    2·(1 − E(k)/K(k)) is the compression and k/K(k) the height, by the arithmetic-geometric mean.
+    """
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        k = (low + high) / 2
+        a, b, lost, weight = 1.0, sqrt(1 - k * k), k * k / 2, 1.0
+        while abs(a - b) > 1e-15:
+            a, b, c = (a + b) / 2, sqrt(a * b), (a - b) / 2
+            lost += weight * c * c
+            weight *= 2
+        low, high = (k, high) if 2 * lost < compression else (low, k)
+    return k * 2 * a / pi
+
+
+def pear_loop() -> float:
+    """Height over length of a weightless strip whose ends are clamped side by side, pointing up: a loop above them.
+
+    One half leaves at ½π, ends above its beginning and has turned to π there; its first rate and its tension are found
+    by Newton's method. (The heart loop of ASTM D1388, whose halves fall outwards, is the same equation for −π. Without
+    weight it is no minimum: a strip left in it rolls over into this one.)
+    """
+    unknown = np.array([-6.0, 20.0])  # near enough
+
+    def end(unknown: Floats) -> Floats:
+        last: Floats = elastica(pi / 2, unknown[0], 0.5, lambda _, angle: unknown[1] * sin(angle))[-1]
+        return last
+
+    def missed(unknown: Floats) -> Floats:
+        return end(unknown)[[0, 2]] - [pi, 0.0]
+
+    for _ in range(12):
+        there = missed(unknown)
+        slopes = np.stack([(missed(unknown + step) - there) / 1e-6 for step in 1e-6 * np.eye(2)], axis=-1)
+        unknown = unknown - np.linalg.solve(slopes, there)
+    return float(end(unknown)[3])

@@ -1,4 +1,4 @@
-"""A3 and B3: hanging, stretching and sagging."""
+"""A3, A5 and B3: hanging, stretching and sagging."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene.model import Fabric, Forces, Solver, Springs
+from ..scene.model import Fabric, Solver, Springs
 from ..simulation import Simulation
 from .exact import GRAVITY, hammock_sag, hanging_drop, sheet_modulus
 from .row import Row, relative
@@ -106,16 +106,3 @@ def modulus(solver: str) -> Iterator[Row]:
             measured = float((stress[rows] / strain[rows]).mean())
             exact = sheet_modulus(1000.0, shear)
             yield relative(f"force per strain and width, diagonals of {shear:g} N/m [N/m]", exact, measured, 2e-2, 2e-3)
-
-
-def doubling(solver: str) -> Iterator[Row]:
-    """Twice the weight, twice the droop: a strip clamped level by its first two rows, bent a little."""
-    droops = []
-    for gravity in (1.0, 2.0):
-        scene = strip(solver, 8, constant=5e4, pins=tuple(range(6)))
-        scene = replace(scene, cloth=replace(scene.cloth, rotation=(-90.0, 0.0, 0.0)), forces=Forces(gravity=gravity))
-        scene = replace(scene, fabric=replace(scene.fabric, bend=5e4), solver=replace(scene.solver, damping=SETTLING))
-        with Simulation(scene) as simulation:
-            advance(simulation, 20.0)
-            droops.append(-float(simulation.positions()[-2, 1]))
-    yield relative("droop at twice the gravity over droop", 2.0, droops[1] / droops[0], 0.05, 0.01)

@@ -27,7 +27,7 @@ def busy(solver: str) -> Scene:
             rotation=(-80.0, 0.0, 0.0),
             pins=("top-left", "top-right"),
         ),
-        fabric=Fabric(warp=800.0, weft=500.0, shear=200.0, bend=4.0, damping_time=1e-4),
+        fabric=Fabric(warp=800.0, weft=500.0, shear=200.0, bend=4.0, bending=3e-4, damping_time=1e-4),
         solver=Solver(name=solver, damping=1.0, substeps=4, iterations=6),
         wind=Wind(x=1.0, z=4.0),
         limit=Limit(0.02),

@@ -5,6 +5,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 from scipy import integrate, special
+from scipy.optimize import minimize
 
 from taichi_cloth.validate import exact
 
@@ -98,3 +99,37 @@ def test_a_sail_that_is_only_dragged_solves_its_equation(span: float) -> None:
 def test_a_taut_string_and_a_grid_have_the_printed_numbers() -> None:
     assert exact.taut_modes(32, 10.0, 0.1 / 32, 1.0, 3) == pytest.approx([31.40331, 62.73097, 93.90750], abs=1e-5)
     assert [exact.sheet_modulus(1000.0, k) for k in (500.0, 1000.0, 100.0)] == pytest.approx([4000 / 3, 1500, 1090.909])
+
+
+@pytest.mark.parametrize(
+    ("gamma", "drop", "reach"),
+    [(0.1, 0.012498, 0.999911), (10, 0.700200, 0.656354), (1000, 0.981141, 0.045986), (10000, 0.994110, 0.014261)],
+)
+def test_a_heavy_strip_droops_as_printed(gamma: float, drop: float, reach: float) -> None:
+    assert exact.cantilever(gamma) == pytest.approx((drop, reach), abs=1e-6)
+
+
+@pytest.mark.parametrize(("share", "height"), [(0.01, 0.063463), (0.1, 0.194924), (0.5, 0.373306)])
+def test_a_buckled_strip_is_eulers(share: float, height: float) -> None:
+    assert exact.buckled(share) == pytest.approx(height, abs=1e-6)
+
+
+def test_a_pear_loop_is_the_least_bent_of_its_length() -> None:
+    """Links of one length with hinges, bent as little as they can be, by another method."""
+    n = 80  # links of a half
+    link = 0.5 / n
+
+    # The clamp is a wall, a hinge of half the length; the joint at the top is shared with the other half.
+    weights = np.array([2.0, *np.ones(n - 1), 0.5])
+
+    def energy(angles: np.ndarray) -> float:
+        all_angles = np.concatenate([[np.pi / 2], angles, [2 * np.pi - angles[-1]]])
+        return float((np.diff(all_angles) ** 2 * weights).sum() / (2 * link))
+
+    def across(angles: np.ndarray) -> float:
+        return float(np.cos(angles).sum() * link)
+
+    start = np.pi / 2 * (1 - 2 * np.sin(np.pi * np.linspace(0, 1, n)) * 0.5) + np.linspace(0, np.pi / 2, n)
+    found = minimize(energy, start, constraints={"type": "eq", "fun": across}, options={"maxiter": 500})
+    assert found.success
+    assert exact.pear_loop() == pytest.approx(np.sin(found.x).sum() * link, abs=1e-3)

@@ -23,6 +23,9 @@ QUICK = [
     ("A2.3", "spring"),
     ("A3.2", "verlet"),
     ("A3.3", "spring"),
+    ("A3.4", "projective"),
+    ("A4.1", "xpbd"),
+    ("A4.4", "lines"),
 ]
 QUICK += [("A6.1", "rk4"), ("A7.1", "verlet"), ("A8.3", "spring"), ("B3", "xpbd")]
 
