@@ -55,6 +55,17 @@ def count(text: str) -> int:
     return int(text)
 
 
+def percent(text: str) -> float:
+    """A number above 0 and up to 100."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value <= 100:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0 and up to 100, in % of the side")
+    return value
+
+
 def build_parser() -> Parser:
     """All commands, their options and defaults."""
     parser = Parser(PROGRAM, description="Cloth you can grab, in real time, that tells you how wrong it is.")
@@ -144,6 +155,12 @@ def scene_options(parser: Parser, nargs: str | None = None) -> None:
     parser.add_argument(
         "--path", metavar="NAME", help="layout the solver works on, as lanes or list (default: chosen by the grid)"
     )
+    parser.add_argument(
+        "--target-error",
+        type=percent,
+        metavar="P",
+        help="take the fastest setting that is at most P %% of the side wrong",
+    )
     parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi back-end")
 
 
@@ -151,7 +168,14 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
     overrides = dict(parse_override(text) for text in args.set)
     if args.solver:
         overrides["solver"] = args.solver
-    return load_scene(args.scene, **overrides)
+    scene = load_scene(args.scene, **overrides)
+    if args.target_error is None:
+        return scene
+    from .measure.estimate import aim
+
+    scene, why = aim(scene, args.target_error / 100, args.solver)
+    print(why, flush=True)
+    return scene
 
 
 def summary(simulation: Simulation, arch: str) -> str:
@@ -266,9 +290,9 @@ def run_bench(args: argparse.Namespace) -> int:
 
 
 def run_front(args: argparse.Namespace) -> int:
+    from .accuracy import report, sweep
+    from .accuracy.truth import Curtain
     from .bench.report import write_csv
-    from .front import report, sweep
-    from .front.truth import Curtain
     from .progress import steps_progress
 
     if args.stages:
@@ -319,8 +343,8 @@ def run_validate(args: argparse.Namespace) -> int:
 
 def run_ablate(args: argparse.Namespace) -> int:
     scenes = [load_scene(name) for name in args.scenes]
+    from .accuracy import ablate
     from .bench.report import check_free
-    from .front import ablate
     from .progress import steps_progress
 
     if args.markdown:

@@ -25,7 +25,7 @@ FLOORS = [
     {"view"},
     {"runtime"},
     {"bench"},
-    {"validate", "front"},
+    {"validate", "accuracy"},
     {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "progress", "scene", "mesh", "interact", "measure"}

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from ..interact.keys import KEYS, MOUSE
+from ..measure.estimate import estimate
 from ..scene.live import LiveKey, live_keys
 from ..scene.model import FRAME_SECONDS
+from ..simulation import Simulation
 from .panel_place import Place, saved_place
 from .session import Session
 
@@ -96,14 +98,21 @@ def numbers(session: Session, draw_ms: float, pictures: float) -> str:
     """The lines that tell how fast and how right the picture is; `pictures` were shown in a second."""
     simulation, measures = session.simulation, session.measures
     budget = 1e3 * FRAME_SECONDS
+    strain, mean = 100 * measures.max_strain, 100 * measures.mean_strain
     lines = (
         f"{simulation.scene.name} · {session.view} · frame {simulation.frame} · {pictures:.0f} fps",
         f"physics {session.physics_ms:.1f} + drawing {draw_ms:.1f} of {budget:.1f} ms",
-        f"strain: max {100 * measures.max_strain:.1f} %, mean {100 * measures.mean_strain:.1f} %",
+        f"strain: max {strain:.1f} %, mean {mean:.1f} %; {error_of(simulation)}",
         f"{simulation.method}: {' '.join(simulation.stages)}",
         *filter(None, [simulation.advice]),
     )
     return "\n".join(textwrap.fill(line, LETTERS, subsequent_indent="  ") for line in lines)
+
+
+def error_of(s: Simulation) -> str:
+    """What the running setting is wrong by in a swing, in % of the side, as far as it is known."""
+    error = estimate(s.scene, s.solver.name, s.substeps, int(s.get("iterations")), s.get("gravity"))
+    return "error unknown" if error is None else f"error about {100 * error:.2g} %"
 
 
 def help_lines() -> list[str]:

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from taichi_cloth import cli
-from taichi_cloth.front import report, sweep
-from taichi_cloth.front.sweep import Point, knee, measure, pareto
-from taichi_cloth.front.truth import Curtain
+from taichi_cloth.accuracy import report, sweep
+from taichi_cloth.accuracy.sweep import Point, knee, measure, pareto
+from taichi_cloth.accuracy.truth import Curtain
 from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.simulation import Simulation
 

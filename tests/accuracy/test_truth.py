@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_cloth.front.truth import GRAVITY, Curtain, extrapolated, truth
+from taichi_cloth.accuracy.truth import GRAVITY, Curtain, extrapolated, truth
 from taichi_cloth.validate.swing import CURTAIN
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from taichi_cloth import cli, load_scene
-from taichi_cloth.front.ablate import ablate, horizon, motion, without
+from taichi_cloth.accuracy.ablate import ablate, horizon, motion, without
 from taichi_cloth.scene.model import Cloth, Ground, Scene, Solver, Springs, Wind
 from taichi_cloth.simulation import Simulation
 
