@@ -115,6 +115,14 @@ def build_parser() -> Parser:
     which.add_argument("--only", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver")
     which.add_argument("--stages", action="store_true", help="what each stage of the curtain costs, instead")
     bench.add_argument("--error", action="store_true", help="how wrong each setting is, beside its time, instead")
+    bench.add_argument(
+        "--scene",
+        action="append",
+        default=[],
+        metavar="SCENE",
+        help="with --error: on this scene instead of the curtain",
+    )
+    bench.add_argument("--markdown", type=Path, metavar="FILE", help="with --scene: write the tables for a document")
     bench.add_argument("--plot", type=Path, metavar="DIR", help="with --error: a picture for each grid")
     bench.add_argument("--full", action="store_true", help="all there is; takes 20 minutes")
     bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
@@ -270,12 +278,14 @@ def run_bench(args: argparse.Namespace) -> int:
     from .bench import children, report
     from .progress import steps_progress
 
-    for path in filter(None, (args.csv, args.json)):
+    for path in filter(None, (args.csv, args.json, args.markdown)):
         report.check_free(path, force=args.force)
+    if args.markdown and not args.scene:
+        raise WrongUse("--markdown writes the errors on scenes: it goes with --scene")
     if args.error:
-        return run_front(args)
-    if args.plot:
-        raise WrongUse("--plot draws errors: it goes with --error")
+        return run_gallery(args) if args.scene else run_front(args)
+    if args.plot or args.scene:
+        raise WrongUse("--plot and --scene are about errors: they go with --error")
     chosen = c.all_cases() if args.full else [] if args.stages else c.default_cases()
     cases = c.only(chosen, args.only)
     stages = c.stage_cases() if args.stages or (args.full and not args.only) else []
@@ -314,6 +324,31 @@ def run_front(args: argparse.Namespace) -> int:
         report.write_json(args.json, found)
     if args.plot:
         print(f"{len(report.plot(args.plot, found))} pictures in {args.plot}")
+    return 0
+
+
+def run_gallery(args: argparse.Namespace) -> int:
+    scenes = [load_scene(name) for name in args.scene]
+    from .accuracy import gallery
+    from .bench.report import write_csv
+    from .progress import steps_progress
+
+    if args.stages or args.only or args.full or args.plot or args.json:
+        raise WrongUse("--scene goes with --csv and --markdown, not with --stages, --only, --full, --plot or --json")
+    runtime.start("cpu")
+    found = []
+    with steps_progress(sum(len(gallery.settings(scene)) + 1 for scene in scenes)) as on_step:
+        for scene in scenes:
+            for step in gallery.errors(scene):
+                if isinstance(step, str):
+                    on_step(step)
+                else:
+                    found.append(step)
+    gallery.print_report(found)
+    if args.csv:
+        write_csv(args.csv, [point for errors in found for point in errors.points], gallery.ScenePoint)
+    if args.markdown:
+        gallery.write_markdown(args.markdown, found)
     return 0
 
 

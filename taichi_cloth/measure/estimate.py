@@ -12,7 +12,7 @@ from functools import cache
 from math import hypot, log, sqrt
 
 from ..errors import WrongUse
-from ..mesh.frequency import highest_frequency, stable_runge_kutta_substeps, stable_substeps
+from ..mesh.frequency import highest_frequency, longest_dashpot, stable_runge_kutta_substeps, stable_substeps
 from ..mesh.from_scene import stiffness_of, topology_of
 from ..scene.library import asset_folder
 from ..scene.model import FRAME_SECONDS, Scene
@@ -131,5 +131,6 @@ def in_scene(row: Measured, scene: Scene) -> Measured:
     topology = topology_of(scene, "fabric")
     frequency = highest_frequency(topology, stiffness_of(scene, "fabric", topology))
     coarsest = min(r.substeps for r in measured() if (r.solver, r.cells) == (row.solver, row.cells))
-    substeps = NEEDED[row.solver](frequency, 0.0, FRAME_SECONDS) * row.substeps // coarsest
+    damping_time = min(scene.fabric.damping_time, longest_dashpot(frequency))
+    substeps = NEEDED[row.solver](frequency, damping_time, FRAME_SECONDS) * row.substeps // coarsest
     return replace(row, substeps=substeps, ms=ms * substeps / row.substeps)

@@ -28,3 +28,47 @@ def test_one_link_is_an_elastic_pendulum_that_keeps_its_energy() -> None:
     energy = 0.5 * curtain.mass * (v**2).sum(axis=1) + curtain.mass * GRAVITY * x[1:-1, 1] + spring[1:-1]
     start = curtain.mass * GRAVITY * curtain.start[1, 1]
     assert energy == pytest.approx(np.full(58, start), abs=0.02 * abs(start))
+
+
+def midpoint(curtain: Curtain, frames: int, steps: int) -> np.ndarray:
+    """The same by the implicit midpoint rule: Newton's method on each step, with a dense matrix."""
+    n, h = 2 * (curtain.cells + 1), 1 / 60 / steps
+    x, v = curtain.start.ravel(), np.zeros(n)
+    seen = []
+
+    def stiffness(places: np.ndarray) -> np.ndarray:
+        """∂a/∂x."""
+        matrix = np.zeros((n, n))
+        gap = np.diff(places.reshape(-1, 2), axis=0)
+        for j, g in enumerate(gap):
+            long = np.linalg.norm(g)
+            unit = np.outer(g, g) / long**2
+            k = curtain.constant / curtain.mass * (np.eye(2) - curtain.rest / long * (np.eye(2) - unit))
+            above, below = slice(2 * j, 2 * j + 2), slice(2 * j + 2, 2 * j + 4)
+            matrix[below, below] -= k
+            matrix[below, above] += k
+            matrix[above, above] -= k
+            matrix[above, below] += k
+        matrix[:2] = 0
+        return matrix
+
+    for _ in range(frames):
+        for _ in range(steps):
+            d = h * v  # the way of this step
+            for _ in range(8):
+                middle = x + d / 2
+                wrong = d - h * v - h * h / 2 * curtain.acceleration(middle.reshape(-1, 2)).ravel()
+                if np.abs(wrong).max() < 1e-15:
+                    break
+                d = d - np.linalg.solve(np.eye(n) - h * h / 4 * stiffness(middle), wrong)
+            x, v = x + d, 2 * d / h - v
+        seen.append(x.reshape(-1, 2))
+    return np.array(seen)
+
+
+def test_newtons_method_on_implicit_steps_gives_the_same() -> None:
+    """Errors go with h² and h⁴: two step lengths take away the first, a third the second (Richardson)."""
+    curtain = Curtain(6, constant=300.0)
+    a, b, c = (midpoint(curtain, 12, steps) for steps in (60, 120, 240))
+    once, again = (4 * b - a) / 3, (4 * c - b) / 3
+    assert (16 * again - once) / 15 == pytest.approx(truth(curtain, 12), abs=1e-8)
