@@ -58,7 +58,7 @@ def test_fabrics_droop_by_their_measured_bending_stiffness(sheet, length: float)
     droop, reach = np.transpose(found)
     assert found == pytest.approx(np.array(exact), rel=0.02, abs=0.01)
     assert (np.diff(droop) < 0).all()  # silk most, denim least …
-    assert (np.diff(reach) > 0.003).all()  # … which stands out farthest from the clamp
+    assert (np.diff(reach) > 0.002).all()  # … which stands out farthest from the clamp
 
 
 def test_rubber_stretches_more_than_cotton_and_both_as_a_strip_of_their_stiffness_does(sheet) -> None:
