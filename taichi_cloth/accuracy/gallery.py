@@ -29,7 +29,7 @@ TRUE, NEARLY = 8, 4  # times the substeps that `spring` needs
 SETTINGS = {
     "verlet": ((5, 12), (20, 12)),
     "xpbd": ((5, 12), (20, 12)),
-    "lines": ((10, 1), (40, 1)),
+    "lines": ((5, 1), (20, 1)),
     "spring": ((1, 1),),
     "rk4": ((1, 1),),
     "projective": ((5, 10),),

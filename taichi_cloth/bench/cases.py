@@ -19,7 +19,7 @@ LARGEST = (512, 512)  # minutes for most methods, and for springs one by one: on
 LARGEST_FOR = ("verlet", "spring", "lines")
 
 SEED_SETTING = (5, 12)  # substeps, iterations
-SETTINGS = {"lines": (10, 1), "projective": (20, 10)}
+SETTINGS = {"lines": (5, 1), "projective": (20, 10)}
 STAGES_LEFT_OUT = ("wind", "sphere", "ground", "shear", "bend")
 STAGES_ADDED = ("limit", "tethers")
 

@@ -56,7 +56,7 @@ def out_of_one_sphere(cloth: ti.template(), now: ti.template(), s: int):
     reach, friction = now.spheres[s, SPHERE_REACH], now.spheres[s, SPHERE_FRICTION]
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
-        follow(cloth, i, x, out_of_sphere(x, spread(center, x), reach), travel / now.substeps, friction)
+        follow(cloth, i, x, out_of_sphere(x, spread(center, x), reach), travel * (now.lasts / now.substeps), friction)
 
 
 @ti.func

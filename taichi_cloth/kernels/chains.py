@@ -30,7 +30,7 @@ from ..mesh.chains import (
 )
 from .controls import DAMPING_TIME, STIFFNESS
 from .maths import TINY
-from .places import LANES, dot, from_next, from_previous, length, next_lane, times
+from .places import LANES, dot, from_next, from_previous, length, next_lane, spread, times
 from .springs import forget_multipliers
 from .strips import row_kind
 
@@ -70,7 +70,7 @@ def eliminate(
 
 @ti.func
 def solve_chains(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
-    """Every row, then every column, then both diagonals, one chain after another."""
+    """Every row, then every column, then both diagonals, one chain after another. Velocities take it up at once."""
     if ti.static(cloth.in_lanes):
         solve_strips(cloth, cloth.chains, stages, controls, h)
     else:
@@ -145,11 +145,19 @@ def solve_chain(
         found = chains.change[first + j] + carried
         cloth.multiplier[e] = cloth.multiplier[e] + found
         above = chains.normal[first + j] * found
-        cloth.x[b] = cloth.x[b] + (above - below) * cloth.inverse_mass[b]
+        move_along(cloth, b, above - below, h)
         carried = chains.coupling[first + j] * found
         below = above
     top = chain[PARTICLE]
-    cloth.x[top] = cloth.x[top] - below * cloth.inverse_mass[top]
+    move_along(cloth, top, -below, h)
+
+
+@ti.func
+def move_along(cloth: ti.template(), i: int, pull, h: float):
+    """Place and velocity together; `pull` [kg·m]."""
+    move = pull * cloth.inverse_mass[i]
+    cloth.x[i] = cloth.x[i] + move
+    cloth.velocity[i] = cloth.velocity[i] + move / h
 
 
 # -- eight chains at once ------------------------------------------------------------------------------------------
@@ -162,11 +170,13 @@ def solve_strips(cloth: ti.template(), chains: ti.template(), stages: ti.templat
         layout = chains.layouts[upright]
         if layout[START] < layout[END]:
             lay(cloth, layout, upright, cloth.x, chains.x, 0)
+            for slot in range(layout[ROWS] * layout[PITCH]):
+                chains.moved[slot] = spread(tm.vec3(0.0), chains.moved[slot])
             if ti.static(stages.spring_damping):
                 lay(cloth, layout, upright, cloth.x_prev, chains.x_prev, 0)
             for n in range(layout[START], layout[END]):
                 solve_direction(chains, stages, layout, n, controls, h)
-            lay_back(cloth, chains, layout, upright)
+            lay_back(cloth, chains, layout, upright, h)
 
 
 @ti.func
@@ -256,8 +266,10 @@ def solve_direction(chains: ti.template(), stages: ti.template(), layout, d: int
                 chains.coupling[line + pitch] = from_next(chains.coupling[line])
         for i in range(pitch):
             p, q = (y + 1) * pitch + i, line + i
-            move = chains.normal[q - into] - chains.normal[q + out_of]
-            chains.x[p] = chains.x[p] + times(move, chains.inverse_mass[layout[MASSES] + p] * sign)
+            pull = chains.normal[q - into] - chains.normal[q + out_of]
+            move = times(pull, chains.inverse_mass[layout[MASSES] + p] * sign)
+            chains.x[p] = chains.x[p] + move
+            chains.moved[p] = chains.moved[p] + move
 
 
 @ti.func
@@ -285,12 +297,13 @@ def lay(cloth: ti.template(), layout, upright: int, places: ti.template(), laid:
 
 
 @ti.func
-def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int):
-    """The places back into the cloth."""
+def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int, h: float):
+    """The places back into the cloth, and what moved them into its velocities."""
     pitch, across = cloth.pitch[None], layout[PITCH]
     if upright:
         for slot in range(cloth.slot_count[None]):
             cloth.x[slot] = chains.x[slot]
+            cloth.velocity[slot] = cloth.velocity[slot] + chains.moved[slot] / h
     else:
         for y in range(cloth.rows[None]):
             lane, j = y // across, y % across
@@ -299,6 +312,8 @@ def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int):
                     slot = (k * pitch + i) * across + j
                     for c in range(3):
                         cloth.x[y * pitch + i][c, k] = chains.x[slot][c, lane]
+                        velocity = cloth.velocity[y * pitch + i][c, k]
+                        cloth.velocity[y * pitch + i][c, k] = velocity + chains.moved[slot][c, lane] / h
 
 
 @ti.func

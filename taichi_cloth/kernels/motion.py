@@ -27,7 +27,7 @@ def move_freely(
 
 @ti.func
 def take_up_corrections(cloth: ti.template(), stages: ti.template(), h: float):
-    """Adds what constraints and contact moved since `move_freely`: v = (x − x_prev)/h, without its rounding."""
+    """Adds what constraints and contact moved since it was predicted: v = (x − x_prev)/h, without its rounding."""
     if ti.static(stages.constrained):
         for i in range(cloth.slot_count[None]):
             change = (cloth.x[i] - cloth.predicted[i]) / h

@@ -35,6 +35,22 @@ def relax(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, contr
 @ti.func
 def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """The same for a spring of `stiffness` [N/m], with the multiplier it has gathered in this substep."""
+    shift = shift_of_compliant(cloth, stages, a, b, e, stiffness, controls, h)
+    add_to_both(cloth.x, a, b, times(shift, cloth.inverse_mass[a]), times(shift, -cloth.inverse_mass[b]))
+
+
+@ti.func
+def relax_and_push(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
+    """The same, and velocities take it up at once."""
+    shift = shift_of_compliant(cloth, stages, a, b, e, stiffness, controls, h)
+    to_a, to_b = times(shift, cloth.inverse_mass[a]), times(shift, -cloth.inverse_mass[b])
+    add_to_both(cloth.x, a, b, to_a, to_b)
+    add_to_both(cloth.velocity, a, b, to_a / h, to_b / h)
+
+
+@ti.func
+def shift_of_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
+    """How far a compliant spring would move a particle of 1 kg at a, and b the other way [kg·m]."""
     w_a, w_b = cloth.inverse_mass[a], cloth.inverse_mass[b]
     gap = cloth.x[b] - cloth.x[a]
     gamma = 0.0
@@ -53,7 +69,7 @@ def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffn
         grown,
     )
     cloth.multiplier[e] = cloth.multiplier[e] + change
-    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b))
+    return shift
 
 
 @ti.func
@@ -89,6 +105,7 @@ def limit(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, contr
 
 RELAX = Treatment(relax)
 RELAX_COMPLIANT = Treatment(relax_compliant, damped=("x_prev",))
+RELAX_AND_PUSH = Treatment(relax_and_push, changes=("x", "velocity"), damped=("x_prev",))
 LIMIT = Treatment(limit)
 PULL = Share(pull, reads=("x",), into="force", damped=("velocity",))
 BEND = Share(bend, reads=("x",), into="force")

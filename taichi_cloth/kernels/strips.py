@@ -30,14 +30,15 @@ from .places import from_previous, next_lane, put_back, spread
 
 
 class Treatment(NamedTuple):
-    """What is done to a spring that moves its ends, and by name the fields it reads there besides."""
+    """What is done to a spring that moves its ends, and by name the fields it changes and reads there."""
 
     apply: Any
-    damped: tuple[str, ...] = ()  # where springs have dashpots
+    changes: tuple[str, ...] = ("x",)
+    damped: tuple[str, ...] = ()  # read too where springs have dashpots
 
     def fields(self, stages: Any) -> tuple[str, ...]:
         """All fields in use."""
-        return ("x", "inverse_mass", *(self.damped if stages.spring_damping else ()))
+        return (*self.changes, "inverse_mass", *(self.damped if stages.spring_damping else ()))
 
 
 class Share(NamedTuple):
@@ -115,7 +116,9 @@ def for_strip_springs(
                     treat.apply(cloth, stages, a + i, spare + y, e + i, cloth.stiffness[k + i], controls, h)
             for y in range(rows - p[DOWN]):
                 if in_pass(p, y):
-                    cloth.x[beyond + y * pitch] = put_back(cloth.x[beyond + y * pitch], cloth.x[spare + y])
+                    for name in ti.static(treat.changes):
+                        field = ti.static(getattr(cloth, name))
+                        field[beyond + y * pitch] = put_back(field[beyond + y * pitch], field[spare + y])
 
 
 # -- sums: nothing moves, so no spring has to wait for another -------------------------------------------------------

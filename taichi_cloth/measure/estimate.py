@@ -9,7 +9,9 @@ from __future__ import annotations
 import csv
 from dataclasses import dataclass, replace
 from functools import cache
-from math import hypot, log, sqrt
+from math import exp, hypot, log, sqrt
+
+import numpy as np
 
 from ..errors import WrongUse
 from ..mesh.frequency import highest_frequency, longest_dashpot, stable_runge_kutta_substeps, stable_substeps
@@ -19,11 +21,10 @@ from ..scene.model import FRAME_SECONDS, Scene
 
 NEEDED = {"spring": stable_substeps, "rk4": stable_runge_kutta_substeps}  # substeps that are stable
 
-# The law of the methods that step by Euler, within a factor of 1.6 of every measured row it is used for: their steps
+# The law of `verlet` and `xpbd`, within a factor of 1.6 of every measured row it is used for: Euler's steps
 # lose LOST·h·√(g/L), however well each is solved, and relaxation leaves ½·N²·g·h²/iterations of stretch.
 LOST = 1.05
-RELAXED = ("verlet", "xpbd")
-FINEST = {"verlet": 40, "xpbd": 60, "lines": 60}  # substeps from which on float32 rounding is what is left
+FINEST = {"verlet": 40, "xpbd": 60}  # substeps from which on float32 rounding is what is left
 
 
 @dataclass(frozen=True)
@@ -83,17 +84,27 @@ def estimate(scene: Scene, solver: str, substeps: int, iterations: int, gravity:
     for row in measured():
         if (row.solver, row.cells, row.substeps, row.iterations) == (solver, cells, substeps, iterations):
             return row.error
+    if solver == "lines":
+        return between(cells, substeps)
     if substeps > FINEST.get(solver, 0):
         return None
-    return law(solver, cells, substeps, iterations, gravity, scene.cloth.height)
+    return law(cells, substeps, iterations, gravity, scene.cloth.height)
 
 
-def law(solver: str, cells: int, substeps: int, iterations: int, gravity: float, height: float) -> float:
-    """What Euler's steps and unfinished relaxation cost; [m/s²] and [m]."""
+def between(cells: int, substeps: int) -> float | None:
+    """Error of `lines` from the rows of the nearest grid, whose logarithm is taken as straight from one to the next."""
+    rows = [row for row in rows_near(cells) if row.solver == "lines"]
+    steps, errors = ([log(getattr(row, name)) for row in rows] for name in ("substeps", "error"))
+    if not rows[0].substeps <= substeps <= rows[-1].substeps:
+        return None
+    return exp(float(np.interp(log(substeps), steps, errors)))
+
+
+def law(cells: int, substeps: int, iterations: int, gravity: float, height: float) -> float:
+    """What Euler's steps and unfinished relaxation cost `verlet` and `xpbd`; [m/s²] and [m]."""
     h = FRAME_SECONDS / substeps
     lost = LOST * h * sqrt(gravity / height)
-    stretch = cells**2 * gravity * h**2 / (2 * iterations * height) if solver in RELAXED else 0.0
-    return hypot(lost, stretch)
+    return hypot(lost, cells**2 * gravity * h**2 / (2 * iterations * height))
 
 
 def aim(scene: Scene, target: float, only: str | None = None) -> tuple[Scene, str]:

@@ -63,7 +63,8 @@ class FrameInput:
     @property
     def steering(self) -> dict[str, Any]:
         """What is the same for every substep, by the names of `Substep`."""
-        return {name: getattr(self, name) for name in Substep._fields if name != "s"}
+        own = {"s", *Substep._field_defaults}
+        return {name: getattr(self, name) for name in Substep._fields if name not in own}
 
 
 @ti.func

@@ -34,6 +34,7 @@ class ChainStrips:
 
     x: Any  # 3×8
     x_prev: Any
+    moved: Any  # [m] by chains, since they were laid
     inverse_mass: Any  # row of eight
     rest: Any  # by direction
     multiplier: Any
@@ -118,6 +119,7 @@ def _allocate_strips(slots: int, pitch: int) -> ChainStrips:
     return ChainStrips(
         x=places(crossed + 1),
         x_prev=places(crossed + 1),
+        moved=places(crossed),
         inverse_mass=numbers(slots + crossed + 1),
         rest=numbers(3 * slots + crossed),
         multiplier=numbers(3 * slots + crossed),

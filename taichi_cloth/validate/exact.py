@@ -130,6 +130,10 @@ def spring_scheme(solver: str, omega: float, h: float, steps: int) -> Floats:
         step = np.eye(2) + z + z @ z / 2 + z @ z @ z / 6 + z @ z @ z @ z / 24
     elif solver == "spring":  # half a kick, a drift, half a kick
         step = np.array([[1 - w * w / 2, 1.0], [-w * w * (1 - w * w / 4), 1 - w * w / 2]])
+    elif solver == "lines":  # two stages that each solve with 1 − γz (Alexander 1977)
+        z, gamma = np.array([[0.0, 1.0], [-w * w, 0.0]]), 1 - sqrt(0.5)
+        one = np.linalg.inv(np.eye(2) - gamma * z)
+        step = (np.eye(2) + (1 - 2 * gamma) * z) @ one @ one
     else:  # backward Euler
         step = np.array([[1.0, 1.0], [-w * w, 1.0]]) / (1 + w * w)
     states = [np.array([1.0, 0.0])]

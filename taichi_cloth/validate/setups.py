@@ -14,7 +14,7 @@ from ..simulation import Simulation
 from ..solvers import SOLVERS
 from .exact import Floats
 
-EULER = ("verlet", "xpbd", "lines", "projective")  # their free particles move by symplectic Euler
+EULER = ("verlet", "xpbd", "projective")  # their free particles move by symplectic Euler
 ELASTIC = ("xpbd", "spring", "lines", "rk4", "projective")  # springs with a constant
 ALL = ("verlet", *ELASTIC)
 

@@ -17,8 +17,8 @@ from .row import Row, at_most
 from .setups import advance, base, usual
 
 SHIFTS = (10.0, 100.0, 1000.0)  # [m]
-ORDERS = {"spring": 2.0, "rk4": 4.0}  # of all others 1
-ORDER_SUBSTEPS = {"spring": (4, 8, 16), "rk4": (1, 2, 4)}
+ORDERS = {"spring": 2.0, "lines": 2.0, "rk4": 4.0}  # of all others 1
+ORDER_SUBSTEPS = {"spring": (4, 8, 16), "lines": (2, 4, 8), "rk4": (1, 2, 4)}
 SOON = 0.5  # [s] a fold has not amplified rounding yet
 
 

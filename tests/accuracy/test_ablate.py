@@ -45,7 +45,7 @@ def told(scene: Scene, frames: int) -> int:
 
 def test_the_horizon_ends_where_a_hair_has_grown() -> None:
     assert told(HANGING, 20) == 20
-    assert 1 <= told(load_scene("denim", rows=16, columns=16), 60) < 60
+    assert 1 <= told(load_scene("denim", rows=16, columns=16, fabric="silk"), 120) < 120
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,7 @@ LAWFUL = [row for row in measured() if row.substeps <= FINEST.get(row.solver, 0)
 
 @pytest.mark.parametrize("row", LAWFUL, ids=lambda row: f"{row.cells}-{row.setting}")
 def test_the_law_holds_where_it_is_used(row) -> None:
-    foretold = law(row.solver, row.cells, row.substeps, row.iterations, 9.81, 1.0)
+    foretold = law(row.cells, row.substeps, row.iterations, 9.81, 1.0)
     assert row.error / 1.6 < foretold < row.error * 1.6
 
 
@@ -43,6 +43,15 @@ def test_the_law_is_for_what_was_not_measured_and_ends_where_rounding_begins() -
     assert estimate(curtain, "verlet", 3, 12, 0.0) == 0.0
     assert estimate(curtain, "verlet", 1000, 12, 9.81) is None
     assert estimate(curtain, "projective", 7, 3, 9.81) is None
+
+
+def test_between_two_rows_of_lines_the_error_is_between_theirs() -> None:
+    rows = [row for row in rows_near(64) if row.solver == "lines"]
+    low, high = rows[1], rows[2]
+    found = estimate(square(64), "lines", (low.substeps + high.substeps) // 2, 1, 9.81)
+    assert found is not None
+    assert high.error < found < low.error
+    assert estimate(square(64), "lines", 1, 1, 9.81) is None
 
 
 def test_the_fastest_good_enough_is_taken() -> None:

@@ -18,10 +18,10 @@ EVERY = [
 ]
 pytestmark = pytest.mark.parametrize(("solver", "path"), EVERY)
 
-SECOND_ORDER = ("spring", "rk4")  # free fall is exact; the others' velocity is that of the substep's end
+SECOND_ORDER = ("spring", "rk4", "lines")  # free fall is exact; the others' velocity is that of the substep's end
 # Share of the width by which a sheet at rest may stir. Where nothing damps its springs, the rounding of positions
 # (2.4e-7 m at y = 3 m) shakes them a little.
-REST_NOISE = {"spring": 1e-4, "rk4": 1e-4}
+REST_NOISE = {"spring": 1e-4, "rk4": 1e-4, "lines": 1e-4}
 
 SHEET = Cloth(rows=8, columns=9, width=0.8, height=0.7, center=(0.0, 3.0, 0.0), pins=())
 
