@@ -1,6 +1,6 @@
 # Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test lint venv wheel screenshots bench validate peers clean
+.PHONY: help run test lint venv wheel screenshots bench validate errors peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -12,12 +12,16 @@ else
 BIN := .venv/bin
 endif
 
+# The shipped scenes, for documents.
+SCENES := curtain drape15 table denim net
+
 help:
 	@echo "make run    open the cloth (without a screen: render 240 frames to out/curtain)"
 	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
 	@echo "make lint   ruff and mypy"
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
 	@echo "make validate  how far every solver is from known answers; writes docs/validation.md and docs/scenes.md (10 minutes)"
+	@echo "make errors  time beside error: the table that --target-error reads, its pictures, docs/scene_errors.md (15 minutes)"
 	@echo "make peers  the same cloth in other programs, installed into environments of their own"
 	@echo "make screenshots   draw the pictures in screenshots/ anew"
 
@@ -40,7 +44,11 @@ bench: .venv/ready
 
 validate: .venv/ready
 	$(BIN)/taichi-cloth validate --markdown docs/validation.md --force
-	$(BIN)/taichi-cloth ablate curtain drape15 table denim net --markdown docs/scenes.md --force
+	$(BIN)/taichi-cloth ablate $(SCENES) --markdown docs/scenes.md --force
+
+errors: .venv/ready
+	$(BIN)/taichi-cloth bench --error --full --csv assets/error.csv --plot docs/pictures --force
+	$(BIN)/taichi-cloth bench --error $(addprefix --scene ,$(SCENES)) --markdown docs/scene_errors.md --force
 
 peers: .venv/ready
 	$(BIN)/python benchmarks/peers/run.py

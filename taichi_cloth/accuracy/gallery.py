@@ -19,12 +19,13 @@ from ..bench.cases import BUDGETS
 from ..bench.report import machine, markdown_table, wide_console
 from ..bench.worker import timed_frame
 from ..files import whole_file
-from ..scene.model import Scene
+from ..scene.model import Scene, Solver, keys_of
 from ..simulation import Simulation
 from .ablate import Floats, apart, horizon, motion, side_of
 
 FRAMES = 120
-TRUE, NEARLY = 8, 4  # times the substeps that `spring` needs
+FINEST = 8  # times the substeps that `spring` needs, as far as a scene may have so many
+MOST_SUBSTEPS = int(keys_of(Solver)["substeps"].high)
 # (substeps, iterations) beside the scene's own; (1, 1) for methods that take what they need.
 SETTINGS = {
     "verlet": ((5, 12), (20, 12)),
@@ -55,6 +56,7 @@ class SceneErrors:
 
     scene: str
     horizon: int  # [frames]
+    finer: int  # times the substeps that `spring` needs were taken for the truth
     doubt: float  # how far the truth is from one with half its substeps, root mean square, as a share of the side
     points: list[ScenePoint]
 
@@ -67,17 +69,18 @@ def settings(scene: Scene) -> list[tuple[str, int, int]]:
 
 
 def converged(scene: Scene) -> tuple[Floats, int, float]:
-    """Places after each frame up to the horizon, (frames, N, 3) [m], the horizon, and the doubt [m]."""
+    """Places after each frame up to the horizon, (frames, N, 3) [m], how much finer than needed, and the doubt [m]."""
     runs = []
     with Simulation(replace(scene, solver=replace(scene.solver, name="spring", substeps=1))) as simulation:
         needed = simulation.substeps
         plain, _ = motion(simulation, FRAMES)
         told = horizon(simulation, plain)
-        for times in (TRUE, NEARLY):
+        finer = max(2, min(FINEST, MOST_SUBSTEPS // needed))
+        for times in (finer, finer // 2):
             simulation.reset()
             simulation.set("substeps", times * needed)
             runs.append(motion(simulation, told)[0])
-    return runs[0], told, float(np.sqrt((apart(*runs) ** 2).mean()))
+    return runs[0], finer, float(np.sqrt((apart(*runs) ** 2).mean()))
 
 
 def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Floats) -> ScenePoint:
@@ -105,12 +108,12 @@ def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Floa
 def errors(scene: Scene) -> Iterator[str | SceneErrors]:
     """What is being done, step by step, and at last the result."""
     yield f"{scene.name}: the converged motion"
-    truth, told, doubt = converged(scene)
+    truth, finer, doubt = converged(scene)
     points = []
     for name, substeps, iterations in settings(scene):
         yield f"{scene.name}: {name} {substeps}×{iterations}"
         points.append(measure(scene, name, substeps, iterations, truth))
-    yield SceneErrors(scene.name, told, doubt / side_of(scene), points)
+    yield SceneErrors(scene.name, len(truth), finer, doubt / side_of(scene), points)
 
 
 # -- in print ------------------------------------------------------------------------------------------------------
@@ -130,8 +133,8 @@ def lines(found: SceneErrors) -> list[list[str]]:
 
 def heading(found: SceneErrors) -> str:
     return (
-        f"Up to frame {found.horizon}, of the longer side. The truth is `spring` with {TRUE} times the substeps it"
-        f" needs; with {NEARLY} times it is {found.doubt:.2%} away."
+        f"Up to frame {found.horizon}, of the longer side. The truth is `spring` with {found.finer} times the substeps"
+        f" it needs; with {found.finer // 2} times it is {found.doubt:.2%} away."
     )
 
 

@@ -26,6 +26,14 @@ def move_freely(
 
 
 @ti.func
+def predict_here(cloth: ti.template(), stages: ti.template()):
+    """What moves particles from here on, velocities take up later."""
+    if ti.static(stages.constrained):
+        for i in range(cloth.slot_count[None]):
+            cloth.predicted[i] = cloth.x[i]
+
+
+@ti.func
 def take_up_corrections(cloth: ti.template(), stages: ti.template(), h: float):
     """Adds what constraints and contact moved since it was predicted: v = (x − x_prev)/h, without its rounding."""
     if ti.static(stages.constrained):

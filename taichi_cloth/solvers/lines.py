@@ -31,6 +31,7 @@ from ..kernels.chains import begin_frame, forget_chains, solve_chains
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
+from ..kernels.motion import predict_here, take_up_corrections
 from ..kernels.places import choose
 from ..kernels.springs import RELAX_AND_PUSH, add_bending, for_springs_from, limit_strain
 from ..kernels.tethers import pull_tethers
@@ -92,15 +93,14 @@ def accelerate(cloth: ti.template(), controls: ti.template(), h: float):
 
 
 @ti.func
-def finish(cloth: ti.template(), first: bool, kept: float, h: float, ahead: float):
-    """Velocities take up what contact and limits moved. Then the jump (2), or after a second stage v ← kept·v."""
+def finish(cloth: ti.template(), first: bool, kept: float, ahead: float):
+    """The jump (2), or after a second stage v ← kept·v."""
     for i in range(cloth.slot_count[None]):
-        free = cloth.inverse_mass[i] > 0.0
-        change = (cloth.x[i] - cloth.predicted[i]) / h
-        velocity = cloth.velocity[i] + choose(free, change, change * 0.0)
+        velocity = cloth.velocity[i]
         if first:
             start = cloth.start.velocity[i]
-            cloth.x[i] = choose(free, cloth.x_prev[i] + velocity * ahead, cloth.x[i])
+            there = cloth.x_prev[i] + velocity * ahead
+            cloth.x[i] = choose(cloth.inverse_mass[i] > 0.0, there, cloth.x[i])
             cloth.velocity[i] = start + (velocity - start) * ti.static((1 - GAMMA) / GAMMA)
         else:
             cloth.velocity[i] = velocity * kept
@@ -131,20 +131,14 @@ def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 
 
 @ti.func
-def mark(cloth: ti.template()):
-    """What moves particles from here on, velocities take up at the end."""
-    for i in range(cloth.slot_count[None]):
-        cloth.predicted[i] = cloth.x[i]
-
-
-@ti.func
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     h = now.h * LENGTH
-    mark(cloth)
+    predict_here(cloth, stages)
     pull_tethers(cloth, stages, now)
     push_out(cloth, stages, ti.static(now._replace(s=end_of(now) - 1.0, lasts=LENGTH)))
     limit_strain(cloth, stages, now.controls, h)
-    finish(cloth, is_first(now), now.controls[KEPT], h, now.h * JUMP)
+    take_up_corrections(cloth, stages, h)
+    finish(cloth, is_first(now), now.controls[KEPT], now.h * JUMP)
 
 
 class Lines(Solver):
@@ -155,6 +149,7 @@ class Lines(Solver):
     before = staticmethod(before)
     sweep = staticmethod(sweep)
     after = staticmethod(after)
+    constrains = False  # springs push velocities themselves
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str

@@ -26,9 +26,9 @@ def test_every_solver_is_measured_and_the_scenes_own_setting_comes_first() -> No
 
 
 def test_nearer_methods_have_smaller_errors() -> None:
-    truth, told, doubt = gallery.converged(HANGING)
-    assert truth.shape == (told, 81, 3)
-    assert told == gallery.FRAMES
+    truth, finer, doubt = gallery.converged(HANGING)
+    assert truth.shape == (gallery.FRAMES, 81, 3)
+    assert finer == gallery.FINEST
     assert doubt < 1e-4
     rms = [gallery.measure(HANGING, *s, truth).rms_error for s in (("xpbd", 5, 12), ("xpbd", 20, 12), ("spring", 1, 1))]
     assert rms[0] > 2 * rms[1] > 20 * rms[2] > 0
