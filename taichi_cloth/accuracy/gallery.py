@@ -25,7 +25,7 @@ from .ablate import Floats, apart, horizon, motion, side_of
 
 FRAMES = 120
 FINEST = 8  # times the substeps that `spring` needs, as far as a scene may have so many
-MOST_SUBSTEPS = int(keys_of(Solver)["substeps"].high)
+MOST_SUBSTEPS = int(keys_of(Solver)["substeps"].high or 0)
 # (substeps, iterations) beside the scene's own; (1, 1) for methods that take what they need.
 SETTINGS = {
     "verlet": ((5, 12), (20, 12)),
