@@ -19,7 +19,7 @@ by two a substep, and `now.h` is half of one.
 """
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import ceil, sqrt
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ from ..kernels.springs import RELAX_AND_PUSH, add_bending, for_springs_from, lim
 from ..kernels.tethers import pull_tethers
 from ..mesh.grid import MOST_BENDS
 from ..mesh.topology import Topology
+from ..scene.model import FRAME_SECONDS
 from ..state import ClothState
 from ..state.chains import list_chains, strip_chains
 from ..state.fields import like_places
@@ -46,6 +47,11 @@ from .base import FrameInput, Solver, Stages
 GAMMA = 1 - sqrt(0.5)
 LENGTH = 2 * GAMMA  # of a backward Euler step, in stages
 JUMP = 2 * (1 - GAMMA)
+
+GRAVITY = 9.81  # [m/s²]
+# Chains are linearised where they are, and what tension does across them is not part of that: a substep may not be
+# longer than a wave along a hanging thread, √(g·L), takes for so many cells. (Swinging curtain: 1.33 stable, 1.67 not.)
+COURANT = 1.4
 
 
 @dataclass(eq=False)
@@ -160,6 +166,13 @@ class Lines(Solver):
             strip_chains(self.work, topology, stiffness)
         else:
             list_chains(self.work, topology)
+
+        threads = topology.rest[topology.family("structural")]
+        side = float(np.ptp(topology.start, axis=0).max())
+        self.crossing = sqrt(GRAVITY * side) / float(threads.min()) if len(threads) else 0.0  # [cells/s]
+
+    def least_substeps(self, damping_time: float) -> int:
+        return max(super().least_substeps(damping_time), ceil(FRAME_SECONDS * self.crossing / COURANT))
 
     def advance_frame(self, frame: FrameInput) -> None:
         controls = frame.controls.copy()

@@ -171,3 +171,18 @@ def test_it_is_several_times_nearer_to_the_truth_than_xpbd_at_the_same_cost() ->
     tethered = error(sheet_let_go("lines", 5, Tethers()))
     assert lines < xpbd / 2.5
     assert tethered < xpbd / 8
+
+
+@pytest.mark.parametrize("cells", [64, 128])
+def test_a_fine_curtain_takes_the_substeps_that_waves_across_its_threads_ask_for(cells: int) -> None:
+    """With one fewer it would tear itself apart within a second."""
+    scene = Scene(
+        cloth=Cloth(rows=cells + 1, columns=9, width=8 / cells, height=1.0, pins=("top",), rotation=(-45.0, 0.0, 0.0)),
+        fabric=Fabric(1000.0, 1000.0, 0.0, 0.0),
+        solver=Solver(name="lines", substeps=1, iterations=1, damping=0.0),
+    )
+    with Simulation(scene) as simulation:
+        assert "would be unstable with lines" in simulation.advice
+        for _ in range(60):
+            simulation.advance_frame()
+        assert simulation.measure().max_strain < 0.02
