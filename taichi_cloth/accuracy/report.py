@@ -105,7 +105,7 @@ def plot(folder: Path, points: Sequence[Point]) -> list[Path]:
             axes.text(1000 / rate, 0.98, f" {rate}/s", transform=axes.get_xaxis_transform(), va="top", fontsize=8)
         axes.set(xscale="log", yscale="log", xlabel="milliseconds a frame", ylabel="largest error, of the side")
         axes.set_title(f"Swinging curtain, {cells} × {cells} cells, one second")
-        axes.legend(loc="center right")
+        axes.legend()
         figure.tight_layout()
         path = folder / f"error_{cells}.png"
         with whole_file(path) as file:
