@@ -6,11 +6,17 @@ long modules about every solver are cut by solver.
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 
 import pytest
 
 from taichi_cloth import runtime
+
+
+def pytest_configure() -> None:
+    # A suite that a shell starts in the background ignores Ctrl-C, and so would every program it starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

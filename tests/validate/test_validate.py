@@ -23,7 +23,7 @@ QUICK = [
     ("A2.3", "spring"),
     ("A3.2", "verlet"),
     ("A3.3", "spring"),
-    ("A3.4", "projective"),
+    ("A3.4", "spring"),
     ("A4.1", "xpbd"),
     ("A4.4", "lines"),
 ]
