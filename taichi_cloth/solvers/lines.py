@@ -14,8 +14,10 @@ jump between them.
     (2)  x* = x + (1 − γ)h·v₁   v* = v + (1 − γ)h·a₁ = v + (v₁ − v)·(1 − γ)/γ
     (3)  x₂ = x* + γh·v₂        v₂ = v* + γh·a₂
 
-Forces of air and of bending are those of the place that is reached without them. A frame counts stages: `now.s` goes up
-by two a substep, and `now.h` is half of one.
+Forces of air and of bending are those of the place that is reached without them. What contact, tethers and the strain
+limit take from a velocity is a stroke c and no acceleration: a jump adds it once, or it would throw back what a collider
+has stopped, v* = v + c + (v₁ − c − v)·(1 − γ)/γ, and where it leads into a collider the place alone is put right. A frame
+counts stages: `now.s` goes up by two a substep, and `now.h` is half of one.
 """
 
 from dataclasses import dataclass, replace
@@ -46,7 +48,7 @@ from .base import FrameInput, Solver, Stages
 
 GAMMA = 1 - sqrt(0.5)
 LENGTH = 2 * GAMMA  # of a backward Euler step, in stages
-JUMP = 2 * (1 - GAMMA)
+JUMP = 2 * (1 - 2 * GAMMA)  # from the end of the first one, in stages: (1 − γ)h from its beginning
 
 GRAVITY = 9.81  # [m/s²]
 # Chains are linearised where they are, and what tension does across them is not part of that: a substep may not be
@@ -99,17 +101,21 @@ def accelerate(cloth: ti.template(), controls: ti.template(), h: float):
 
 
 @ti.func
-def finish(cloth: ti.template(), first: bool, kept: float, ahead: float):
+def finish(cloth: ti.template(), stages: ti.template(), first: bool, kept: float, h: float, ahead: float):
     """The jump (2), or after a second stage v ← kept·v."""
     for i in range(cloth.slot_count[None]):
-        velocity = cloth.velocity[i]
+        x, velocity = cloth.x[i], cloth.velocity[i]
         if first:
-            start = cloth.start.velocity[i]
-            there = cloth.x_prev[i] + velocity * ahead
-            cloth.x[i] = choose(cloth.inverse_mass[i] > 0.0, there, cloth.x[i])
-            cloth.velocity[i] = start + (velocity - start) * ti.static((1 - GAMMA) / GAMMA)
+            start, stroke = cloth.start.velocity[i], velocity * 0.0
+            if ti.static(stages.constrained):
+                stroke = (x - cloth.predicted[i]) / h
+            x = choose(cloth.inverse_mass[i] > 0.0, x + velocity * ahead, x)
+            velocity = start + stroke + (velocity - stroke - start) * ti.static((1 - GAMMA) / GAMMA)
         else:
-            cloth.velocity[i] = velocity * kept
+            velocity = velocity * kept
+        cloth.x[i] = x
+        cloth.x_prev[i] = x
+        cloth.velocity[i] = velocity
 
 
 @ti.func
@@ -121,7 +127,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
         kept = now.controls[KEPT]
     coast(cloth, kept, h)
     lead_held(cloth, stages, now, end_of(now))
-    add_air(cloth, stages, now, end_of(now))
+    add_air(cloth, stages, ti.static(now._replace(h=2.0 * now.h)), 0.5 * end_of(now))
     add_bending(cloth, stages, now.controls, h)
     accelerate(cloth, now.controls, h)
     forget_chains(cloth)
@@ -144,7 +150,9 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     push_out(cloth, stages, ti.static(now._replace(s=end_of(now) - 1.0, lasts=LENGTH)))
     limit_strain(cloth, stages, now.controls, h)
     take_up_corrections(cloth, stages, h)
-    finish(cloth, is_first(now), now.controls[KEPT], now.h * JUMP)
+    finish(cloth, stages, is_first(now), now.controls[KEPT], h, now.h * JUMP)
+    pull_tethers(cloth, stages, now)
+    push_out(cloth, stages, ti.static(now._replace(lasts=0.0)))
 
 
 class Lines(Solver):

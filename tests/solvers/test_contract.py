@@ -87,6 +87,18 @@ def test_free_fall_follows_its_discrete_closed_form(solver: str, path: str) -> N
         assert np.ptp(simulation.velocities()[:, 1]) < (0.02 if solver in REST_NOISE else 1e-3)
 
 
+def test_a_dropped_sheet_does_not_bounce(solver: str, path: str) -> None:
+    """Contact stops what moves into it; nothing throws back more than springs had stored."""
+    flat = replace(SHEET, center=(0.0, 0.6, 0.0), rotation=(-90.0, 0.0, 0.0))
+    with Simulation(scene(solver, flat, ground=Ground(height=0.0, friction=0.3)), path) as simulation:
+        run(simulation, 40)  # it takes 20 to fall
+        lying = simulation.positions()[:, 1].max()
+        for _ in range(30):
+            simulation.advance_frame()
+            assert simulation.positions()[:, 1].max() < lying + 1e-3
+        assert lying < 0.05
+
+
 def test_damping_takes_its_share_of_velocity_every_second(solver: str, path: str) -> None:
     with Simulation(scene(solver, damping=2.0, forces=Forces(gravity=0.0)), path) as simulation:
         simulation.set("gravity", 10.0)
