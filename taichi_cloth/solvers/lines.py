@@ -15,9 +15,10 @@ jump between them.
     (3)  x₂ = x* + γh·v₂        v₂ = v* + γh·a₂
 
 Forces of air and of bending are those of the place that is reached without them. What contact, tethers and the strain
-limit take from a velocity is a stroke c and no acceleration: a jump adds it once, or it would throw back what a collider
-has stopped, v* = v + c + (v₁ − c − v)·(1 − γ)/γ, and where it leads into a collider the place alone is put right. A frame
-counts stages: `now.s` goes up by two a substep, and `now.h` is half of one.
+limit take from a velocity is a stroke c and no acceleration: a jump adds it once, or it would throw back what a
+collider has stopped, v* = v + c + (v₁ − c − v)·(1 − γ)/γ, and where it leads into a collider the place alone is
+put right.
+A frame counts stages: `now.s` goes up by two a substep, and `now.h` is half of one.
 """
 
 from dataclasses import dataclass, replace
