@@ -9,10 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
-from ..bench.report import machine, markdown_table, wide_console
+from ..bench.report import machine, markdown_table, printed_table, wide_console
 from ..bench.worker import frames as time_frames
 from ..files import whole_file
 from ..measure.cloth import energies
@@ -153,14 +151,8 @@ def heading(found: Ablations) -> str:
 def print_tables(all_found: Sequence[Ablations]) -> None:
     console = wide_console()
     for found in all_found:
-        head, *body = table(found)
-        lines = Table(*head, box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False, title_justify="left")
-        for column in lines.columns[1:]:
-            column.justify = "right"
-        for line in body:
-            lines.add_row(*line)
         console.print(f"{found.scene}: {heading(found)}", soft_wrap=True)
-        console.print(lines)
+        console.print(printed_table(table(found)))
 
 
 def write_markdown(path: Path, all_found: Sequence[Ablations]) -> None:

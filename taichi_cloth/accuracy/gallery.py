@@ -12,11 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich import box
-from rich.table import Table
 
 from ..bench.cases import BUDGETS
-from ..bench.report import machine, markdown_table, wide_console
+from ..bench.report import machine, markdown_table, printed_table, wide_console
 from ..bench.worker import timed_frame
 from ..files import whole_file
 from ..scene.model import Scene, Solver, keys_of
@@ -141,14 +139,8 @@ def heading(found: SceneErrors) -> str:
 def print_report(all_found: Sequence[SceneErrors]) -> None:
     console = wide_console()
     for found in all_found:
-        head, *body = lines(found)
-        table = Table(*head, box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False)
-        for column in table.columns[1:]:
-            column.justify = "right"
-        for line in body:
-            table.add_row(*line)
         console.print(f"{found.scene}: {heading(found)}", soft_wrap=True)
-        console.print(table)
+        console.print(printed_table(lines(found)))
     if any("verlet" in point.setting for found in all_found for point in found.points):
         console.print("verlet has shares of 0…1 for constants: it is wrong by its model too", soft_wrap=True)
     console.print(" · ".join(machine().values()), soft_wrap=True)

@@ -154,6 +154,17 @@ def print_report(rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[
     console.print(" · ".join(machine().values()), soft_wrap=True)
 
 
+def printed_table(lines: Sequence[Sequence[str]]) -> Table:
+    """Lines of text as a table for a terminal, the first as its heading: numbers to the right, behind a name."""
+    head, *body = lines
+    table = Table(*head, box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for line in body:
+        table.add_row(*line)
+    return table
+
+
 def markdown_table(lines: Sequence[Sequence[str]]) -> list[str]:
     """Lines of Markdown; the first is the heading."""
     head, *body = (f"| {' | '.join(line)} |" for line in lines)
