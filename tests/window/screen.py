@@ -17,8 +17,10 @@ class Screen:
     def __init__(self, folder: Path) -> None:
         read, write = os.pipe()
         self._file = folder / "Xvfb_screen0"
+        # Without -noreset the server starts anew whenever its last client leaves, and refuses the next one meanwhile.
+        options = ["-noreset", "-nolisten", "tcp", "-screen", "0", "1400x900x24"]
         self.server = subprocess.Popen(
-            ["Xvfb", "-displayfd", str(write), "-fbdir", folder, "-screen", "0", "1400x900x24", "-nolisten", "tcp"],
+            ["Xvfb", "-displayfd", str(write), "-fbdir", folder, *options],
             pass_fds=[write],
             stderr=subprocess.DEVNULL,
         )
