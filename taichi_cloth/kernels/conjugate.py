@@ -15,7 +15,7 @@ from .strips import Share
 
 TOLERANCE = 1e-4
 MOST_PRODUCTS = 304  # of the matrix and a direction
-LEAST_SQUARES = 1e-36  # sum of squares below which they would leave float32
+LEAST_SQUARES = 1e-30  # sum of squares below which a product with a mass would leave float32
 PARTIAL_SUMS = 256  # of a sum over all particles by many threads, always the same ones: equal bits every time
 
 

@@ -47,4 +47,4 @@ class Substep(NamedTuple):
     spheres: Any  # a row for each collider
     boxes: Any
     ground: Any
-    lasts: Any = 1.0  # for contact: how many of them it stands for, in a method of several stages
+    lasts: Any = 1.0  # how many of them contact and tethers act for, in a method of several stages

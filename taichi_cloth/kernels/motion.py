@@ -1,4 +1,4 @@
-"""Motion of particles whose velocity is a field of its own."""
+"""How particles move: on by themselves, and when something moves them."""
 
 import taichi as ti
 
@@ -10,33 +10,31 @@ from .places import choose
 def move_freely(
     cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float, kept: float, ahead: float
 ):
-    """v ← kept·v + h·a; a pin stays at rest. Then x ← x + ahead·v.
-
-    Remembers where the particle was, and where it would be without constraints, if there are any.
-    """
+    """v ← kept·v + h·a; a pin stays at rest. Then x ← x + ahead·v. Remembers where the particle was, if it must."""
     for i in range(cloth.slot_count[None]):
         x, velocity = cloth.x[i], cloth.velocity[i] * kept + take_acceleration(cloth, i, controls) * h
         velocity = choose(cloth.inverse_mass[i] > 0.0, velocity, velocity * 0.0)
-        there = x + velocity * ahead
         cloth.velocity[i] = velocity
-        cloth.x[i] = there
+        cloth.x[i] = x + velocity * ahead
         if ti.static(stages.constrained):
             cloth.x_prev[i] = x
-            cloth.predicted[i] = there
 
 
 @ti.func
-def predict_here(cloth: ti.template(), stages: ti.template()):
-    """What moves particles from here on, velocities take up later."""
-    if ti.static(stages.constrained):
-        for i in range(cloth.slot_count[None]):
-            cloth.predicted[i] = cloth.x[i]
+def displace(cloth: ti.template(), stages: ti.template(), i: int, move, h):
+    """Moves a particle within a step of h seconds: x ← x + move, v ← v + move/h.
+
+    The sum of it all is the v = (x − x_prev)/h of position-based dynamics, without the rounding of every x over h.
+    """
+    cloth.x[i] = cloth.x[i] + move
+    if ti.static(stages.own_velocity):
+        cloth.velocity[i] = cloth.velocity[i] + move / h
 
 
 @ti.func
-def take_up_corrections(cloth: ti.template(), stages: ti.template(), h: float):
-    """Adds what constraints and contact moved since it was predicted: v = (x − x_prev)/h, without its rounding."""
-    if ti.static(stages.constrained):
-        for i in range(cloth.slot_count[None]):
-            change = (cloth.x[i] - cloth.predicted[i]) / h
-            cloth.velocity[i] = cloth.velocity[i] + choose(cloth.inverse_mass[i] > 0.0, change, change * 0.0)
+def put_right(cloth: ti.template(), stages: ti.template(), now: ti.template(), i: int, move):
+    """Moves a particle that is where it cannot be. Where that stands for no time, its velocity stays."""
+    if ti.static(now.lasts > 0):
+        displace(cloth, stages, i, move, now.h * now.lasts)
+    else:
+        cloth.x[i] = cloth.x[i] + move

@@ -12,15 +12,16 @@ import taichi as ti
 from ..mesh.grid import MOST_BATCHES
 from .controls import DAMPING_TIME, MOST_STRAIN, STIFFNESS
 from .maths import TINY, dashpot_pull, project_compliant, project_distance, spring_pull
+from .motion import displace
 from .places import dot, length, times
 from .strips import Share, Treatment, for_strip_springs, sum_strip_springs
 
 
 @ti.func
-def add_to_both(field: ti.template(), a: int, b: int, to_a, to_b):
-    """Plain sums: `+=` on a field would be atomic, and no two springs of a batch share a particle."""
-    field[a] = field[a] + to_a
-    field[b] = field[b] + to_b
+def bring_together(cloth: ti.template(), stages: ti.template(), a: int, b: int, shift, h):
+    """Moves a by its inverse mass times `shift` [kg·m], and b the other way."""
+    displace(cloth, stages, a, times(shift, cloth.inverse_mass[a]), h)
+    displace(cloth, stages, b, times(shift, -cloth.inverse_mass[b]), h)
 
 
 @ti.func
@@ -29,28 +30,12 @@ def relax(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, contr
     w_a, w_b = cloth.inverse_mass[a], cloth.inverse_mass[b]
     gap = cloth.x[b] - cloth.x[a]
     shift = project_distance(gap, w_a + w_b, cloth.rest[e], stiffness * controls[STIFFNESS])
-    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b))
+    bring_together(cloth, stages, a, b, shift, h)
 
 
 @ti.func
 def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """The same for a spring of `stiffness` [N/m], with the multiplier it has gathered in this substep."""
-    shift = shift_of_compliant(cloth, stages, a, b, e, stiffness, controls, h)
-    add_to_both(cloth.x, a, b, times(shift, cloth.inverse_mass[a]), times(shift, -cloth.inverse_mass[b]))
-
-
-@ti.func
-def relax_and_push(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
-    """The same, and velocities take it up at once."""
-    shift = shift_of_compliant(cloth, stages, a, b, e, stiffness, controls, h)
-    to_a, to_b = times(shift, cloth.inverse_mass[a]), times(shift, -cloth.inverse_mass[b])
-    add_to_both(cloth.x, a, b, to_a, to_b)
-    add_to_both(cloth.velocity, a, b, to_a / h, to_b / h)
-
-
-@ti.func
-def shift_of_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
-    """How far a compliant spring would move a particle of 1 kg at a, and b the other way [kg·m]."""
     w_a, w_b = cloth.inverse_mass[a], cloth.inverse_mass[b]
     gap = cloth.x[b] - cloth.x[a]
     gamma = 0.0
@@ -69,7 +54,7 @@ def shift_of_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, sti
         grown,
     )
     cloth.multiplier[e] = cloth.multiplier[e] + change
-    return shift
+    bring_together(cloth, stages, a, b, shift, h)
 
 
 @ti.func
@@ -100,12 +85,11 @@ def limit(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, contr
     gap = cloth.x[b] - cloth.x[a]
     most = cloth.rest[e] * (1.0 + controls[MOST_STRAIN])
     shift = project_distance(gap, w_a + w_b, ti.min(most, length(gap)), ti.select(stiffness > 0.0, 1.0, 0.0))
-    add_to_both(cloth.x, a, b, times(shift, w_a), times(shift, -w_b))
+    bring_together(cloth, stages, a, b, shift, h)
 
 
 RELAX = Treatment(relax)
 RELAX_COMPLIANT = Treatment(relax_compliant, damped=("x_prev",))
-RELAX_AND_PUSH = Treatment(relax_and_push, changes=("x", "velocity"), damped=("x_prev",))
 LIMIT = Treatment(limit)
 PULL = Share(pull, reads=("x",), into="force", damped=("velocity",))
 BEND = Share(bend, reads=("x",), into="force")
@@ -153,7 +137,8 @@ def sum_links(
         for e in range(links.spring_count[None]):
             a, b = links.ends[e]
             given = share.of(cloth, stages, a, b, e, links.stiffness[e], controls, h)
-            add_to_both(sums, a, b, given, -given)
+            sums[a] = sums[a] + given  # a plain sum: `+=` on a field would be atomic
+            sums[b] = sums[b] - given
 
 
 @ti.func

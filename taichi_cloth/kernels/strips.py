@@ -30,15 +30,18 @@ from .places import from_previous, next_lane, put_back, spread
 
 
 class Treatment(NamedTuple):
-    """What is done to a spring that moves its ends, and by name the fields it changes and reads there."""
+    """What is done to a spring that moves its ends."""
 
     apply: Any
-    changes: tuple[str, ...] = ("x",)
-    damped: tuple[str, ...] = ()  # read too where springs have dashpots
+    damped: tuple[str, ...] = ()  # fields that are read where springs have dashpots
+
+    def changes(self, stages: Any) -> tuple[str, ...]:
+        """Names of the fields that it changes at the ends."""
+        return ("x", "velocity") if stages.own_velocity else ("x",)
 
     def fields(self, stages: Any) -> tuple[str, ...]:
-        """All fields in use."""
-        return (*self.changes, "inverse_mass", *(self.damped if stages.spring_damping else ()))
+        """Names of all fields that it uses there."""
+        return (*self.changes(stages), "inverse_mass", *(self.damped if stages.spring_damping else ()))
 
 
 class Share(NamedTuple):
@@ -116,7 +119,7 @@ def for_strip_springs(
                     treat.apply(cloth, stages, a + i, spare + y, e + i, cloth.stiffness[k + i], controls, h)
             for y in range(rows - p[DOWN]):
                 if in_pass(p, y):
-                    for name in ti.static(treat.changes):
+                    for name in ti.static(treat.changes(stages)):
                         field = ti.static(getattr(cloth, name))
                         field[beyond + y * pitch] = put_back(field[beyond + y * pitch], field[spare + y])
 

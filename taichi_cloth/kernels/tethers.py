@@ -4,6 +4,7 @@ import taichi as ti
 
 from .controls import TETHER_SLACK
 from .maths import TINY
+from .motion import put_right
 from .places import LANES, length, times
 
 
@@ -44,9 +45,9 @@ def pull_tethers(cloth: ti.template(), stages: ti.template(), now: ti.template()
                 look_up_pins(cloth, cloth.ties)
         for i in range(cloth.slot_count[None]):
             free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
-            x = cloth.x[i]
+            x, move = cloth.x[i], cloth.x[i] * 0.0
             for t in range(cloth.ties.count[None]):
                 n = t * cloth.slot_count[None] + i
-                gap = x - pin_of(cloth, n)
-                x += times(tether_shift(gap, cloth.ties.reach[n] * now.controls[TETHER_SLACK]), free)
-            cloth.x[i] = x
+                gap = x + move - pin_of(cloth, n)
+                move += times(tether_shift(gap, cloth.ties.reach[n] * now.controls[TETHER_SLACK]), free)
+            put_right(cloth, stages, now, i, move)

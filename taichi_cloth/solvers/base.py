@@ -39,7 +39,7 @@ class Stages:
     tethers: bool = False
     bending: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
-    constrained: bool = True  # velocities take up what moved particles
+    constrained: bool = True  # something needs to know where a particle was a substep ago
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Solver:
     paths: ClassVar[tuple[str, ...]] = ("lanes", "list", "gather")  # the first that fits a grid is taken
     own_velocity: ClassVar[bool] = True
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes
-    constrains: ClassVar[bool] = True  # springs move particles, and velocities are found from places
+    constrains: ClassVar[bool] = True  # springs need to know where a particle was a substep ago
     iterates: ClassVar[bool] = True  # `iterations` means something
     closing: ClassVar[bool] = False  # a frame ends with one more `before`
 

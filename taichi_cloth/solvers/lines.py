@@ -34,9 +34,8 @@ from ..kernels.chains import begin_frame, forget_chains, solve_chains
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
-from ..kernels.motion import predict_here, take_up_corrections
 from ..kernels.places import choose
-from ..kernels.springs import RELAX_AND_PUSH, add_bending, for_springs_from, limit_strain
+from ..kernels.springs import RELAX_COMPLIANT, add_bending, for_springs_from, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..mesh.grid import MOST_BENDS
 from ..mesh.topology import Topology
@@ -61,7 +60,7 @@ COURANT = 1.4
 class Start:
     """What a stage remembers besides where it began, `x_prev`, in the layout that is worked on."""
 
-    velocity: Any  # [m/s]
+    velocity: Any  # [m/s]; from the first solution on, what the jump adds to it
 
 
 @ti.func
@@ -102,16 +101,21 @@ def accelerate(cloth: ti.template(), controls: ti.template(), h: float):
 
 
 @ti.func
-def finish(cloth: ti.template(), stages: ti.template(), first: bool, kept: float, h: float, ahead: float):
+def prepare_jump(cloth: ti.template()):
+    """What (2) adds to a velocity, before contact takes from it."""
+    for i in range(cloth.slot_count[None]):
+        gained = cloth.velocity[i] - cloth.start.velocity[i]
+        cloth.start.velocity[i] = gained * ti.static((1 - GAMMA) / GAMMA - 1)
+
+
+@ti.func
+def finish(cloth: ti.template(), first: bool, kept: float, ahead: float):
     """The jump (2), or after a second stage v ← kept·v."""
     for i in range(cloth.slot_count[None]):
         x, velocity = cloth.x[i], cloth.velocity[i]
         if first:
-            start, stroke = cloth.start.velocity[i], velocity * 0.0
-            if ti.static(stages.constrained):
-                stroke = (x - cloth.predicted[i]) / h
             x = choose(cloth.inverse_mass[i] > 0.0, x + velocity * ahead, x)
-            velocity = start + stroke + (velocity - stroke - start) * ti.static((1 - GAMMA) / GAMMA)
+            velocity = velocity + cloth.start.velocity[i]
         else:
             velocity = velocity * kept
         cloth.x[i] = x
@@ -136,23 +140,20 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 
 @ti.func
 def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Velocities take up at once what springs move: found from places they would keep each rounding of one, over h."""
     h = now.h * LENGTH
     solve_chains(cloth, stages, now.controls, h)
     first = cloth.chains.first_bend[None]
-    for_springs_from(cloth, stages, first, MOST_BENDS, RELAX_AND_PUSH, now.controls, h)
+    for_springs_from(cloth, stages, first, MOST_BENDS, RELAX_COMPLIANT, now.controls, h)
 
 
 @ti.func
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    h = now.h * LENGTH
-    predict_here(cloth, stages)
-    pull_tethers(cloth, stages, now)
+    prepare_jump(cloth)
+    pull_tethers(cloth, stages, ti.static(now._replace(lasts=LENGTH)))
     push_out(cloth, stages, ti.static(now._replace(s=end_of(now) - 1.0, lasts=LENGTH)))
-    limit_strain(cloth, stages, now.controls, h)
-    take_up_corrections(cloth, stages, h)
-    finish(cloth, stages, is_first(now), now.controls[KEPT], h, now.h * JUMP)
-    pull_tethers(cloth, stages, now)
+    limit_strain(cloth, stages, now.controls, now.h * LENGTH)
+    finish(cloth, is_first(now), now.controls[KEPT], now.h * JUMP)
+    pull_tethers(cloth, stages, ti.static(now._replace(lasts=0.0)))
     push_out(cloth, stages, ti.static(now._replace(lasts=0.0)))
 
 

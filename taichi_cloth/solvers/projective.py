@@ -4,9 +4,9 @@ Liu, Bargteil, O'Brien and Kavan 2013, *Fast simulation of mass-spring systems*:
 without springs, the substep ends where ½(x − y)ᵀM(x − y) + h²·E(x) is least. Given the direction d_ij, as long as at
 rest, that each spring would have (local step), that is linear: (M + h²L)·x = M·y + h²·J·d (eq. 14, global step).
 Here the equation is solved for the way δ still to go. Its right side is then what is missing to equilibrium, with
-the plain forces f of the springs, and loses nothing to float32:
+the plain forces f of the springs and the ways that were gone, and loses nothing to float32:
 
-    (M + h²L)·δ = M·(y − x) + h²·f(x),    x ← x + δ
+    (M + h²L)·δ = h²·f(x) − M·Σδ,    x ← x + δ
 
 The matrix is constant: path `list` factorises it once and then only substitutes, as the paper does. The others never
 form it: they solve by conjugate gradients, with one sweep over the springs for every product. In strips that takes a
@@ -27,12 +27,14 @@ from ..kernels.controls import KEPT, STIFFNESS, row, table
 from ..kernels.forces import add_air, take_force
 from ..kernels.grab import lead_held
 from ..kernels.maths import TINY
-from ..kernels.motion import move_freely, take_up_corrections
+from ..kernels.motion import displace, move_freely
 from ..kernels.places import choose, times
 from ..kernels.springs import add_spring_forces, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..mesh.topology import Topology
 from ..state import ClothState
+from ..state.fields import like_places
+from ..state.pool import attached
 from ..state.search import search_of
 from .base import FrameInput, Solver, Stages, run_serially
 
@@ -48,23 +50,30 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     add_air(cloth, stages, now, now.s)
     move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
+    for i in range(cloth.slot_count[None]):
+        cloth.gone[i] = cloth.x[i] * 0.0
 
 
 @ti.func
 def missing(cloth: ti.template(), i: int, h: float):
-    """Right side of the equation [kg·m]: M·(y − x) + h²·f, and 0 for a particle that is not free. Takes the force."""
+    """Right side of the equation [kg·m], and 0 for a particle that is not free. Takes the force."""
     mass = 1.0 / ti.max(cloth.inverse_mass[i], TINY)
-    both = times(cloth.predicted[i] - cloth.x[i], mass) + take_force(cloth, i) * (h * h)
+    both = take_force(cloth, i) * (h * h) - times(cloth.gone[i], mass)
     return choose(cloth.inverse_mass[i] > 0.0, both, both * 0.0)
 
 
 @ti.func
+def go(cloth: ti.template(), stages: ti.template(), i: int, way, h: float):
+    displace(cloth, stages, i, way, h)
+    cloth.gone[i] = cloth.gone[i] + way
+
+
+@ti.func
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Contact and the strain limit, and the velocity that goes with the new places."""
+    """Tethers, contact and the strain limit."""
     pull_tethers(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, stages, now.h)
 
 
 # -- by conjugate gradients ----------------------------------------------------------------------------------------
@@ -80,7 +89,7 @@ def write_residual(cloth: ti.template(), stages: ti.template(), now: ti.template
 @ti.func
 def go_the_way(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     for i in range(cloth.slot_count[None]):
-        cloth.x[i] = cloth.x[i] + cloth.search.way[i]
+        go(cloth, stages, i, cloth.search.way[i], now.h)
 
 
 @ti.func
@@ -121,7 +130,7 @@ def run_round(cloth: ti.template(), stages: ti.template(), more: int, h: float, 
     for _ in range(1):
         for i in range(cloth.slot_count[None]):
             if cloth.inverse_mass[i] > 0.0:
-                cloth.x[i] = cloth.x[i] + ti.math.vec3(both[0, i], both[1, i], both[2, i])
+                go(cloth, stages, i, ti.math.vec3(both[0, i], both[1, i], both[2, i]), h)
         if more:
             write_missing(cloth, stages, controls, h, both)
 
@@ -197,6 +206,7 @@ class Projective(Solver):
         self._stiffness = stiffness
         self._factor: Factor | None = None
         self._factor_of = 0.0  # [s²] h² times the slider
+        attached(self.work, "gone", lambda: like_places(self.work))  # [m] Σδ of a substep
         if path != "list":
             search_of(self.work, PARTIAL_SUMS)
 

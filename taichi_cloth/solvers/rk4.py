@@ -14,7 +14,6 @@ from ..contact.push_out import push_out
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
-from ..kernels.motion import take_up_corrections
 from ..kernels.places import choose
 from ..kernels.springs import add_spring_forces, limit_strain
 from ..kernels.tethers import pull_tethers
@@ -76,7 +75,6 @@ def finish(cloth: ti.template(), h: float):
     for i in range(cloth.slot_count[None]):
         cloth.x[i] = cloth.x_prev[i] + cloth.slopes.velocity[i] * h
         cloth.velocity[i] = cloth.slopes.first_velocity[i] + cloth.slopes.acceleration[i] * h
-        cloth.predicted[i] = cloth.x[i]
 
 
 @ti.func
@@ -106,7 +104,6 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     pull_tethers(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, stages, now.h)
 
 
 class Rk4(ExplicitSolver):

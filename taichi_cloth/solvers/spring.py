@@ -10,7 +10,7 @@ from ..contact.push_out import push_out
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
-from ..kernels.motion import move_freely, take_up_corrections
+from ..kernels.motion import move_freely
 from ..kernels.springs import add_spring_forces, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..mesh.frequency import stable_substeps
@@ -41,7 +41,6 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     pull_tethers(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, stages, now.h)
 
 
 class Spring(ExplicitSolver):

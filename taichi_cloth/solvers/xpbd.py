@@ -8,7 +8,7 @@ from ..contact.push_out import push_out
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
-from ..kernels.motion import move_freely, take_up_corrections
+from ..kernels.motion import move_freely
 from ..kernels.springs import RELAX_COMPLIANT, add_bending, for_springs, forget_multipliers, limit_strain
 from ..kernels.tethers import pull_tethers
 from .base import Solver
@@ -25,7 +25,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 
 @ti.func
 def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Steps (6)–(11), and contact."""
+    """Steps (6)–(11), and contact. Velocities (15) take up at once what moves particles."""
     for_springs(cloth, stages, RELAX_COMPLIANT, now.controls, now.h)
     push_out(cloth, stages, now)
 
@@ -34,7 +34,6 @@ def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     pull_tethers(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
-    take_up_corrections(cloth, stages, now.h)  # (15)
 
 
 class Xpbd(Solver):

@@ -27,7 +27,6 @@ class ClothState:
     x: Any  # [m] vec3 (N,)
     x_prev: Any  # [m] vec3 (N,) where the particle was a substep ago
     velocity: Any  # [m/s] vec3 (N,) of solvers that keep it; (x − x_prev)/h would lose small steps in float32
-    predicted: Any  # [m] vec3 (N,) where the particle would be without constraints
     force: Any  # [N] vec3 (N,) gathered in a substep, without gravity
     inverse_mass: Any  # [1/kg] (N,) 0 for pins and the held particle
     ends: Any  # ivec2 (E,)
@@ -78,7 +77,6 @@ def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
         x=fields.places(particles),
         x_prev=fields.places(particles),
         velocity=fields.places(particles),
-        predicted=fields.places(particles),
         force=fields.places(particles),
         inverse_mass=fields.numbers(particles),
         ends=ti.Vector.field(2, ti.i32, springs),

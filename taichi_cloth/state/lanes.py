@@ -30,7 +30,6 @@ class LaneState:
     x: Any  # 3×8 (S,)
     x_prev: Any
     velocity: Any
-    predicted: Any
     force: Any
     inverse_mass: Any  # row of eight (S,)
     rest: Any  # row of eight (6·S,) by direction, then by the upper left of the spring's place
@@ -80,7 +79,6 @@ def _allocate(slots: int, pitch: int) -> LaneState:
         x=places(),
         x_prev=places(),
         velocity=places(),
-        predicted=places(),
         force=places(),
         inverse_mass=numbers(room),
         rest=numbers(len(DIRECTIONS) * slots),

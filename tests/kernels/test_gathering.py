@@ -23,11 +23,11 @@ NONE = np.zeros((0, 8), np.float32)  # no collider
 
 
 @ti.func
-def gather_into_predicted(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+def gather_into_velocity(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     forget_forces(cloth)
     add_air(cloth, stages, now, 0.0)
     for i in range(cloth.slot_count[None]):
-        cloth.predicted[i] = take_acceleration(cloth, i, now.controls)
+        cloth.velocity[i] = take_acceleration(cloth, i, now.controls)
 
 
 @ti.func
@@ -58,8 +58,8 @@ STIFFNESS = (1.0, 1.0, 1.0, 1.0, 0.5, 0.5)  # of each of grid.DIRECTIONS
 
 def gather(cloth: state.ClothState, stages: Stages, controls: np.ndarray, h: float) -> np.ndarray:
     """Accelerations by all external forces [m/s²]."""
-    run_serially(gather_into_predicted, cloth, stages, 0, 1, h, -1, controls, NONE, NONE, NONE)
-    return cloth.taken(cloth.predicted)
+    run_serially(gather_into_velocity, cloth, stages, 0, 1, h, -1, controls, NONE, NONE, NONE)
+    return cloth.taken(cloth.velocity)
 
 
 def flat(pins: tuple = (), stiffness: tuple = STIFFNESS) -> Topology:
