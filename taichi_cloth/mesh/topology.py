@@ -143,7 +143,8 @@ def lengths(places: NDArray[np.float32], ends: NDArray[np.int32]) -> NDArray[np.
     `verlet`).
     """
     x, y, z = (places[ends[:, 1]] - places[ends[:, 0]]).T
-    return np.sqrt(x * x + y * y + z * z).astype(np.float64)
+    found: NDArray[np.float64] = np.sqrt(x * x + y * y + z * z).astype(np.float64)
+    return found
 
 
 def lumped_mass(
