@@ -22,7 +22,7 @@ from .mesh.from_scene import stiffness_of, topology_of
 from .save_file import read_save, write_save
 from .scene import Scene, live_keys, scene_to_toml
 from .scene.live import check_live
-from .scene.model import FRAME_SECONDS
+from .scene.model import FRAME_SECONDS, USUAL
 from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
 from .state.fields import put
 
@@ -62,6 +62,7 @@ class Simulation:
         self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
         self._boxes = box_table(scene.boxes)
         self._ground = ground_table(scene.ground)
+        self._own = scene.solver
         self._open(scene)
         self._inverse_mass = state.inverse_mass(self.topology)
         self._hand: Hand | None = None
@@ -149,14 +150,19 @@ class Simulation:
     def change_solver(self, name: str) -> None:
         """Goes on with another method, from the same places and velocities, with the springs of its own section.
 
+        It takes its usual substeps and iterations; the scene's own method takes the scene's.
+
         Raises WrongUse, and changes nothing, for an unknown name.
         """
         if name not in SOLVERS:
             raise WrongUse(f"{name!r} is not a solver: {', '.join(SOLVERS)}")
         x, velocities = self.positions(), self.velocities()
         inverse_mass = self.cloth.taken(self.cloth.inverse_mass)
+        own = self._own
+        substeps, iterations = (own.substeps, own.iterations) if name == own.name else USUAL[name]
         self._give_back()
-        self._open(replace(self.scene, solver=replace(self.scene.solver, name=name)))
+        self._open(replace(self.scene, solver=replace(own, name=name, substeps=substeps, iterations=iterations)))
+        self._live |= {"substeps": substeps, "iterations": iterations}
         self.cloth.put(x, x, inverse_mass)
         self.solver.set_velocities(velocities, self._substep)
 
@@ -249,7 +255,7 @@ class Simulation:
         words = []
         asked, name = int(self._live["substeps"]), self.solver.name
         if asked < self._least_substeps:
-            words.append(f"{asked} substeps would be unstable with {name}: {self._least_substeps} are taken")
+            words.append(f"{name} takes {self._least_substeps} substeps, not {asked}: fewer are unstable")
         wanted = self.scene.fabric.damping_time
         if self._damping_time < wanted:
             words.append(f"{name} shortens the dashpots' {1e3 * wanted:.3g} ms to {1e3 * self._damping_time:.3g} ms")

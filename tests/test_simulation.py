@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.scene.model import Cloth, Ground, Scene, Sphere, Wind
+from taichi_cloth.scene.model import USUAL, Cloth, Ground, Scene, Sphere, Wind
 
 SMALL = Scene(
     cloth=Cloth(rows=5, columns=6, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),
@@ -148,6 +148,14 @@ def test_a_thousand_simulations_one_after_another() -> None:
 
 
 # -- saves -------------------------------------------------------------------------------------------------
+
+
+def test_another_method_takes_its_usual_numbers_and_the_scene_s_own_method_those_of_the_scene() -> None:
+    with tc.Simulation(tc.load_scene("drape15")) as simulation:
+        for name in (*USUAL, "verlet"):
+            simulation.change_solver(name)
+            asked = simulation.get("substeps"), simulation.get("iterations")
+            assert asked == ((1, 5) if name == "verlet" else USUAL[name])
 
 
 def test_a_save_of_another_scene_is_refused(tmp_path: Path) -> None:

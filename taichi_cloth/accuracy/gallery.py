@@ -27,7 +27,7 @@ MOST_SUBSTEPS = int(keys_of(Solver)["substeps"].high or 0)
 # (substeps, iterations) beside the scene's own; (1, 1) for methods that take what they need.
 SETTINGS = {
     "verlet": ((5, 12), (20, 12)),
-    "xpbd": ((5, 12), (20, 12)),
+    "xpbd": ((5, 12), (30, 1), (20, 12)),
     "lines": ((5, 1), (20, 1)),
     "spring": ((1, 1),),
     "rk4": ((1, 1),),

@@ -8,7 +8,7 @@ from math import inf
 from typing import Any
 
 from ..scene import Scene, load_scene
-from ..scene.model import Cloth, Fabric, Forces, Solver, parts
+from ..scene.model import USUAL, Cloth, Fabric, Forces, Solver, parts
 from ..solvers import SOLVERS
 
 BUDGETS = (360, 144, 60)  # pictures a second: 2.8, 6.9 and 16.7 ms for a frame
@@ -18,8 +18,6 @@ SQUARES = ((64, 64), (128, 128), (256, 256))
 LARGEST = (512, 512)  # minutes for most methods, and for springs one by one: only of these, on their other paths
 LARGEST_FOR = ("verlet", "spring", "lines")
 
-SEED_SETTING = (5, 12)  # substeps, iterations
-SETTINGS = {"lines": (5, 1), "projective": (20, 10)}
 STAGES_LEFT_OUT = ("wind", "sphere", "ground", "shear", "bend")
 STAGES_ADDED = ("limit", "tethers")
 
@@ -33,8 +31,8 @@ class Case:
     solver: str
     rows: int = SEED_GRID[0]
     columns: int = SEED_GRID[1]
-    substeps: int = SEED_SETTING[0]
-    iterations: int = SEED_SETTING[1]
+    substeps: int = USUAL["verlet"][0]
+    iterations: int = USUAL["verlet"][1]
     path: str | None = None  # None: the one that the grid decides for
     change: str = "-ground"  # a stage that is left out (-wind) or added (+limit); the demos have no ground
 
@@ -53,10 +51,8 @@ class Floor:
 
 def case_of(solver: str, grid: tuple[int, int] = SEED_GRID, path: str | None = None) -> Case:
     """A solver at its usual setting, on the scene whose frame there is a floor for, if there is one."""
-    kind = SOLVERS[solver]
-    substeps, iterations = SETTINGS.get(solver, SEED_SETTING) if kind.iterates else (1, 1)  # 1: the least it can
-    scene = "curtain" if kind.iterates else "sheet"
-    return Case(scene, solver, *grid, substeps, iterations, path)
+    scene = "curtain" if SOLVERS[solver].iterates else "sheet"
+    return Case(scene, solver, *grid, *USUAL[solver], path)
 
 
 def default_cases() -> list[Case]:

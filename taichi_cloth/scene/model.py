@@ -17,7 +17,17 @@ EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of thos
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 
 # Known without importing a solver, which would import Taichi.
-SOLVER_NAMES = ("verlet", "xpbd", "spring", "lines", "rk4", "projective")
+# Every method with its usual substeps and iterations: what runs where a scene names only the method. `verlet`: those of
+# the browser demos. `spring`, `rk4`: they take as many substeps as they need.
+USUAL = {
+    "verlet": (5, 12),
+    "xpbd": (30, 1),
+    "spring": (1, 1),
+    "lines": (5, 1),
+    "rk4": (1, 1),
+    "projective": (20, 10),
+}
+SOLVER_NAMES = tuple(USUAL)
 PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
 
 
@@ -94,11 +104,19 @@ class Fabric:
 
 @dataclass(frozen=True)
 class Solver:
-    """The method and its knobs."""
+    """The method and its knobs. A file without substeps or iterations gets those that are usual for its method."""
 
     name: str = _key("verlet", "method that advances the cloth", choices=SOLVER_NAMES)
-    substeps: int = _key(5, "steps in a frame of 1/60 s", low=1, high=1000, slider=(1, 20))
-    iterations: int = _key(12, "sweeps over all constraints in a substep", low=1, high=1000, slider=(1, 40))
+    substeps: int = _key(
+        USUAL["verlet"][0],
+        "steps in a frame of 1/60 s (default: the method's usual)",
+        low=1,
+        high=1000,
+        slider=(1, 60),
+    )
+    iterations: int = _key(
+        USUAL["verlet"][1], "sweeps over all constraints in a substep (the same)", low=1, high=1000, slider=(1, 40)
+    )
     stiffness: float = _key(1.0, "multiplies every family's stiffness", low=0.0, high=1.0, slider=(0.0, 1.0))
     damping: float = _key(1.5, "rate at which velocity is lost", "1/s", low=0.0, high=1e6, slider=(0.0, 10.0))
 

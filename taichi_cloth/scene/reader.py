@@ -10,22 +10,24 @@ from typing import Any, get_type_hints
 
 from .errors import SceneError, nearest, shown
 from .library import scene_path
-from .model import Part, Scene, keys_of, parts
+from .model import USUAL, Part, Scene, keys_of, parts
 from .overrides import apply_override, override_places
 from .presets import FILLED, load_preset, preset_keys
 from .values import check_value
 
 MOST_BYTES = 1_000_000  # a scene file is a page of text
 MOST_COLLIDERS = 16  # of one kind
+NUMBERS = ("substeps", "iterations")  # those of `USUAL`
 
 
 def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
     """A shipped scene by name, or a TOML file by path, with keys changed by `overrides`.
 
     An override is named `section_key` (`wind_z=6`, `cloth_rows=12`), by the key alone where only one
-    section has it (`substeps=10`), or by a section for its name (`solver="verlet"`) or preset (`fabric="denim"`,
-    which replaces what the file says of its fabric). For spheres and boxes it changes the first
-    (`sphere_radius=0.4`). A section the scene lacks is added with its defaults.
+    section has it (`substeps=10`), or by a section for its name (`solver="lines"`) or preset (`fabric="denim"`).
+    Another solver comes with its usual substeps and iterations, and a preset replaces what the file says of its
+    fabric. For spheres and boxes an override changes the first (`sphere_radius=0.4`). A section the scene lacks is
+    added with its defaults.
 
     Raises SceneError, one line with file, key, reason and the nearest valid name.
     """
@@ -35,18 +37,23 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
     if not overrides:
         return scene
     file += " (override)"
-    for key in sorted(overrides, key=_is_preset, reverse=True):
+    aside = {key: _set_aside(key, value, scene) for key, value in overrides.items()}
+    for key in sorted(overrides, key=lambda key: not aside[key]):
         apply_override(data, key, overrides[key], file)
-        if _is_preset(key):  # who asks for a fabric wants all of it, and not the file's own numbers
-            for section, filled in FILLED.items():
-                for name in filled:
-                    data.get(section, {}).pop(name, None)
+        for section, names in aside[key].items():
+            for name in names:
+                data.get(section, {}).pop(name, None)
     return _scene(data, file, path.stem)
 
 
-def _is_preset(key: str) -> bool:
-    """Whether an override names the fabric."""
-    return [(part.name, name) for part, name in override_places().get(key, []) if part] == [("fabric", "preset")]
+def _set_aside(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ...]]:
+    """Names by section that no longer count: who asks for a fabric or for another method wants all that is of it."""
+    places = [(part.name, name) for part, name in override_places().get(key, []) if part]
+    if places == [("fabric", "preset")]:
+        return FILLED
+    if places == [("solver", "name")] and value != scene.solver.name:
+        return {"solver": NUMBERS}
+    return {}
 
 
 def _parse(path: Path) -> dict[str, Any]:
@@ -79,7 +86,14 @@ def _scene(data: dict[str, Any], file: str, name: str) -> Scene:
     for part in sections.values():
         if part.name in data:
             values[part.name] = _part(part, data[part.name], file)
-    return _consistent(_with_preset(Scene(**values, name=name), data, file), file)
+    return _consistent(_with_preset(_with_usual(Scene(**values, name=name), data), data, file), file)
+
+
+def _with_usual(scene: Scene, data: dict[str, Any]) -> Scene:
+    """The scene with the numbers that are usual for its method, where it says none."""
+    usual = dict(zip(NUMBERS, USUAL[scene.solver.name], strict=True))
+    missing: dict[str, Any] = {name: n for name, n in usual.items() if name not in data.get("solver", {})}
+    return replace(scene, solver=replace(scene.solver, **missing))
 
 
 def _with_preset(scene: Scene, data: dict[str, Any], file: str) -> Scene:

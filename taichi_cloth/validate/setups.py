@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..bench.cases import SEED_SETTING, SETTINGS
 from ..mesh.from_scene import stiffness_of
-from ..scene.model import FRAME_SECONDS, Cloth, Fabric, Scene, Solver
+from ..scene.model import FRAME_SECONDS, USUAL, Cloth, Fabric, Scene, Solver
 from ..simulation import Simulation
-from ..solvers import SOLVERS
 from .exact import Floats
 
 EULER = ("verlet", "xpbd", "projective")  # their free particles move by symplectic Euler
@@ -21,8 +19,7 @@ ALL = ("verlet", *ELASTIC)
 
 def usual(solver: str) -> Solver:
     """A method at its usual substeps and iterations, without damping."""
-    substeps, iterations = SETTINGS.get(solver, SEED_SETTING) if SOLVERS[solver].iterates else (1, 1)
-    return Solver(solver, substeps, iterations, damping=0.0)
+    return Solver(solver, *USUAL[solver], damping=0.0)
 
 
 def base(solver: str, rows: int = 9, columns: int = 9, **keys: Any) -> Scene:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.scene import Scene, SceneError, Wind, load_scene, parse_override
+from taichi_cloth.scene.model import USUAL
 from taichi_cloth.scene.overrides import override_places
 
 Write = Callable[[str | bytes], Path]
@@ -38,6 +39,18 @@ Refuse = Callable[..., SceneError]
 def test_an_override_changes_the_key_it_names(override: dict[str, Any], read: Any, value: Any) -> None:
     assert read(load_scene("curtain")) != value
     assert read(load_scene("curtain", **override)) == value
+
+
+def test_another_solver_comes_with_its_usual_numbers() -> None:
+    def numbers(**overrides: object) -> tuple[int, int]:
+        solver = load_scene("drape15", **overrides).solver
+        return solver.substeps, solver.iterations
+
+    assert numbers() == numbers(solver="verlet") == (1, 5)  # the file's own
+    for name, usual in USUAL.items():
+        assert numbers(solver=name) == ((1, 5) if name == "verlet" else usual)
+    assert numbers(substeps=7, solver="lines") == (7, 1)
+    assert numbers(solver="xpbd", iterations=3) == (30, 3)
 
 
 @pytest.mark.parametrize("key", ["solver", "solver_name", "name"])

@@ -181,7 +181,7 @@ def test_fewer_substeps_than_are_stable_are_raised_and_it_says_so(solver: str) -
         least = simulation.substeps
         assert least > 5
         assert simulation.get("substeps") == 1
-        assert simulation.advice == f"1 substeps would be unstable with {solver}: {least} are taken"
+        assert simulation.advice == f"{solver} takes {least} substeps, not 1: fewer are unstable"
         assert f"{solver} {least} " in simulation.method
         simulation.set("substeps", 2 * least)
         assert (simulation.substeps, simulation.advice) == (2 * least, "")
