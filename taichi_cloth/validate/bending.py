@@ -11,24 +11,19 @@ from ..scene.model import Forces, Scene
 from ..simulation import Simulation
 from .exact import GRAVITY, Floats, buckled, cantilever, pear_loop
 from .row import Row, relative
-from .setups import advance, base, strip, structural
+from .setups import advance, base, damped, strip, structural
 
 LINKS = 32
 GAMMAS = (0.1, 1.0, 10.0, 100.0, 1000.0)
 COMPRESSIONS = (0.01, 0.1, 0.3)
-SETTLING = 3.0  # [1/s]
 BENDING = 0.02  # [N·m] of strips without weight, whose shape does not depend on it
 CONSTANT = 5000.0  # [N/m] of springs: a strip one metre long stretches by 0.02 %
 
 
 def limp(scene: Scene, bending: float, gravity: float = GRAVITY) -> Scene:
     """The scene with a bending stiffness [N·m], damped so that it comes to rest."""
-    return replace(
-        scene,
-        fabric=replace(scene.fabric, bending=bending),
-        forces=Forces(gravity=gravity),
-        solver=replace(scene.solver, damping=SETTLING),
-    )
+    fabric = replace(scene.fabric, bending=bending)
+    return damped(replace(scene, fabric=fabric, forces=Forces(gravity=gravity)))
 
 
 def beam(solver: str, links: int, bending: float, gravity: float = GRAVITY) -> Scene:

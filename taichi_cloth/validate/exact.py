@@ -84,6 +84,62 @@ def taut_modes(links: int, tension: float, mass: float, length: float, count: in
     return omegas
 
 
+def upright_modes(links: int, constant: float, mass: float, count: int) -> Floats:
+    """ω [rad/s] of equal springs [N/m] and masses [kg] along themselves, hanging from one end."""
+    j = np.arange(1, count + 1)
+    omegas: Floats = 2 * np.sqrt(constant / mass) * np.sin((2 * j - 1) * pi / (2 * (2 * links + 1)))
+    return omegas
+
+
+def drum_modes(cells: int, tension: float, mass: float, m: int, n: int) -> float:
+    """ω [rad/s] of a square of cells of one metre in all, held at its edges: springs under `tension` [N] each way."""
+    sines = sin(m * pi / (2 * cells)) ** 2 + sin(n * pi / (2 * cells)) ** 2
+    return 2 * sqrt(tension * cells / mass * sines)
+
+
+def drum_sag(cells: int, tension: float, mass: float) -> float:
+    """How low [m] its middle hangs under its weight where that is little: the five-point equation of Poisson."""
+    inside = cells - 1
+    line = 2 * np.eye(inside) - np.eye(inside, k=1) - np.eye(inside, k=-1)
+    laplacian = np.kron(line, np.eye(inside)) + np.kron(np.eye(inside), line)
+    sag = np.linalg.solve(laplacian * tension * cells, np.full(inside**2, mass * GRAVITY))
+    return float(sag[inside**2 // 2])
+
+
+def damped_swing(omega: float, ratio: float, seconds: Floats) -> Floats:
+    """Distance from rest, as a share of the first, of an oscillator let go, with this share of critical damping."""
+    turns, decay = omega * sqrt(1 - ratio**2), ratio * omega
+    found: Floats = np.exp(-decay * seconds) * (np.cos(turns * seconds) + decay / turns * np.sin(turns * seconds))
+    return found
+
+
+def relaxed_chain(links: int, substeps: int, iterations: int, compliance: float, seconds: float) -> float:
+    """Length over its links of a chain of 1 kg each that is let go hanging, the mean of the second half: XPBD itself.
+
+    Along one line, red springs before black ones (Macklin 2016, Algorithm 1); `compliance` [m/N], links of 1 m.
+    """
+    h = 1 / (60 * substeps)
+    w = np.append(0.0, np.ones(links))
+    x, v = -np.arange(links + 1.0), np.zeros(links + 1)
+    alpha = compliance / h**2
+    steps = round(seconds / h)
+    lengths = []
+    for _ in range(steps):
+        before, total = x.copy(), np.zeros(links)
+        v[1:] -= GRAVITY * h
+        x = x + h * v
+        for _ in range(iterations):
+            for first in (0, 1):
+                j = np.arange(first, links, 2)
+                change = (1.0 - x[j] + x[j + 1] - alpha * total[j]) / (w[j] + w[j + 1] + alpha)
+                total[j] += change
+                x[j] += w[j] * change
+                x[j + 1] -= w[j + 1] * change
+        v = (x - before) / h
+        lengths.append(-x[-1])
+    return float(np.mean(lengths[steps // 2 :])) / links
+
+
 def sheet_modulus(structural: float, shear: float) -> float:
     """Force per strain and width [N/m] of a grid with both diagonals, pulled along its threads and free across them.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import pi
+from math import exp, pi
 
 import numpy as np
 
@@ -84,6 +84,19 @@ def spin(solver: str) -> Iterator[Row]:
         kept = float(angle / (0.1 * 2 * pi))
         law = dumbbell_rate(1.0, substep(simulation), SPIN_SECONDS)
         yield Row("share of 1 turn/s kept for 10 s", 1.0, kept, abs(1 - kept), 1 - law, 0.01)
+
+
+def damping(solver: str) -> Iterator[Row]:
+    """Thrown without weight, a sheet slows down by its damping alone: e^(−ct)."""
+    rate, speed = 1.5, 2.0
+    scene = replace(base(solver), forces=Forces(gravity=0.0))
+    with Simulation(replace(scene, solver=replace(scene.solver, damping=rate))) as simulation:
+        simulation.place(simulation.topology.start, (speed, 0.0, 0.0))
+        advance(simulation, 1.0)
+        left = float(simulation.velocities()[:, 0].mean())
+        yield relative("speed left of 2 m/s after 1 s of 1.5/s [m/s]", speed * exp(-rate), left, 1e-2, 1e-3)
+        way = speed / rate * (1 - exp(-rate))
+        yield relative("way in that second [m]", way, center(simulation)[0], 1e-2, 1e-3)
 
 
 def momentum(solver: str) -> Iterator[Row]:

@@ -9,16 +9,16 @@ import numpy as np
 
 from ..scene.model import Fabric, Solver, Springs
 from ..simulation import Simulation
-from .exact import GRAVITY, hammock_sag, hanging_drop, sheet_modulus
+from .exact import GRAVITY, hammock_sag, hanging_drop, relaxed_chain, sheet_modulus
 from .row import Row, relative
-from .setups import advance, base, strip, strip_constant, structural, substep
+from .setups import SETTLING, advance, base, damped, strip, strip_constant, structural, substep
 
 CELLS = (16, 32)
 SPANS = (0.4, 0.8, 0.95)
 HAMMOCK_LINKS = 16
 HAMMOCK_CONSTANT = 1000.0  # [N/m] of a spring
-SETTLING = 3.0  # [1/s] damping that brings a sheet to rest
 LAW_LINKS = 32
+SPLIT_FRAMES = 240
 ITERATIONS = (20, 40, 80)
 
 
@@ -26,8 +26,7 @@ def elongation(solver: str) -> Iterator[Row]:
     """A sheet pinned along its top is longer by the weight that each spring carries."""
     for cells in CELLS:
         scene = structural(base(solver, cells + 1, cells + 1, lumping="equal", pins=("top",)), 1000.0)
-        scene = replace(scene, solver=replace(scene.solver, damping=SETTLING))
-        with Simulation(scene) as simulation:
+        with Simulation(damped(scene)) as simulation:
             mass = float(simulation.topology.mass[0])
             advance(simulation, 10.0)
             longer = float((simulation.topology.start - simulation.positions())[-(cells // 2), 1])
@@ -48,11 +47,28 @@ def independence(solver: str) -> Iterator[Row]:
             yield relative(f"100 N/m, 5×{iterations}: longer by [m]", exact, longer, 1e-2, 1e-3)
 
 
+def split(solver: str) -> Iterator[Row]:
+    """480 sweeps a second as substeps or as iterations, on 32 links of a metre: as the method in float64 (B4)."""
+    for constant in (1e8, 1e3):  # [N/m] of a link
+        for substeps, iterations in ((8, 1), (4, 2), (2, 4), (1, 8)):
+            # Columns are half a metre apart: a spring down one has half the constant of the sheet's metre.
+            scene = strip(solver, LAW_LINKS, constant=2 * constant)
+            cloth = replace(scene.cloth, height=float(LAW_LINKS), width=1.0, area_density=2.0)  # 1 kg a particle
+            scene = replace(scene, cloth=cloth, solver=Solver(solver, substeps, iterations, damping=0.0))
+            lengths = []
+            with Simulation(scene) as simulation:
+                for _ in range(SPLIT_FRAMES):
+                    simulation.advance_frame()
+                    lengths.append(-float(simulation.positions()[-2, 1] - simulation.topology.start[1, 1]))
+            measured = float(np.mean(lengths[SPLIT_FRAMES // 2 :])) / LAW_LINKS
+            exact = relaxed_chain(LAW_LINKS, substeps, iterations, 1 / constant, SPLIT_FRAMES / 60)
+            yield relative(f"{constant:g} N/m, {substeps}×{iterations}: length over rest", exact, measured, 1e-2, 1e-3)
+
+
 def stretch(solver: str) -> Iterator[Row]:
     """Relaxation to a length leaves ½·N²·g·h²/iterations of stretch, whatever the fabric: the law it is judged by."""
     scene = strip(solver, LAW_LINKS, constant=1e9)
-    scene = replace(scene, springs=Springs(shear=0.0, bend=0.0), solver=replace(scene.solver, damping=SETTLING))
-    with Simulation(scene) as simulation:
+    with Simulation(damped(replace(scene, springs=Springs(shear=0.0, bend=0.0)))) as simulation:
         advance(simulation, 10.0)
         h = substep(simulation)
         stretch = float((simulation.topology.start - simulation.positions())[-2, 1])
@@ -76,8 +92,7 @@ def finer_hammock(solver: str) -> Iterator[Row]:
 def sags(solver: str, span: float, links: int) -> tuple[float, float]:
     """Exact and measured sag [m]. The strip begins as a V."""
     scene = strip(solver, links, constant=HAMMOCK_CONSTANT, pins=("top", "bottom"))
-    scene = replace(scene, solver=replace(scene.solver, damping=SETTLING))
-    with Simulation(scene) as simulation:
+    with Simulation(damped(scene)) as simulation:
         topology = simulation.topology
         mass = float(topology.mass.reshape(-1, 3)[1].sum())
         along = np.linspace(-0.5, 0.5, links + 1)
@@ -95,8 +110,7 @@ def modulus(solver: str) -> Iterator[Row]:
     for shear in (500.0, 1000.0, 100.0):
         scene = base(solver, 33, 9, width=0.25, pins=("top",))
         fabric = Fabric(warp=1000.0, weft=1000.0, shear=shear, bend=0.0)
-        scene = replace(scene, fabric=fabric, solver=replace(scene.solver, damping=SETTLING))
-        with Simulation(scene) as simulation:
+        with Simulation(damped(replace(scene, fabric=fabric))) as simulation:
             advance(simulation, 8.0)
             rows = slice(11, 22)
             carried = simulation.topology.mass.reshape(33, 9).sum(axis=1)[::-1].cumsum()[::-1]  # by the row above [kg]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import pi
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from .exact import Floats
 EULER = ("verlet", "xpbd", "projective")  # their free particles move by symplectic Euler
 ELASTIC = ("xpbd", "spring", "lines", "rk4", "projective")  # springs with a constant
 ALL = ("verlet", *ELASTIC)
+
+
+SETTLING = 3.0  # [1/s] damping that brings a sheet to rest
 
 
 def usual(solver: str) -> Solver:
@@ -52,6 +56,11 @@ def advance(simulation: Simulation, seconds: float) -> None:
         simulation.advance_frame()
 
 
+def damped(scene: Scene) -> Scene:
+    """The same scene with the damping that brings it to rest."""
+    return replace(scene, solver=replace(scene.solver, damping=SETTLING))
+
+
 def center(simulation: Simulation) -> Floats:
     """Centre of mass [m]."""
     mean: Floats = np.average(simulation.positions(), axis=0, weights=simulation.topology.mass)
@@ -68,3 +77,19 @@ def crossings(values: Floats) -> Floats:
     k = np.flatnonzero(values[:-1] * values[1:] < 0)
     times: Floats = k + values[k] / (values[k] - values[k + 1])
     return times
+
+
+def swing_frames(omega: float) -> int:
+    """Frames of two and a half periods, enough for `frequency`."""
+    return round(2.5 * 2 * pi / omega / FRAME_SECONDS)
+
+
+def frequency(seen: list[float], about: float) -> float:
+    """ω [rad/s] of A·r^k·cos(ωk/60 + φ), seen once a frame, or not a number where nothing swings.
+
+    x_k+m = 2r^m·cos(ωm/60)·x_k − r^2m·x_k−m by least squares (Prony), with m near a quarter of the period of `about`.
+    """
+    m = max(1, round(pi / 2 / (about * FRAME_SECONDS)))
+    x = np.array(seen)
+    (a, b), *_ = np.linalg.lstsq(np.stack([x[m:-m], -x[: -2 * m]], axis=1), x[2 * m :], rcond=None)
+    return float(np.arccos(a / (2 * np.sqrt(b))) / (m * FRAME_SECONDS)) if a * a < 4 * b else float("nan")

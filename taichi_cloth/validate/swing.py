@@ -12,9 +12,9 @@ from ..mesh.from_scene import stiffness_of
 from ..scene.model import FRAME_SECONDS, Forces
 from ..simulation import Simulation
 from ..solvers import SOLVERS
-from .exact import chain_modes, pendulum_period, spring_scheme, taut_modes
+from .exact import chain_modes, damped_swing, pendulum_period, spring_scheme, taut_modes, upright_modes
 from .row import Row, relative
-from .setups import advance, base, crossings, strip, strip_constant, structural, substep
+from .setups import advance, base, crossings, frequency, strip, strip_constant, structural, substep, swing_frames
 
 ANGLES = (10, 30, 60, 90, 120, 150, 170)  # [degrees] from hanging
 LINKS = 20
@@ -44,6 +44,22 @@ def pendulum(solver: str) -> Iterator[Row]:
             times = crossings(np.array(angles))
             measured = 2 * FRAME_SECONDS * float(times[1] - times[0]) if len(times) > 1 else float("nan")
             yield relative(f"period from {degrees}° [s]", period, measured, 1e-2, 1e-3)
+
+
+def pendulum_height(solver: str) -> Iterator[Row]:
+    """How high the same strip still swings after ten periods."""
+    degrees = 30
+    scene = structural(base(solver, 2, 2, width=0.1, pins=("top",), rotation=(float(degrees), 0.0, 0.0)), 1e4)
+    with Simulation(scene) as simulation:
+        pivot = simulation.topology.start[0]
+        period = pendulum_period(degrees, 1.0)
+        advance(simulation, 9.75 * period)
+        angles = []
+        for _ in range(round(0.5 * period / FRAME_SECONDS)):
+            simulation.advance_frame()
+            below = simulation.positions()[2] - pivot
+            angles.append(abs(float(np.degrees(np.arctan2(below[2], -below[1])))))
+        yield relative(f"angle after ten periods from {degrees}° [°]", degrees, max(angles), 1e-2, 1e-3)
 
 
 def one_spring(solver: str) -> Iterator[Row]:
@@ -80,7 +96,7 @@ def curtain_modes(solver: str) -> Iterator[Row]:
             start[1:, :, 2] += 2e-3 * (shape / np.abs(shape).max())[:, None]
             simulation.place(start.reshape(-1, 3))
             seen = []
-            for _ in range(round(2.5 * 2 * pi / omega / FRAME_SECONDS)):
+            for _ in range(swing_frames(omega)):
                 seen.append(float(simulation.positions().reshape(LINKS + 1, 3, 3)[1:, 1, 2] @ shape))
                 simulation.advance_frame()
             yield relative(f"mode {mode + 1} of a hanging strip [rad/s]", omega, frequency(seen, omega), 1e-2, 1e-3)
@@ -102,21 +118,50 @@ def taut_strip(solver: str) -> Iterator[Row]:
             start[:, :, 2] += 1e-3 * shape[:, None]
             simulation.place(start.reshape(-1, 3))
             seen = []
-            for _ in range(round(2.5 * 2 * pi / omega / FRAME_SECONDS)):
+            for _ in range(swing_frames(omega)):
                 seen.append(float(simulation.positions().reshape(links + 1, 3, 3)[:, 1, 2] @ shape))
                 simulation.advance_frame()
             yield relative(f"mode {mode + 1} of a taut strip [rad/s]", omega, frequency(seen, omega), 1e-2, 1e-3)
 
 
-def frequency(seen: list[float], about: float) -> float:
-    """ω [rad/s] of A·r^k·cos(ωk/60 + φ), seen once a frame, or not a number where nothing swings.
+def along_itself(solver: str) -> Iterator[Row]:
+    """A soft strip swings along itself in each of its first modes, without weight."""
+    for mode in range(MODES):
+        scene = replace(strip(solver, LINKS, constant=20.0), forces=Forces(gravity=0.0))
+        with Simulation(scene) as simulation:
+            topology = simulation.topology
+            mass = float(topology.mass.reshape(-1, 3)[1].sum())
+            omega = float(upright_modes(LINKS, strip_constant(simulation), mass, MODES)[mode])
+            shape = np.sin((2 * mode + 1) * pi * np.arange(LINKS + 1) / (2 * LINKS + 1))
+            start = topology.start.reshape(LINKS + 1, 3, 3).copy()
+            start[:, :, 1] += 2e-3 * shape[:, None]
+            rest = topology.start.reshape(LINKS + 1, 3, 3)[:, 1, 1]
+            simulation.place(start.reshape(-1, 3))
+            seen = []
+            for _ in range(swing_frames(omega)):
+                seen.append(float((simulation.positions().reshape(LINKS + 1, 3, 3)[:, 1, 1] - rest) @ shape))
+                simulation.advance_frame()
+            yield relative(f"mode {mode + 1} of a strip along itself", omega, frequency(seen, omega), 1e-2, 1e-3)
 
-    x_k+m = 2r^m·cos(ωm/60)·x_k − r^2m·x_k−m by least squares (Prony), with m near a quarter of the period of `about`.
-    """
-    m = max(1, round(pi / 2 / (about * FRAME_SECONDS)))
-    x = np.array(seen)
-    (a, b), *_ = np.linalg.lstsq(np.stack([x[m:-m], -x[: -2 * m]], axis=1), x[2 * m :], rcond=None)
-    return float(np.arccos(a / (2 * np.sqrt(b))) / (m * FRAME_SECONDS)) if a * a < 4 * b else float("nan")
+
+def dashpot(solver: str) -> Iterator[Row]:
+    """A soft spring with a dashpot of about a tenth of critical damping, let go a tenth too long."""
+    scene = structural(base(solver, 2, 2, pins=("top",), area_density=4.0), 200.0)
+    fabric = replace(scene.fabric, weft=0.0, damping_time=0.02)
+    with Simulation(replace(scene, forces=Forces(gravity=0.0), fabric=fabric)) as simulation:
+        topology = simulation.topology
+        omega = sqrt(stiffness_of(scene, SOLVERS[solver].springs, topology)[0] / topology.mass[2])
+        start = topology.start.copy()
+        start[2:, 1] -= 0.1
+        simulation.place(start)
+        seen = []
+        for _ in range(60):
+            simulation.advance_frame()
+            seen.append((topology.start[2, 1] - simulation.positions()[2, 1]) / 0.1)
+        law = damped_swing(omega, fabric.damping_time * omega / 2, np.arange(1, 61) / 60.0)
+        worst = int(np.abs(np.array(seen) - law).argmax())
+        name = f"length over rest, of the first 0.1 m, at frame {worst + 1}"
+        yield Row(name, float(law[worst]), seen[worst], float(abs(seen[worst] - law[worst])), 2e-2, 2e-3)
 
 
 def swinging_curtain(solver: str) -> Iterator[Row]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..measure.cloth import energies, spring_strains
 from ..mesh.from_scene import stiffness_of
-from ..scene.model import Fabric, Forces, Scene, Solver
+from ..scene.model import Fabric, Forces, Scene, Solver, Sphere
 from ..simulation import Simulation
 from .exact import GRAVITY, Floats
 from .row import Row, at_most
@@ -19,6 +19,7 @@ from .setups import advance, base, usual
 SHIFTS = (10.0, 100.0, 1000.0)  # [m]
 ORDERS = {"spring": 2.0, "lines": 2.0, "rk4": 4.0}  # of all others 1
 ORDER_SUBSTEPS = {"spring": (4, 8, 16), "lines": (2, 4, 8), "rk4": (1, 2, 4)}
+BALL = Sphere(center=(0.0, -0.36, 0.0), radius=0.3, margin=0.05, friction=0.5)
 SOON = 0.5  # [s] a fold has not amplified rounding yet
 
 
@@ -60,6 +61,17 @@ def mirrored(solver: str) -> Iterator[Row]:
     x = moved(swinging(solver)).reshape(17, 17, 3)
     image = x[:, ::-1] * [-1.0, 1.0, 1.0]
     yield at_most("difference to its mirror image [m]", float(np.abs(image - x).max()), 1e-3, 1e-6)
+
+
+def on_a_ball(solver: str) -> Iterator[Row]:
+    """A square sheet that falls on a ball stays as symmetric as the two are, until folds amplify rounding."""
+    scene = replace(base(solver, 17, 17, rotation=(-90.0, 0.0, 0.0), lumping="equal"), spheres=(BALL,))
+    with Simulation(scene) as simulation:
+        advance(simulation, 0.2)
+        x = simulation.positions().reshape(17, 17, 3)
+    images = (x[:, ::-1] * [-1.0, 1.0, 1.0], x[::-1] * [1.0, 1.0, -1.0], x.transpose(1, 0, 2)[:, :, [2, 1, 0]])
+    worst = max(float(np.abs(image - x).max()) for image in images)
+    yield at_most("difference to its mirror images 0.2 s after it fell on a ball [m]", worst, 1e-3, 1e-6)
 
 
 def far_away(solver: str) -> Iterator[Row]:

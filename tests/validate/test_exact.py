@@ -133,3 +133,50 @@ def test_a_pear_loop_is_the_least_bent_of_its_length() -> None:
     found = minimize(energy, start, constraints={"type": "eq", "fun": across}, options={"maxiter": 500})
     assert found.success
     assert exact.pear_loop() == pytest.approx(np.sin(found.x).sum() * link, abs=1e-3)
+
+
+@pytest.mark.parametrize(("cells", "share"), [(16, 0.07344577), (32, 0.07361474)])
+def test_a_taut_square_sags_by_the_printed_share(cells: int, share: float) -> None:
+    """w = C·σgL²/T, with 0.2 kg/m² and 100 N/m over one metre."""
+    sag = exact.drum_sag(cells, 100.0 / cells, 0.2 / cells**2)
+    assert sag == pytest.approx(share * 0.2 * 9.81 / 100.0, rel=2e-7)
+
+
+def test_modes_of_a_square_and_of_a_strip_are_eigenvalues() -> None:
+    cells, tension, mass = 6, 0.7, 0.03
+    inside = cells - 1
+    line = 2 * np.eye(inside) - np.eye(inside, k=1) - np.eye(inside, k=-1)
+    square = np.kron(line, np.eye(inside)) + np.kron(np.eye(inside), line)
+    found = np.sqrt(np.linalg.eigvalsh(square * tension * cells / mass))
+    modes = sorted(exact.drum_modes(cells, tension, mass, m, n) for m in range(1, cells) for n in range(1, cells))
+    assert modes == pytest.approx(found, rel=1e-9)
+    free = 2 * np.eye(cells) - np.eye(cells, k=1) - np.eye(cells, k=-1)
+    free[-1, -1] = 1.0  # nothing hangs below
+    found = np.sqrt(np.linalg.eigvalsh(free * 5.0 / mass))
+    assert exact.upright_modes(cells, 5.0, mass, cells) == pytest.approx(found, rel=1e-9)
+
+
+def test_a_damped_swing_solves_its_equation() -> None:
+    omega, ratio = 9.0, 0.13
+    solved = integrate.solve_ivp(
+        lambda _, y: [y[1], -2 * ratio * omega * y[1] - omega**2 * y[0]],
+        (0, 0.7),
+        [1.0, 0.0],
+        rtol=1e-11,
+        atol=1e-13,
+    )
+    assert exact.damped_swing(omega, ratio, np.array([0.7]))[0] == pytest.approx(solved.y[0, -1], abs=1e-8)
+
+
+def test_small_steps_pay_for_stiff_links_and_not_for_soft_ones() -> None:
+    """As printed for 400 sweeps a second, at 480: (B4)."""
+
+    def wrong(substeps: int, iterations: int, compliance: float) -> float:
+        rigid = 1 + compliance * 9.81 * 33 / 2  # the mean of the weights below
+        return abs(exact.relaxed_chain(32, substeps, iterations, compliance, 4.0) / rigid - 1)
+
+    stiff = [wrong(s, i, 0.0) for s, i in ((8, 1), (4, 2), (2, 4), (1, 8))]
+    assert stiff == sorted(stiff)
+    assert stiff[-1] > 5 * stiff[0]
+    soft = [wrong(s, i, 1e-3) for s, i in ((8, 1), (2, 4))]
+    assert soft[0] > soft[1]
