@@ -124,7 +124,7 @@ def build_parser() -> Parser:
     )
     bench.add_argument("--markdown", type=Path, metavar="FILE", help="with --scene: write the tables for a document")
     bench.add_argument("--plot", type=Path, metavar="DIR", help="with --error: a picture for each grid")
-    bench.add_argument("--full", action="store_true", help="all there is; takes 20 minutes")
+    bench.add_argument("--full", action="store_true", help="all there is; takes half an hour")
     bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
     bench.add_argument("--csv", type=Path, metavar="FILE", help="write the measurements, a line each")
     bench.add_argument("--json", type=Path, metavar="FILE", help="write measurements, stages and machine")

@@ -9,11 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from math import ceil, cos, radians, sin, sqrt
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.model import FRAME_SECONDS
+from .kept import kept
 
 Floats = NDArray[np.float64]
 
@@ -91,7 +93,12 @@ def extrapolated(curtain: Curtain, frames: int) -> Floats:
 
 @cache
 def truth(curtain: Curtain, frames: int = 60) -> Floats:
-    """Where every row is after each frame, (frames, cells + 1, 2) [m], to 1e-9: by the classical method of order 4."""
+    """Where every row is after each frame, (frames, cells + 1, 2) [m], to 1e-9. Kept on disk."""
+    return kept(f"{curtain} {frames}", Path(__file__), lambda: runge_kutta(curtain, frames))
+
+
+def runge_kutta(curtain: Curtain, frames: int) -> Floats:
+    """The same, by the classical method of order 4."""
     steps = FINER * ceil(curtain.fastest * FRAME_SECONDS)
     h = FRAME_SECONDS / steps
     x, v = curtain.start, np.zeros((curtain.cells + 1, 2))

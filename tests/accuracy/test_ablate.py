@@ -3,10 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from taichi_cloth import cli, load_scene
-from taichi_cloth.accuracy.ablate import ablate, horizon, motion, without
+from taichi_cloth.accuracy.ablate import ablate, horizon, motion, outlines, without
 from taichi_cloth.scene.model import Cloth, Ground, Scene, Solver, Springs, Wind
 from taichi_cloth.simulation import Simulation
 
@@ -36,6 +37,13 @@ def test_ground_far_below_changes_nothing_and_wind_does() -> None:
     assert found["ground"].kinetic == 0.0
     assert found["wind"].change > 0.01
     assert found["wind"].kinetic < -0.1
+
+
+def test_the_outline_is_the_area_inside_the_edge_from_above() -> None:
+    x, z = np.meshgrid(np.linspace(0.0, 3.0, 7), np.linspace(0.0, 2.0, 5))
+    flat = np.stack([x, 0.0 * x, z], axis=-1).reshape(1, -1, 3)
+    hanging = flat[..., [0, 2, 1]]
+    assert outlines(np.concatenate([flat, hanging, flat * [1.0, 1.0, -0.5]]), (5, 7)) == pytest.approx([6.0, 0.0, 3.0])
 
 
 def told(scene: Scene, frames: int) -> int:
