@@ -160,8 +160,8 @@ def heading(found: Ablations) -> str:
     """What the table belongs to."""
     return (
         f"{found.ms:.2f} ms a frame. Places: root mean square of the side up to frame {found.frames}, when a start"
-        f" {NUDGE:g} of the side off has grown {GROWN:g} times or the run ends. Outline: by how much of the sheet's area"
-        " what lies inside its edge, seen from above, changes till then. Kinetic energy: mean of the whole run."
+        f" {NUDGE:g} of the side off has grown {GROWN:g} times or the run ends. Outline: change of the area inside the"
+        " sheet's edge, seen from above, till then, of its whole area. Kinetic energy: mean of the whole run."
     )
 
 
