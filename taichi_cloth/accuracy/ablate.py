@@ -33,9 +33,7 @@ class Ablation:
     stage: str
     less_ms: float  # that a frame takes
     change: float  # of the places, root mean square up to the horizon, as a share of the longer side
-    outline: (
-        float  # of the area inside the sheet's edge seen from above, mean up to the horizon, as a share of the sheet
-    )
+    outline: float  # of the area inside the edge seen from above, mean up to the horizon, as a share of the sheet
     kinetic: float  # of the kinetic energy, as a share
 
 
@@ -150,9 +148,8 @@ def table(found: Ablations) -> list[list[str]]:
     """Lines of text, the heading first."""
     lines = [["without", "ms less", "places change by", "outline", "kinetic energy"]]
     for row in found.rows:
-        lines.append(
-            [row.stage, f"{row.less_ms:+.3f}", f"{row.change:.2%}", f"{row.outline:.2%}", f"{row.kinetic:+.1%}"]
-        )
+        shares = f"{row.change:.2%}", f"{row.outline:.2%}", f"{row.kinetic:+.1%}"
+        lines.append([row.stage, f"{row.less_ms:+.3f}", *shares])
     return lines
 
 
