@@ -317,6 +317,7 @@ def run_front(args: argparse.Namespace) -> int:
         for curtain, solver, substeps, iterations in wanted:
             on_step(f"{solver} {substeps}×{iterations}, {curtain.cells} cells")
             found.append(sweep.measure(curtain, solver, substeps, iterations))
+    found = sweep.once(found)
     report.print_report(found)
     if args.csv:
         write_csv(args.csv, found, sweep.Point)

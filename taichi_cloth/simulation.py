@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import state
-from .contact.tables import box_table, ground_table, sphere_center, sphere_table
+from .contact.bodies import Body, bodies_at, body_table, colliders_of, penetration
 from .errors import WrongUse
 from .hand import Hand
 from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
-from .measure.cloth import Measures, energies, penetration, spring_strains
+from .measure.cloth import Measures, energies, spring_strains
 from .mesh.from_scene import stiffness_of, topology_of
 from .save_file import read_save, write_save
 from .scene import Scene, live_keys, scene_to_toml
 from .scene.live import check_live
-from .scene.model import FRAME_SECONDS, USUAL
+from .scene.model import FRAME_SECONDS, USUAL, Collider, Ground
 from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
 from .state.fields import put
 
@@ -50,8 +50,9 @@ class Simulation:
         self._stages = Stages(
             wind=scene.wind is not None,
             spheres=len(scene.spheres),
+            capsules=len(scene.capsules),
             boxes=len(scene.boxes),
-            ground=scene.ground is not None,
+            planes=len(scene.planes) + (scene.ground is not None),
             spring_damping=scene.fabric.damping_time > 0,
             strain_limit=scene.limit is not None,
             tethers=scene.tethers is not None,
@@ -60,8 +61,6 @@ class Simulation:
         self._live = {name: key.value for name, key in self._keys.items()}
         self._wind_on = True
         self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
-        self._boxes = box_table(scene.boxes)
-        self._ground = ground_table(scene.ground)
         self._own = scene.solver
         self._open(scene)
         self._inverse_mass = state.inverse_mass(self.topology)
@@ -238,10 +237,10 @@ class Simulation:
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of what is switched on: spring families, limits, forces and colliders."""
-        names = {"strain_limit": "limit", "spheres": "sphere", "boxes": "box"}
-        stages = ("bending", "strain_limit", "tethers", "wind", "spheres", "boxes", "ground")
-        on = (names.get(stage, stage) for stage in stages if getattr(self.solver.stages, stage))
-        return (*self.topology.family_counts, *on)
+        names = {"bending": "bending", "strain_limit": "limit", "tethers": "tethers", "wind": "wind"}
+        on = (name for stage, name in names.items() if getattr(self.solver.stages, stage))
+        colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
+        return (*self.topology.family_counts, *on, *colliders)
 
     @property
     def method(self) -> str:
@@ -269,12 +268,9 @@ class Simulation:
         """Velocity of every particle [m/s], shape (N, 3)."""
         return self.solver.velocities(self._substep)
 
-    def spheres_now(self) -> list[tuple[Floats, float]]:
-        """Middle [m] and radius [m] of every sphere at the present time."""
-        return [
-            (sphere_center(sphere, self.seconds), radius)
-            for sphere, radius in zip(self.scene.spheres, self._radii(), strict=True)
-        ]
+    def bodies(self) -> list[Body]:
+        """Every collider as it is now: spheres, capsules, boxes, planes, the ground."""
+        return bodies_at(self._colliders(), self.seconds)
 
     def measure(self) -> Measures:
         """Strain, energy [J] and penetration [m] of the cloth as it is now."""
@@ -283,14 +279,12 @@ class Simulation:
         family = self.topology.family("structural")
         strains = strains[family] if len(family) else strains
         kinetic, potential = energies(self.topology, x, self.velocities(), self._live["gravity"])
-        boxes = [(np.asarray(box.center), np.asarray(box.size)) for box in self.scene.boxes]
-        ground = None if self.scene.ground is None else self.scene.ground.height
         return Measures(
             max_strain=float(strains.max(initial=0.0)),
             mean_strain=float(np.abs(strains).mean()) if len(strains) else 0.0,
             kinetic_energy=kinetic,
             potential_energy=potential,
-            penetration=penetration(x, self.spheres_now(), boxes, ground),
+            penetration=penetration(self.bodies(), x),
             finite=bool(np.isfinite(x).all()),
         )
 
@@ -344,9 +338,7 @@ class Simulation:
             h=self._substep,
             held=-1 if self._hand is None else self._hand.particle,
             controls=self._controls(),
-            spheres=sphere_table(self.scene.spheres, self._radii(), start, end),
-            boxes=self._boxes,
-            ground=self._ground,
+            bodies=body_table(self._colliders(), start, end),
         )
 
     def _controls(self) -> NDArray[np.float32]:
@@ -373,10 +365,12 @@ class Simulation:
             controls[c.GRAB_TO : c.GRAB_TO + 3] = self._hand.target
         return controls
 
-    def _radii(self) -> list[float]:
-        """Radius of every sphere [m]; the slider moves the first."""
-        radii = [sphere.radius for sphere in self.scene.spheres]
-        return [self._live["sphere_radius"], *radii[1:]] if radii else []
+    def _colliders(self) -> list[Collider | Ground]:
+        """All of the scene's; a slider sets the first sphere's radius."""
+        colliders = colliders_of(self.scene)
+        if self.scene.spheres:
+            colliders[0] = replace(self.scene.spheres[0], radius=self._live["sphere_radius"])
+        return colliders
 
 
 def _finite(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:

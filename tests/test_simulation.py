@@ -35,9 +35,10 @@ def test_time_and_spheres_go_on_with_the_frames() -> None:
         for _ in range(60):
             simulation.advance_frame()
         assert simulation.seconds == pytest.approx(1.0)
-        ((center, radius),) = simulation.spheres_now()
-        assert center == pytest.approx([1.0, 1.0, 1.0])  # a quarter of its 4 s: at the end of its sway
-        assert radius == 0.2
+        ball, ground = simulation.bodies()
+        assert ball.center == pytest.approx([1.0, 1.0, 1.0])  # a quarter of its 4 s: at the end of its sway
+        assert ball.size[0] == 0.2
+        assert ground.collider == SMALL.ground
 
 
 def test_stages_name_what_is_on() -> None:

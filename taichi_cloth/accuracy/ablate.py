@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from ..bench.worker import frames as time_frames
 from ..files import whole_file
 from ..measure.cloth import energies
 from ..scene import load_scene, scene_names
-from ..scene.model import Scene
+from ..scene.model import COLLIDERS, Scene
 from ..simulation import Simulation
 from ..solvers import SOLVERS
 
@@ -68,15 +69,11 @@ def without(scene: Scene) -> dict[str, Scene]:
             found["gusts"] = replace(scene, wind=replace(scene.wind, turbulence=0.0))
         if scene.wind.lift > 0:
             found["lift"] = replace(scene, wind=replace(scene.wind, lift=0.0))
-    for name, none in (("limit", None), ("tethers", None), ("spheres", ()), ("boxes", ()), ("ground", None)):
+    for name in ("limit", "tethers", *COLLIDERS, "ground"):
         if getattr(scene, name):
-            found[name] = replace(scene, **{name: none})  # type: ignore[arg-type]
-    slippery = replace(
-        scene,
-        spheres=tuple(replace(sphere, friction=0.0) for sphere in scene.spheres),
-        boxes=tuple(replace(box, friction=0.0) for box in scene.boxes),
-        ground=scene.ground and replace(scene.ground, friction=0.0),
-    )
+            found[name] = replace(scene, **{name: () if name in COLLIDERS else None})  # type: ignore[arg-type]
+    smooth: dict[str, Any] = {n: tuple(replace(one, friction=0.0) for one in getattr(scene, n)) for n in COLLIDERS}
+    slippery = replace(scene, **smooth, ground=scene.ground and replace(scene.ground, friction=0.0))
     if slippery != scene:
         found["friction"] = slippery
     return found

@@ -143,6 +143,11 @@ def points(curtains: list[Curtain], only: str | None) -> Iterator[tuple[Curtain,
                     yield curtain, solver, substeps, iterations
 
 
+def once(found: list[Point]) -> list[Point]:
+    """Without those that another setting came to as well: some methods take more substeps than they are asked for."""
+    return list({(point.cells, point.setting): point for point in found}.values())
+
+
 def pareto(found: list[Point]) -> list[Point]:
     """Those that nothing is both faster and more accurate than, from fast to accurate."""
     front: list[Point] = []

@@ -122,7 +122,7 @@ def changed(scene: Scene, change: str) -> Scene:
     if sign == "-" and name in ("shear", "bend"):
         new = {part: replace(getattr(scene, part), **{name: 0.0}) for part in ("springs", "fabric")}
     elif sign == "-":
-        new = {"spheres": ()} if name == "sphere" else {name: None}
+        new = {f"{name}s": ()} if name == "sphere" else {name: None}
     elif sign == "+":
         new = {name: parts()[name].section()}
     return replace(scene, **new)

@@ -1,23 +1,22 @@
-"""Keeps particles out of spheres, boxes and the ground by moving them to the surface, with friction."""
+"""Keeps particles out of the scene's colliders by moving them to the surface, with friction."""
+
+from typing import Any
 
 import taichi as ti
 import taichi.math as tm
 
-from ..kernels.controls import (
-    BOX_CENTER,
-    BOX_FRICTION,
-    BOX_HALF,
-    BOX_MARGIN,
-    GROUND_FRICTION,
-    GROUND_HEIGHT,
-    SPHERE_FRICTION,
-    SPHERE_FROM,
-    SPHERE_REACH,
-    SPHERE_TO,
-)
-from ..kernels.maths import friction_slide, out_of_box, out_of_sphere
+from ..kernels.controls import BODY_AXES, BODY_FRICTION, BODY_FROM, BODY_MARGIN, BODY_SIZE, BODY_TO, BODY_TURN
+from ..kernels.maths import TINY, friction_slide
 from ..kernels.motion import put_right
-from ..kernels.places import join, part, spread, times
+from ..kernels.places import cross, spread, times
+from .shapes import SHAPES
+
+KINDS = tuple(SHAPES)
+
+
+def first_of(stages: Any, k: int) -> int:
+    """Row of the table where the bodies of kind k begin."""
+    return sum(getattr(stages, kind) for kind in KINDS[:k])
 
 
 @ti.func
@@ -27,60 +26,44 @@ def vector_at(table: ti.template(), row: int, column: int) -> tm.vec3:
 
 
 @ti.func
+def turned_by(vector: tm.vec3):
+    """3×3 matrix that turns about a vector by its length [radians] (Rodrigues)."""
+    angle = vector.norm()
+    k = vector / ti.max(angle, TINY)
+    across = ti.Matrix([[0.0, -k.z, k.y], [k.z, 0.0, -k.x], [-k.y, k.x, 0.0]])
+    return ti.Matrix.identity(ti.f32, 3) + ti.sin(angle) * across + (1.0 - ti.cos(angle)) * (across @ across)
+
+
+@ti.func
 def push_out(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Moves every free particle out of the scene's colliders, one collider after another."""
-    if ti.static(cloth.gathers):  # one parallel loop for each collider: in a loop over them they would race
-        for s in ti.static(range(stages.spheres)):
-            out_of_one_sphere(cloth, stages, now, s)
-        for s in ti.static(range(stages.boxes)):
-            out_of_one_box(cloth, stages, now, s)
-    else:
-        if ti.static(stages.spheres > 0):
-            for s in range(now.spheres.shape[0]):
-                out_of_one_sphere(cloth, stages, now, s)
-        if ti.static(stages.boxes > 0):
-            for s in range(now.boxes.shape[0]):
-                out_of_one_box(cloth, stages, now, s)
-    if ti.static(stages.ground):
-        for i in range(cloth.slot_count[None]):
-            x = cloth.x[i]
-            up = ti.max(now.ground[0, GROUND_HEIGHT] - part(x, 1), 0.0)
-            push = join(up * 0.0, up, up * 0.0, x)
-            follow(cloth, stages, now, i, push, tm.vec3(0.0), now.ground[0, GROUND_FRICTION])
+    for k in ti.static(range(len(KINDS))):
+        if ti.static(cloth.gathers):  # one parallel loop for each collider: in a loop over them they would race
+            for s in ti.static(range(first_of(stages, k), first_of(stages, k + 1))):
+                out_of_one(cloth, stages, now, ti.static(SHAPES[KINDS[k]]), s)
+        elif ti.static(first_of(stages, k) < first_of(stages, k + 1)):
+            for s in range(ti.static(first_of(stages, k)), ti.static(first_of(stages, k + 1))):
+                out_of_one(cloth, stages, now, ti.static(SHAPES[KINDS[k]]), s)
 
 
 @ti.func
-def out_of_one_sphere(cloth: ti.template(), stages: ti.template(), now: ti.template(), s: int):
-    """A sphere travels in a straight line from its first to its last place of the frame."""
-    travel = vector_at(now.spheres, s, SPHERE_TO) - vector_at(now.spheres, s, SPHERE_FROM)
-    center = vector_at(now.spheres, s, SPHERE_FROM) + travel * ((now.s + 1.0) / now.substeps)
-    reach, friction = now.spheres[s, SPHERE_REACH], now.spheres[s, SPHERE_FRICTION]
+def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), out_of: ti.template(), s: int):
+    """Within a frame a body goes straight on and turns about one axis."""
+    table = ti.static(now.bodies)
+    travel, turn = vector_at(table, s, BODY_TO) - vector_at(table, s, BODY_FROM), vector_at(table, s, BODY_TURN)
+    reached = (now.s + 1.0) / now.substeps
+    center = vector_at(table, s, BODY_FROM) + travel * reached
+    start = ti.Matrix([[table[s, BODY_AXES + 3 * r + c] for c in ti.static(range(3))] for r in ti.static(range(3))])
+    axes = turned_by(turn * reached) @ start
+    size, margin, friction = vector_at(table, s, BODY_SIZE), table[s, BODY_MARGIN], table[s, BODY_FRICTION]
+    share = now.lasts / now.substeps
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
-        push = out_of_sphere(x, spread(center, x), reach)
-        follow(cloth, stages, now, i, push, travel * (now.lasts / now.substeps), friction)
-
-
-@ti.func
-def out_of_one_box(cloth: ti.template(), stages: ti.template(), now: ti.template(), s: int):
-    center, half = vector_at(now.boxes, s, BOX_CENTER), vector_at(now.boxes, s, BOX_HALF)
-    for i in range(cloth.slot_count[None]):
-        x = cloth.x[i]
-        push = out_of_box(x, spread(center, x), spread(half, x), now.boxes[s, BOX_MARGIN])
-        follow(cloth, stages, now, i, push, tm.vec3(0.0), now.boxes[s, BOX_FRICTION])
-
-
-@ti.func
-def follow(
-    cloth: ti.template(), stages: ti.template(), now: ti.template(), i: int, push, travel: tm.vec3, friction: float
-):
-    """Moves a free particle by a push out of a surface, and against sliding on it.
-
-    `travel` is how far the surface moved in this substep [m].
-    """
-    free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
-    move = push
-    if friction > 0.0:
-        slid = cloth.x[i] + push - cloth.x_prev[i] - spread(travel, push)
-        move += friction_slide(push, slid, friction)
-    put_right(cloth, stages, now, i, times(move, free))
+        away = x - spread(center, x)
+        push = out_of(axes, size, margin, away)
+        move = push
+        if friction > 0.0:
+            surface = spread(travel * share, x) + cross(spread(turn * share, x), away + push)
+            move += friction_slide(push, x + push - cloth.x_prev[i] - surface, friction)
+        free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
+        put_right(cloth, stages, now, i, times(move, free))

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .camera import OrbitCamera
-from .rays import ball_distance, box_distance, triangle_distances
+from .rays import triangle_distances
 
 TOLERANCE = 10.0  # [pixels] how far from a particle a press may be that hits no triangle: cloth seen edge-on
 
 Floats = NDArray[np.float64]
-Balls = Sequence[tuple[Floats, float]]  # center [m], radius [m]
-Boxes = Sequence[tuple[Floats, Floats]]  # center [m], whole size [m]
+Blocked = Callable[[Floats, Floats], float]  # distance [m] along a ray, origin and direction, to the first solid on it
 
 
 @dataclass(frozen=True)
@@ -33,10 +32,9 @@ def pick(
     size: tuple[int, int],
     positions: Floats,
     triangles: NDArray[np.integer],
-    balls: Balls = (),
-    boxes: Boxes = (),
+    blocked: Blocked = lambda origin, direction: np.inf,
 ) -> Pick | None:
-    """The particle at a screen point of a window of `size` pixels; a ball or box in front of it hides it.
+    """The particle at a screen point of a window of `size` pixels; a solid in front of it hides it.
 
     It is the nearest corner of the first triangle on the ray, or else the particle nearest on the screen
     within `TOLERANCE` pixels.
@@ -44,7 +42,7 @@ def pick(
     aspect = size[0] / size[1]
     origin, direction = camera.ray(*cursor, aspect)
     screen, depth = camera.to_screen(positions, aspect)
-    free = _nearest_solid(origin, direction, balls, boxes)
+    free = blocked(origin, direction)
 
     distances = triangle_distances(origin, direction, *(positions[triangles[:, k]] for k in range(3)))
     first = int(distances.argmin()) if len(distances) else -1
@@ -60,16 +58,9 @@ def pick(
     for index in (int(i) for i in np.argsort(away) if away[i] <= TOLERANCE):
         sight = positions[index] - origin
         distance = float(np.linalg.norm(sight))
-        if distance < min(free, _nearest_solid(origin, sight / distance, balls, boxes)):
+        if distance < min(free, blocked(origin, sight / distance)):
             return Pick(index, _vec3(positions[index]), float(depth[index]))
     return None
-
-
-def _nearest_solid(origin: Floats, direction: Floats, balls: Balls, boxes: Boxes) -> float:
-    """Distance to the first ball or box on a ray [m], infinity if there is none."""
-    hits = [ball_distance(origin, direction, center, radius) for center, radius in balls]
-    hits += [box_distance(origin, direction, center, size) for center, size in boxes]
-    return min(hits, default=np.inf)
 
 
 class Handle:

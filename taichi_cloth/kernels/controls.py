@@ -27,10 +27,12 @@ MOST_STRAIN = 20  # of the strain limit
 TETHER_SLACK = 21  # how long a tether may be, as a multiple of the flat sheet's distance
 COUNT = 22
 
-# Columns of a row of the sphere table, of the box table and of the ground's only row.
-SPHERE_FROM, SPHERE_TO, SPHERE_REACH, SPHERE_FRICTION, SPHERE_COLUMNS = 0, 3, 6, 7, 8
-BOX_CENTER, BOX_HALF, BOX_MARGIN, BOX_FRICTION, BOX_COLUMNS = 0, 3, 6, 7, 8
-GROUND_HEIGHT, GROUND_FRICTION, GROUND_COLUMNS = 0, 1, 2
+# Columns of a row of the table of colliders.
+BODY_FROM, BODY_TO = 0, 3  # [m] its middle at both ends of the frame
+BODY_TURN = 6  # about this vector, by its length [radians], it turns in the frame
+BODY_AXES = 9  # 9…17: 3×3, row by row; its own axes at the start of the frame are the columns
+BODY_SIZE = 18  # 18…20 [m]
+BODY_MARGIN, BODY_FRICTION, BODY_COLUMNS = 21, 22, 23
 
 # Turns a second of the three gust waves: periods of 1.3 to 3.1 s in no simple ratio, so that no gust repeats soon.
 GUST_RATES = (0.43, 0.77, 0.32)
@@ -44,7 +46,5 @@ class Substep(NamedTuple):
     h: Any  # [s] its length
     held: Any  # index of the held particle, -1 for none
     controls: Any  # the row above
-    spheres: Any  # a row for each collider
-    boxes: Any
-    ground: Any
+    bodies: Any  # a row for each collider
     lasts: Any = 1.0  # how many of them contact and tethers act for, in a method of several stages

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,19 +36,3 @@ def energies(topology: Topology, positions: Floats, velocities: Floats, gravity:
     moving = np.where(topology.pinned, 0, topology.mass)
     kinetic = 0.5 * float(np.sum(moving * np.sum(velocities**2, axis=1)))
     return kinetic, float(np.sum(topology.mass * gravity * positions[:, 1]))
-
-
-def penetration(
-    positions: Floats,
-    spheres: Sequence[tuple[Floats, float]] = (),
-    boxes: Sequence[tuple[Floats, Floats]] = (),
-    ground: float | None = None,
-) -> float:
-    """Depth [m] of the deepest particle under the drawn surface of a sphere (center, radius), a box
-    (center, size) or the ground's height; 0 where none is inside. Margins are not counted."""
-    depths = [np.zeros(1)]
-    depths += [radius - np.linalg.norm(positions - center, axis=1) for center, radius in spheres]
-    depths += [(size / 2 - np.abs(positions - center)).min(axis=1) for center, size in boxes]
-    if ground is not None:
-        depths.append(ground - positions[:, 1])
-    return max(0.0, *(float(depth.max()) for depth in depths))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 Vec3 = tuple[float, float, float]
+Keyframes = tuple[tuple[float, ...], ...]
 
 FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 
@@ -161,26 +162,56 @@ class Wind:
 
 
 @dataclass(frozen=True)
-class Sphere:
-    """A ball the cloth cannot enter; it sways about its centre: center + sway·sin(2π·t/period + phase)."""
+class Collider:
+    """A body the cloth cannot enter. Its middle is at center + sway·sin(2π·t/period + phase), and where `path` leads.
+
+    It is turned by `rotation`, then as `path` says, then at the rate `spin` about its middle.
+    """
 
     center: Vec3 = _key((0.0, 1.0, 0.0), "middle of its path", "m", low=-1e5, high=1e5)
-    radius: float = _key(0.5, "radius as drawn", "m", low=0.0, high=1000.0, above_low=True, slider=(0.05, 1.5))
-    margin: float = _key(0.15, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
+    rotation: Vec3 = _key((0.0, 0.0, 0.0), "turned about x, then y, then z", "degrees", low=-360.0, high=360.0)
     sway: Vec3 = _key((0.0, 0.0, 0.0), "reach of its path along x, y, z", "m", low=-1000.0, high=1000.0)
     period: Vec3 = _key((8.0, 8.0, 8.0), "time of one sway along x, y, z", "s", low=0.01, high=1e6)
     phase: Vec3 = _key((0.0, 0.0, 0.0), "where on its path it starts", "degrees", low=-360.0, high=360.0)
+    spin: Vec3 = _key((0.0, 0.0, 0.0), "how fast it turns, about which axis", "degrees/s", low=-1e5, high=1e5)
+    path: Keyframes = _key(
+        (), "rows of [seconds, x, y, z] or with three angles: moved by [m] and turned by [degrees]", low=-1e5, high=1e5
+    )
+    margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
+    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
+
+
+@dataclass(frozen=True)
+class Sphere(Collider):
+    """A ball."""
+
+    radius: float = _key(0.5, "radius as drawn", "m", low=0.0, high=1000.0, above_low=True, slider=(0.05, 1.5))
+    margin: float = _key(0.15, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
     friction: float = _key(0.0, "Coulomb coefficient", low=0.0, high=1e6)
 
 
 @dataclass(frozen=True)
-class Box:
-    """A solid block with its sides along x, y and z: a table top."""
+class Capsule(Collider):
+    """A round bar with round ends, upright unless it is turned."""
+
+    length: float = _key(1.0, "between the middles of its round ends", "m", low=0.0, high=1000.0)
+    radius: float = _key(0.1, "radius as drawn", "m", low=0.0, high=1000.0, above_low=True)
+
+
+@dataclass(frozen=True)
+class Box(Collider):
+    """A solid block with its sides along x, y and z unless it is turned: a table top."""
 
     center: Vec3 = _key((0.0, 0.5, 0.0), "middle of the block", "m", low=-1e5, high=1e5)
     size: Vec3 = _key((1.0, 1.0, 1.0), "whole length along x, y, z", "m", low=0.001, high=1000.0)
-    margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
-    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
+
+
+@dataclass(frozen=True)
+class Plane(Collider):
+    """A slope without end: level, and solid below, unless it is turned."""
+
+    center: Vec3 = _key((0.0, 0.0, 0.0), "a point of it", "m", low=-1e5, high=1e5)
+    drawn: float = _key(4.0, "side of the square that is drawn around its center", "m", low=0.001, high=1000.0)
 
 
 @dataclass(frozen=True)
@@ -226,11 +257,16 @@ class Scene:
     forces: Forces = field(default_factory=Forces)
     wind: Wind | None = None
     spheres: tuple[Sphere, ...] = ()
+    capsules: tuple[Capsule, ...] = ()
     boxes: tuple[Box, ...] = ()
+    planes: tuple[Plane, ...] = ()
     ground: Ground | None = None
     camera: Camera = field(default_factory=Camera)
     look: Look = field(default_factory=Look)
     name: str = field(default="scene", metadata={"derived": "the file's stem"})
+
+
+COLLIDERS = ("spheres", "capsules", "boxes", "planes")  # sections of `Scene`, in the order of the kernels' table
 
 
 class Part(NamedTuple):

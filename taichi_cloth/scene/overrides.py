@@ -29,9 +29,10 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
     if key not in places:
         hint = nearest(key, places)
         raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth check --keys` lists them"), hint)
-    if len(places[key]) > 1:
-        raise SceneError(file, key, "could be " + " or ".join(f"{part.one}_{key}" for part, _ in places[key] if part))
-    [(part, name)] = places[key]
+    meant = [place for place in places[key] if place[0] is None or place[0].name in data] or places[key]
+    if len(meant) > 1:
+        raise SceneError(file, key, "could be " + " or ".join(f"{part.one}_{key}" for part, _ in meant if part))
+    [(part, name)] = meant
     if part is None:
         data[name] = value
     elif not part.many:

@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any
 
 from .errors import SceneError, nearest, shown
-from .model import CORNERS, EDGES, Key, Vec3
+from .model import CORNERS, EDGES, Key, Keyframes, Vec3
 
 PIN_NAMES = (*EDGES, *CORNERS)
 
@@ -21,6 +21,8 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise SceneError(file, where, f"three numbers are needed, as in [0.0, 1.0, 0.0], not {shown(value)}")
         return tuple(check_value(v, float, key, file, f"{where}[{k}]") for k, v in enumerate(value))
+    if hint == Keyframes:
+        return _path(value, key, file, where)
     if hint not in _WORDS:  # pins
         if not isinstance(value, (list, tuple)):
             raise SceneError(file, where, f'a list is needed, as in ["top", 17], not {shown(value)}')
@@ -57,6 +59,21 @@ def _check_text(value: str, key: Key, file: str, where: str) -> None:
         raise SceneError(file, where, f"a colour is written #rrggbb, as in #b5303c, not {shown(value)}")
     if _CONTROL.search(value):
         raise SceneError(file, where, f"one line of plain text is needed, not {shown(value)}")
+
+
+def _path(value: Any, key: Key, file: str, where: str) -> Keyframes:
+    """Rows of times that grow, each with where a body is then."""
+    if not isinstance(value, (list, tuple)):
+        raise SceneError(file, where, f"rows are needed, as in [[0, 0, 0, 0], [2, 0, 1, 0]], not {shown(value)}")
+    rows = []
+    for k, row in enumerate(value):
+        place = f"{where}[{k}]"
+        if not isinstance(row, (list, tuple)) or len(row) not in (4, 7):
+            raise SceneError(file, place, f"seconds, x, y, z and perhaps three angles are needed, not {shown(row)}")
+        rows.append(tuple(check_value(v, float, key, file, f"{place}[{n}]") for n, v in enumerate(row)))
+        if k and rows[k][0] <= rows[k - 1][0]:
+            raise SceneError(file, place, f"its time, {row[0]:g} s, is not after the one before, {value[k - 1][0]:g} s")
+    return tuple(rows)
 
 
 def _pin(value: Any, file: str, where: str) -> str | int:

@@ -32,14 +32,20 @@ class Stages:
 
     wind: bool = False
     spheres: int = 0  # how many
+    capsules: int = 0
     boxes: int = 0
-    ground: bool = False
+    planes: int = 0  # and the ground
     spring_damping: bool = False
     strain_limit: bool = False
     tethers: bool = False
     bending: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
     constrained: bool = True  # something needs to know where a particle was a substep ago
+
+    @property
+    def bodies(self) -> int:
+        """How many colliders there are."""
+        return self.spheres + self.capsules + self.boxes + self.planes
 
 
 @dataclass(frozen=True)
@@ -51,9 +57,7 @@ class FrameInput:
     h: float  # [s] length of a substep
     held: int  # index of the held particle, -1 for none
     controls: NDArray[np.float32]  # (controls.COUNT,)
-    spheres: NDArray[np.float32]  # (spheres, SPHERE_COLUMNS)
-    boxes: NDArray[np.float32]  # (boxes, BOX_COLUMNS)
-    ground: NDArray[np.float32]  # (0 or 1, GROUND_COLUMNS)
+    bodies: NDArray[np.float32]  # (colliders, BODY_COLUMNS)
 
     @property
     def arguments(self) -> tuple[Any, ...]:
@@ -86,9 +90,7 @@ def run_frame(
     h: float,
     held: int,
     controls: row,
-    spheres: table,
-    boxes: table,
-    ground: table,
+    bodies: table,
 ):
     """A whole frame in one launch, serial: a launch for every colour of every iteration would cost 20 times as much.
 
@@ -99,7 +101,7 @@ def run_frame(
     for _ in range(1):
         load(work, cloth, stages)
         for s in range(substeps + closing):
-            now = ti.static(Substep(s, substeps, h, held, controls, spheres, boxes, ground))
+            now = ti.static(Substep(s, substeps, h, held, controls, bodies))
             before(work, stages, now)
             if s < substeps:
                 for _k in range(iterations):
@@ -118,14 +120,12 @@ def run_serially(
     h: float,
     held: int,
     controls: row,
-    spheres: table,
-    boxes: table,
-    ground: table,
+    bodies: table,
 ):
     """One part of a substep, serial, for a method that goes back to Python in between."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        part(cloth, stages, ti.static(Substep(s, substeps, h, held, controls, spheres, boxes, ground)))
+        part(cloth, stages, ti.static(Substep(s, substeps, h, held, controls, bodies)))
 
 
 @ti.kernel
@@ -164,7 +164,7 @@ class Solver:
         """`stiffness`: of every spring, (E,), in the unit of the section `springs`."""
         self.cloth = cloth
         self.path = path
-        moved = stages.spheres or stages.boxes or stages.ground or stages.strain_limit or stages.tethers
+        moved = stages.bodies or stages.strain_limit or stages.tethers
         self.stages = replace(
             stages,
             own_velocity=self.own_velocity,

@@ -16,7 +16,7 @@ from taichi.graph import Arg, ArgKind, Graph, GraphBuilder
 from ..kernels.controls import Substep, row, table
 
 SCALARS = {"substeps": ti.i32, "h": ti.f32, "held": ti.i32}
-TABLES = {"controls": 1, "spheres": 2, "boxes": 2, "ground": 2}  # number of dimensions
+TABLES = {"controls": 1, "bodies": 2}  # number of dimensions
 
 
 @ti.kernel
@@ -29,12 +29,10 @@ def run_part(
     h: float,
     held: int,
     controls: row,
-    spheres: table,
-    boxes: table,
-    ground: table,
+    bodies: table,
 ):
     """One part of substep `s`; every loop in it runs in parallel."""
-    part(cloth, stages, ti.static(Substep(s, substeps, h, held, controls, spheres, boxes, ground)))
+    part(cloth, stages, ti.static(Substep(s, substeps, h, held, controls, bodies)))
 
 
 class Launches:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..simulation import Simulation
 from ..state.pool import Pool
-from . import fill, solids
+from . import draw_bodies, fill, solids
 from .draw_mesh import DrawMesh
 from .lighting import studio
 
@@ -18,7 +18,7 @@ VIEWS = ("shaded", "strain", "wireframe", "particles")
 FLOOR = (0.97, 0.98, 1.0)
 TILES = 40  # along each side of the floor
 TILE_TINTS = np.array([1.0, 0.965])  # a faint chequer
-POLE, BALL, BLOCK = (0.42, 0.30, 0.20), (0.30, 0.42, 0.56), (0.62, 0.48, 0.36)
+POLE, BALL = (0.42, 0.30, 0.20), (0.30, 0.42, 0.56)
 PINNED, HELD = (0.85, 0.45, 0.10), (1.0, 0.80, 0.20)
 FAMILY_COLOURS = {"structural": (0.16, 0.33, 0.55), "shear": (0.62, 0.44, 0.24), "bend": (0.5, 0.5, 0.5)}
 
@@ -48,8 +48,8 @@ _looks = Pool(_allocate_look)
 class DrawList:
     """The draw mesh of one simulation; `update(view)` brings it up to date. Close it before the simulation.
 
-    Corners in order: what stands still, balls, their shadows, the cloth's shadow, the cloth. All but the
-    cloth is lit on one side.
+    Corners in order: what stands still, what moves, balls, their shadows, the cloth's shadow, the cloth. All but
+    the cloth is lit on one side.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -65,10 +65,14 @@ class DrawList:
         self._spring_colours = self._family_colours()
         self._floor = self._floor_table(distance)
 
-        still = [*self._pole(), *self._blocks()]
+        bodies = simulation.bodies()
+        standing, self._moving = draw_bodies.split(bodies)
+        self._soups = [draw_bodies.soup(bodies[k]) for k in self._moving]
+        still = [*self._pole(), *(draw_bodies.posed(body, draw_bodies.soup(body)) for body in standing)]
         floor = self._floor_corners()
         self._shares = 1 if scene.ground is None else 2  # a body and, on a floor, its shadow
-        self._first_ball = len(floor[0]) + self._shares * sum(len(p) for p, _, _ in still)
+        self._first_moving = len(floor[0]) + self._shares * sum(len(p) for p, _, _ in still)
+        self._first_ball = self._first_moving + self._shares * sum(len(p) for p, _, _ in self._soups)
         self._first_shadow = self._first_ball + self._shares * self._ball_count * len(self._ball)
         self._cloth_corners = {
             "shaded": 3 * topology.triangle_count,
@@ -79,11 +83,7 @@ class DrawList:
         self.mesh = _meshes.take(self._first_shadow + self._shares * max(self._cloth_corners.values()))
         self._look = _looks.take(topology.particle_count)
         fill.fill_floor(self.mesh, 0, *floor, self._floor)
-        first = len(floor[0])
-        for position, normal, colour in still:
-            fill.fill_body(self.mesh, first, position, normal, colour)
-            self._shadow(first + len(position), first, len(position))
-            first += self._shares * len(position)
+        self._fill_bodies(len(floor[0]), still)
 
     def close(self) -> None:
         """Gives the fields back for the next draw list."""
@@ -94,6 +94,9 @@ class DrawList:
         """Writes the scene as it is now, seen from `eye` [m], in one of `VIEWS`."""
         simulation, mesh, cloth = self.simulation, self.mesh, self.simulation.cloth
         self._update_balls()
+        bodies = simulation.bodies() if self._moving else []
+        moved = [draw_bodies.posed(bodies[k], soup) for k, soup in zip(self._moving, self._soups, strict=True)]
+        self._fill_bodies(self._first_moving, moved)
         corners = self._cloth_corners[view]
         first = self._first_shadow + (self._shares - 1) * corners
         fill.particle_normals(cloth, self._look.normal)
@@ -122,13 +125,21 @@ class DrawList:
             marker = (simulation.topology.start[0], 0.0)
         else:
             marker = (simulation.positions()[held], 0.3 * self._grain)
-        centers, radii = zip(*simulation.spheres_now(), marker, strict=True)
+        spheres = simulation.bodies()[: len(simulation.scene.spheres)]
+        centers, radii = zip(*((body.center, body.size[0]) for body in spheres), marker, strict=True)
         colours = np.array([BALL] * (self._ball_count - 1) + [HELD], np.float32)
         fill.fill_balls(
             self.mesh, self._first_ball, self._ball, np.array(centers, np.float32), np.array(radii, np.float32), colours
         )
         corners = self._ball_count * len(self._ball)
         self._shadow(self._first_ball + corners, self._first_ball, corners)
+
+    def _fill_bodies(self, first: int, soups: list[draw_bodies.Soup]) -> None:
+        """Bodies one after another, each with its shadow."""
+        for positions, normals, colours in soups:
+            fill.fill_body(self.mesh, first, positions, normals, colours)
+            self._shadow(first + len(positions), first, len(positions))
+            first += self._shares * len(positions)
 
     def _shadow(self, first: int, source: int, corners: int) -> None:
         """The shadow of a part of the mesh, where there is a floor to take it."""
@@ -137,17 +148,13 @@ class DrawList:
 
     # -- what stands still -----------------------------------------------------------------------------
 
-    def _pole(self) -> list[tuple[Floats, Floats, Floats]]:
+    def _pole(self) -> list[draw_bodies.Soup]:
         scene = self.simulation.scene
         if not scene.look.pole:
             return []
         left, right = self.simulation.topology.start[[0, scene.cloth.columns - 1]]
         overhang, radius = 0.06 * (right - left), 0.012 * scene.cloth.width
-        return [_coloured(*solids.cylinder(left - overhang, right + overhang, radius), POLE)]
-
-    def _blocks(self) -> list[tuple[Floats, Floats, Floats]]:
-        boxes = self.simulation.scene.boxes
-        return [_coloured(*solids.box(np.asarray(b.center), np.asarray(b.size)), BLOCK) for b in boxes]
+        return [draw_bodies.coloured(*solids.cylinder(left - overhang, right + overhang, radius), POLE)]
 
     def _floor_corners(self) -> tuple[Floats, Floats]:
         if self.simulation.scene.ground is None:
@@ -187,11 +194,3 @@ def _rgb(colour: str) -> tuple[float, float, float]:
     """#rrggbb as three factors 0…1."""
     red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red, green, blue
-
-
-def _coloured(position: Any, normal: Any, colour: tuple[float, float, float]) -> tuple[Floats, Floats, Floats]:
-    return (
-        position.astype(np.float32),
-        normal.astype(np.float32),
-        np.tile(np.array(colour, np.float32), (len(position), 1)),
-    )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..contact.bodies import first_hit
 from ..interact.camera import OrbitCamera
 from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
@@ -156,9 +158,8 @@ class Session:
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
         simulation = self.simulation
         positions = simulation.positions()
-        boxes = [(np.asarray(box.center), np.asarray(box.size)) for box in simulation.scene.boxes]
-        balls = simulation.spheres_now()
-        picked = pick(self.camera, cursor, size, positions, simulation.topology.triangles, balls, boxes)
+        solid = partial(first_hit, simulation.bodies())
+        picked = pick(self.camera, cursor, size, positions, simulation.topology.triangles, solid)
         if picked is None:
             self.pointer.miss()
             return

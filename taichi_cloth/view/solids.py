@@ -43,6 +43,13 @@ def cylinder(start: Corners, end: Corners, radius: float, sides: int = 24) -> tu
     return np.concatenate([side, *ends]), np.concatenate([side_normal, *end_normals])
 
 
+def capsule(half: float, radius: float) -> tuple[Corners, Corners]:
+    """An upright bar with round ends; their middles are `half` [m] above and below the origin."""
+    normals = unit_sphere()
+    ends = np.array([0.0, half, 0.0]) * np.where(normals[:, 1:2] < -1e-9, -1.0, 1.0)
+    return radius * normals + ends, normals
+
+
 def box(center: Corners, size: Corners) -> tuple[Corners, Corners]:
     """A block around `center` with whole sides `size` (each (3,) [m])."""
     corners, normals = [], []

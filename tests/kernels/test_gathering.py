@@ -5,11 +5,13 @@ import pytest
 import taichi as ti
 
 from taichi_cloth import state
+from taichi_cloth.contact.bodies import body_table
 from taichi_cloth.contact.push_out import push_out
 from taichi_cloth.kernels import controls as c
 from taichi_cloth.kernels import springs
 from taichi_cloth.kernels.forces import add_air, forget_forces, take_acceleration, wind_at
 from taichi_cloth.mesh.topology import Topology, sheet
+from taichi_cloth.scene.model import Box, Ground, Sphere
 from taichi_cloth.solvers import Stages
 from taichi_cloth.solvers.base import run_serially
 from taichi_cloth.view.fill import particle_normals
@@ -19,7 +21,7 @@ row = ti.types.ndarray(dtype=ti.f32, ndim=1)
 H = 1 / 300
 WINDY = Stages(wind=True)
 CALM = Stages()
-NONE = np.zeros((0, 8), np.float32)  # no collider
+NONE = np.zeros((0, c.BODY_COLUMNS), np.float32)  # no collider
 
 
 @ti.func
@@ -58,7 +60,7 @@ STIFFNESS = (1.0, 1.0, 1.0, 1.0, 0.5, 0.5)  # of each of grid.DIRECTIONS
 
 def gather(cloth: state.ClothState, stages: Stages, controls: np.ndarray, h: float) -> np.ndarray:
     """Accelerations by all external forces [m/s²]."""
-    run_serially(gather_into_velocity, cloth, stages, 0, 1, h, -1, controls, NONE, NONE, NONE)
+    run_serially(gather_into_velocity, cloth, stages, 0, 1, h, -1, controls, NONE)
     return cloth.taken(cloth.velocity)
 
 
@@ -204,7 +206,7 @@ def test_the_strain_limit_brings_long_springs_back_to_it_and_leaves_short_ones(c
     def limited(x: np.ndarray, sweeps: int) -> np.ndarray:
         cloth.put(x, x, state.inverse_mass(topology))
         for _ in range(sweeps):
-            run_serially(limit_once, cloth, Stages(strain_limit=True), 0, 1, H, -1, controls, NONE, NONE, NONE)
+            run_serially(limit_once, cloth, Stages(strain_limit=True), 0, 1, H, -1, controls, NONE)
         return cloth.taken(cloth.x)
 
     within = (topology.start * [1.09, 0.5, 1.0]).astype(np.float32)  # short springs are left as they are
@@ -220,11 +222,11 @@ def test_the_strain_limit_brings_long_springs_back_to_it_and_leaves_short_ones(c
 def test_contact_pushes_free_particles_out_and_leaves_pins(cloth_of) -> None:
     topology = flat((12,))
     cloth = cloth_of(topology)
-    spheres = np.array([[0, 0, 0, 0, 0, 1.0, 0.4, 0]], np.float32)  # travels 1 m along z within the frame
-    boxes = np.array([[0.5, 0.5, 0, 0.1, 0.1, 0.1, 0.02, 0]], np.float32)
-    ground = np.array([[-0.4, 0]], np.float32)
-    stages = Stages(spheres=1, boxes=1, ground=True)
-    run_serially(push_out, cloth, stages, 0, 5, H, -1, wind(), spheres, boxes, ground)
+    ball = Sphere(center=(0.0, 0.0, 0.0), radius=0.3, margin=0.1, path=((0.0, 0.0, 0.0, 0.0), (1 / 60, 0.0, 0.0, 1.0)))
+    block = Box(center=(0.5, 0.5, 0.0), size=(0.2, 0.2, 0.2), margin=0.02, friction=0.0)
+    bodies = body_table([ball, block, Ground(height=-0.4, margin=0.0, friction=0.0)], 0.0, 1 / 60)
+    stages = Stages(spheres=1, boxes=1, planes=1)
+    run_serially(push_out, cloth, stages, 0, 5, H, -1, wind(), bodies)
     x = cloth.taken(cloth.x)
     assert (x[12] == topology.start[12]).all()
     free = np.delete(x, 12, axis=0)
@@ -240,9 +242,8 @@ def test_friction_of_the_ground_holds_a_slow_slide(cloth_of) -> None:
     cloth = cloth_of(topology)
     lowered = topology.start - [0, 0.01, 0]
     cloth.put(lowered + [0.002, 0, 0], lowered, state.inverse_mass(topology))
-    stages = Stages(ground=True)
-    ground = np.array([[-0.5, 0.5]], np.float32)
-    run_serially(push_out, cloth, stages, 4, 5, H, -1, wind(), NONE, NONE, ground)
+    ground = body_table([Ground(height=-0.5, margin=0.0, friction=0.5)], 0.0, 1 / 60)
+    run_serially(push_out, cloth, Stages(planes=1), 4, 5, H, -1, wind(), ground)
     x = cloth.taken(cloth.x)
     assert x[20:, 0] == pytest.approx(lowered[20:, 0], abs=1e-6)  # 0.002 < 0.5 · 0.01: it sticks
     assert x[:5, 0] == pytest.approx(lowered[:5, 0] + 0.002, abs=1e-6)

@@ -1,9 +1,9 @@
-"""Strain, energy and penetration by hand numbers. No Taichi."""
+"""Strain and energy by hand numbers. No Taichi."""
 
 import numpy as np
 import pytest
 
-from taichi_cloth.measure.cloth import energies, penetration, spring_strains
+from taichi_cloth.measure.cloth import energies, spring_strains
 from taichi_cloth.mesh.topology import sheet
 
 STRIP = sheet(
@@ -32,13 +32,3 @@ def test_energies_of_a_moving_sheet() -> None:
     kinetic, potential = energies(STRIP, STRIP.start + [0, 10, 0], velocity, 9.81)
     assert kinetic == pytest.approx(0.5 * 2.0 * 4.0)
     assert potential == pytest.approx(3.0 * 9.81 * 10.0)
-
-
-def test_penetration_is_the_depth_of_the_deepest_particle() -> None:
-    points = np.array([[0.0, 0.0, 0.0], [0.9, 0.0, 0.0], [0.0, 5.0, 0.0]])
-    assert penetration(points) == 0
-    assert penetration(points, spheres=[(np.array([1.0, 0.0, 0.0]), 0.25)]) == pytest.approx(0.15)
-    assert penetration(points, spheres=[(np.array([9.0, 0.0, 0.0]), 0.25)]) == 0
-    assert penetration(points, boxes=[(np.array([0.0, 5.2, 0.0]), np.array([4.0, 1.0, 4.0]))]) == pytest.approx(0.3)
-    assert penetration(points, ground=0.125) == pytest.approx(0.125)
-    assert penetration(points, ground=-1.0) == 0

@@ -76,7 +76,7 @@ def test_only_the_first_ball_is_changed(write: Write) -> None:
         ({"qqqq": 1}, "qqqq: unknown key; `taichi-cloth check --keys` lists them"),
         ({"name_or_path": 1}, "name_or_path: unknown key; `taichi-cloth check --keys` lists them"),
         ({"a\nb": 1}, "a\\nb: unknown key; `taichi-cloth check --keys` lists them"),
-        ({"center": (0, 0, 0)}, "center: could be cloth_center or sphere_center or box_center"),
+        ({"center": (0, 0, 0)}, "center: could be cloth_center or sphere_center"),
         ({"height": 1}, "height: could be cloth_height or ground_height"),
         ({"box_size": (1, 1, 1)}, "box_size: the scene has no boxes"),
         ({"rows": 1}, "cloth.rows: 1 is out of range: 2 to 2048"),

@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from taichi_cloth.scene import Scene, key_table, load_scene, scene_names, scene_to_toml
-from taichi_cloth.scene.model import Key, Part, Vec3, keys_of, parts
+from taichi_cloth.scene.model import Key, Keyframes, Part, Vec3, keys_of, parts
 
 Write = Callable[[str | bytes], Path]
 
@@ -23,6 +23,10 @@ def values_of(hint: Any, key: Key) -> st.SearchStrategy[Any]:
         return st.booleans()
     if hint is str:
         return st.from_regex("#[0-9a-f]{6}", fullmatch=True) if key.colour else st.sampled_from(key.choices or texts)
+    if hint == Keyframes:
+        row = st.lists(st.floats(-1e5, 1e5, allow_subnormal=False), min_size=3, max_size=3)
+        times = st.lists(st.integers(0, 99), unique=True, max_size=3).map(sorted)
+        return times.flatmap(lambda t: st.tuples(*(row.map(lambda r, t=one: (float(t), *r)) for one in t)))
     if hint not in (int, float, Vec3):
         return st.lists(st.sampled_from(["top", "bottom-left"]) | st.integers(0, 3), max_size=4).map(tuple)
     assert key.low is not None
@@ -70,7 +74,7 @@ def test_every_key_is_written_with_its_unit() -> None:
     assert "\n[wind]\nx = 3.0  # m/s\n" in text
     assert text.count("[[boxes]]") == 3
     for part in parts().values():
-        assert (f"[{part.name}]" in text) == (part.name not in ("limit", "tethers"))
+        assert (f"[{part.name}]" in text) == (part.name not in ("limit", "tethers", "capsules", "planes"))
         assert f"[{part.name}]" not in text or all(f"\n{key} = " in text for key in keys_of(part.section))
 
 

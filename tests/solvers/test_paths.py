@@ -8,7 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.model import Box, Cloth, Fabric, Forces, Ground, Limit, Scene, Solver, Sphere, Tethers, Wind
+from taichi_cloth.scene.model import (
+    Box,
+    Capsule,
+    Cloth,
+    Fabric,
+    Forces,
+    Ground,
+    Limit,
+    Plane,
+    Scene,
+    Solver,
+    Sphere,
+    Tethers,
+    Wind,
+)
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS, path_for
 
@@ -33,7 +47,11 @@ def busy(solver: str) -> Scene:
         limit=Limit(0.02),
         tethers=Tethers(1.005),
         spheres=(Sphere(center=(0.0, 1.85, 0.1), radius=0.1, margin=0.02, sway=(0.3, 0.0, 0.0), friction=0.3),),
-        boxes=(Box(center=(-0.4, 1.95, 0.1), size=(0.1, 0.05, 0.1)),),
+        capsules=(
+            Capsule(center=(0.35, 1.9, 0.1), length=0.2, radius=0.04, rotation=(0.0, 0.0, 70.0), spin=(0, 60, 0)),
+        ),
+        boxes=(Box(center=(-0.4, 1.95, 0.1), size=(0.1, 0.05, 0.1), rotation=(0.0, 30.0, 10.0)),),
+        planes=(Plane(center=(0.0, 1.8, 0.0), rotation=(8.0, 0.0, 5.0)),),
         ground=Ground(height=1.85),
     )
 
@@ -124,7 +142,7 @@ from taichi_cloth import runtime
 runtime.start("cpu", debug=True, offline_cache=False)
 from test_paths import busy
 from taichi_cloth.simulation import Simulation
-scene = replace(busy("lines"), wind=None, spheres=(), boxes=(), ground=None)
+scene = replace(busy("lines"), wind=None, spheres=(), capsules=(), boxes=(), planes=(), ground=None)
 for solver, rows, columns in (("lines", 40, 8), ("lines", 2, 40), ("spring", 40, 8)):
     cloth = replace(scene.cloth, rows=rows, columns=columns)
     with Simulation(replace(scene, cloth=cloth, solver=replace(scene.solver, name=solver)), "lanes") as simulation:

@@ -1,0 +1,144 @@
+"""Colliders in NumPy: where each is and how it is turned at a time, how far points are from it, and the table of all of
+them that a frame's kernel reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels import controls as c
+from ..mesh.grid import rotation_matrix
+from ..scene.model import Box, Capsule, Collider, Ground, Scene, Sphere
+
+Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
+
+MARCH_STEPS, MARCH_NEAR = 200, 1e-5  # of a ray that goes on by its distance to the nearest surface [m]
+
+
+class Body(NamedTuple):
+    """A collider at one time."""
+
+    collider: Collider | Ground
+    center: Floats  # (3,) [m]
+    axes: Floats  # (3, 3): its own axes x, y and z as columns
+    size: Floats  # (3,) [m]: see `size_of`
+
+
+def size_of(collider: Collider | Ground) -> Floats:
+    """Radius; half the length between a capsule's round ends, and its radius; half sides; nothing for a plane [m]."""
+    match collider:
+        case Sphere():
+            size = (collider.radius, 0.0, 0.0)
+        case Capsule():
+            size = (collider.length / 2, collider.radius, 0.0)
+        case Box():
+            size = (collider.size[0] / 2, collider.size[1] / 2, collider.size[2] / 2)
+        case _:
+            size = (0.0, 0.0, 0.0)
+    return np.array(size)
+
+
+def turned(vector: Floats) -> Floats:
+    """3×3 matrix that turns about a vector by its length [radians] (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle if angle else vector
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    matrix: Floats = np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
+    return matrix
+
+
+def turn_between(before: Floats, after: Floats) -> Floats:
+    """The vector about which, by its length [radians], `after` is turned against `before`: the shortest way."""
+    turn = after @ before.T
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = float(np.linalg.norm(axis)) / 2, (float(np.trace(turn)) - 1) / 2
+    vector: Floats = axis / (2 * sine) * np.arctan2(sine, cosine) if sine > 1e-12 else np.zeros(3)
+    return vector
+
+
+def pose(collider: Collider | Ground, seconds: float) -> tuple[Floats, Floats]:
+    """Middle [m] and axes at a time, as the keys of `Collider` say."""
+    if isinstance(collider, Ground):
+        return np.array([0.0, collider.height, 0.0]), np.eye(3)
+    angle = 2 * np.pi * seconds / np.asarray(collider.period) + np.radians(collider.phase)
+    center = np.asarray(collider.center) + np.asarray(collider.sway) * np.sin(angle)
+    axes = rotation_matrix(collider.rotation)
+    if collider.path:
+        rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in collider.path])
+        offset = np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
+        center = center + offset[:3]
+        axes = rotation_matrix(tuple(offset[3:])) @ axes
+    return center, turned(np.radians(collider.spin) * seconds) @ axes
+
+
+def colliders_of(scene: Scene) -> list[Collider | Ground]:
+    """All of them, in the order of the kernels' table."""
+    ground = [] if scene.ground is None else [scene.ground]
+    return [*scene.spheres, *scene.capsules, *scene.boxes, *scene.planes, *ground]
+
+
+def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Body]:
+    """Every one at a time."""
+    return [Body(collider, *pose(collider, seconds), size_of(collider)) for collider in colliders]
+
+
+def body_table(colliders: Sequence[Collider | Ground], start: float, end: float) -> Floats32:
+    """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction."""
+    table = np.zeros((len(colliders), c.BODY_COLUMNS), np.float32)
+    for row, body in zip(table, bodies_at(colliders, start), strict=True):
+        center, axes = pose(body.collider, end)
+        row[c.BODY_FROM : c.BODY_FROM + 3] = body.center
+        row[c.BODY_TO : c.BODY_TO + 3] = center
+        row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(body.axes, axes)
+        row[c.BODY_AXES : c.BODY_AXES + 9] = body.axes.ravel()
+        row[c.BODY_SIZE : c.BODY_SIZE + 3] = body.size
+        row[c.BODY_MARGIN] = body.collider.margin
+        row[c.BODY_FRICTION] = body.collider.friction
+    return table
+
+
+def distance(body: Body, points: Floats) -> Floats:
+    """How far points of shape (N, 3) are from its surface as drawn [m], (N,); negative inside."""
+    local = (points - body.center) @ body.axes
+    match body.collider:
+        case Sphere():
+            away: Floats = np.linalg.norm(local, axis=1) - body.size[0]
+        case Capsule():
+            local[:, 1] -= np.clip(local[:, 1], -body.size[0], body.size[0])
+            away = np.linalg.norm(local, axis=1) - body.size[1]
+        case Box():
+            beyond = np.abs(local) - body.size
+            away = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+        case _:
+            away = local[:, 1]
+    return away
+
+
+def penetration(bodies: Sequence[Body], points: Floats) -> float:
+    """How deep the deepest of points (N, 3) lies under a surface [m], 0 where none does. Margins are not counted."""
+    return max([0.0, *(float(-distance(body, points).min()) for body in bodies)])
+
+
+def first_hit(bodies: Sequence[Body], origin: Floats, direction: Floats) -> float:
+    """Distance along a ray to the first body on it [m], infinity for none. One that it starts in does not count."""
+    outside = [body for body in bodies if distance(body, origin[None])[0] > 0]
+    gone = 0.0
+    for _ in range(MARCH_STEPS):
+        place = (origin + gone * direction)[None]
+        near = min((float(distance(body, place)[0]) for body in outside), default=np.inf)
+        if near < MARCH_NEAR:
+            return gone
+        gone += near
+        if not gone < 1e6:
+            break
+    return np.inf
+
+
+def is_still(collider: Collider | Ground) -> bool:
+    """Whether it never moves."""
+    return isinstance(collider, Ground) or not (any(collider.sway) or any(collider.spin) or collider.path)

@@ -1,0 +1,45 @@
+"""How a particle leaves a body: the shortest push to its margin, by the body's shape.
+
+All take the body's axes (3×3, its own x, y and z as columns), its size [m] (`contact/bodies.py`), its margin [m] and
+where the particle is from its middle [m], and give the push [m], zero outside.
+"""
+
+import taichi as ti
+import taichi.math as tm
+
+from ..kernels.maths import out_of_box, out_of_sphere
+from ..kernels.places import dot, join, part, spread, times
+
+
+@ti.func
+def axis_of(axes, k: ti.template()) -> tm.vec3:
+    return tm.vec3(axes[0, k], axes[1, k], axes[2, k])
+
+
+@ti.func
+def out_of_ball(axes, size: tm.vec3, margin: float, away):
+    return out_of_sphere(away, away * 0.0, size.x + margin)
+
+
+@ti.func
+def out_of_capsule(axes, size: tm.vec3, margin: float, away):
+    along = spread(axis_of(axes, 1), away)
+    nearest = times(along, ti.min(ti.max(dot(away, along), -size.x), size.x))
+    return out_of_sphere(away, nearest, size.y + margin)
+
+
+@ti.func
+def out_of_block(axes, size: tm.vec3, margin: float, away):
+    x, y, z = spread(axis_of(axes, 0), away), spread(axis_of(axes, 1), away), spread(axis_of(axes, 2), away)
+    local = join(dot(away, x), dot(away, y), dot(away, z), away)
+    push = out_of_box(local, local * 0.0, spread(size, away), margin)
+    return times(x, part(push, 0)) + times(y, part(push, 1)) + times(z, part(push, 2))
+
+
+@ti.func
+def out_of_slope(axes, size: tm.vec3, margin: float, away):
+    up = spread(axis_of(axes, 1), away)
+    return times(up, ti.max(margin - dot(away, up), 0.0))
+
+
+SHAPES = {"spheres": out_of_ball, "capsules": out_of_capsule, "boxes": out_of_block, "planes": out_of_slope}
