@@ -5,6 +5,7 @@ them that a frame's kernel reads.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,8 @@ def turned(vector: Floats) -> Floats:
 
 def turn_between(before: Floats, after: Floats) -> Floats:
     """The vector about which, by its length [radians], `after` is turned against `before`: the shortest way."""
+    if np.array_equal(before, after):
+        return np.zeros(3)
     turn = after @ before.T
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine, cosine = float(np.linalg.norm(axis)) / 2, (float(np.trace(turn)) - 1) / 2
@@ -65,15 +68,18 @@ def pose(collider: Collider | Ground, seconds: float) -> tuple[Floats, Floats]:
     """Middle [m] and axes at a time, as the keys of `Collider` say."""
     if isinstance(collider, Ground):
         return np.array([0.0, collider.height, 0.0]), np.eye(3)
-    angle = 2 * np.pi * seconds / np.asarray(collider.period) + np.radians(collider.phase)
-    center = np.asarray(collider.center) + np.asarray(collider.sway) * np.sin(angle)
-    axes = rotation_matrix(collider.rotation)
+    center, axes = np.array(collider.center), rotation_matrix(collider.rotation)
+    if any(collider.sway):
+        angle = 2 * np.pi * seconds / np.array(collider.period) + np.radians(collider.phase)
+        center = center + np.array(collider.sway) * np.sin(angle)
     if collider.path:
         rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in collider.path])
         offset = np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
         center = center + offset[:3]
         axes = rotation_matrix(tuple(offset[3:])) @ axes
-    return center, turned(np.radians(collider.spin) * seconds) @ axes
+    if any(collider.spin):
+        axes = turned(np.radians(collider.spin) * seconds) @ axes
+    return center, axes
 
 
 def colliders_of(scene: Scene) -> list[Collider | Ground]:
@@ -90,16 +96,27 @@ def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Bo
 def body_table(colliders: Sequence[Collider | Ground], start: float, end: float) -> Floats32:
     """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction."""
     table = np.zeros((len(colliders), c.BODY_COLUMNS), np.float32)
-    for row, body in zip(table, bodies_at(colliders, start), strict=True):
-        center, axes = pose(body.collider, end)
-        row[c.BODY_FROM : c.BODY_FROM + 3] = body.center
-        row[c.BODY_TO : c.BODY_TO + 3] = center
-        row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(body.axes, axes)
-        row[c.BODY_AXES : c.BODY_AXES + 9] = body.axes.ravel()
-        row[c.BODY_SIZE : c.BODY_SIZE + 3] = body.size
-        row[c.BODY_MARGIN] = body.collider.margin
-        row[c.BODY_FRICTION] = body.collider.friction
+    for row, collider in zip(table, colliders, strict=True):
+        row[:] = _still_row(collider)
+        if not is_still(collider):
+            (center, axes), (next_center, next_axes) = pose(collider, start), pose(collider, end)
+            row[c.BODY_FROM : c.BODY_FROM + 3] = center
+            row[c.BODY_TO : c.BODY_TO + 3] = next_center
+            row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(axes, next_axes)
+            row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
     return table
+
+
+@lru_cache(maxsize=256)  # it is asked for in every frame
+def _still_row(collider: Collider | Ground) -> Floats32:
+    """The row of a body that stays where it is at first."""
+    row = np.zeros(c.BODY_COLUMNS, np.float32)
+    center, axes = pose(collider, 0.0)
+    row[c.BODY_FROM : c.BODY_FROM + 3] = row[c.BODY_TO : c.BODY_TO + 3] = center
+    row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
+    row[c.BODY_SIZE : c.BODY_SIZE + 3] = size_of(collider)
+    row[c.BODY_MARGIN], row[c.BODY_FRICTION] = collider.margin, collider.friction
+    return row
 
 
 def distance(body: Body, points: Floats) -> Floats:

@@ -42,6 +42,8 @@ def rotation_matrix(degrees: tuple[float, float, float]) -> NDArray[np.float64]:
     """
     matrix = np.eye(3)
     for axis, angle in enumerate(degrees):
+        if angle == 0:
+            continue
         cos, sin = np.round((np.cos(np.radians(angle)), np.sin(np.radians(angle))), 15)
         turn = np.eye(3)
         j, k = (axis + 1) % 3, (axis + 2) % 3

@@ -14,6 +14,7 @@ STILLS = "implicit steps still the vibrations that are faster than they are"
 UNDAMPED = "nothing damps the sheet's own vibration"
 UNFINISHED = "the usual iterations do not reach the solution of a substep"
 LATE = "it sees the dashpot's force half a substep late, and its substeps are as long as is stable"
+UNHELD = "each sweep pulls on, and friction holds no more than what contact pushes in that sweep"
 ONE_SIDED = "springs that are relaxed one after the other pull a sheet out of its symmetry"
 CUBIC = "springs to the particle after the next bend with the cube of the angle"
 
@@ -106,6 +107,15 @@ REFERENCES = (
     ),
     Reference("A7.1", "sliding to a stop", "v²/(2μg), Coulomb", contact.stopping, ALL),
     Reference("A7.2", "rest on the ground", "-", contact.resting, ALL, known(UNDAMPED, spring=2e-5, rk4=4e-5)),
+    Reference("A7.3", "incline", "tan θ = μ; g·(sin θ − μ·cos θ)", contact.incline, ALL),
+    Reference(
+        "A7.4",
+        "scarf over a bar",
+        "capstan with weight",
+        contact.scarf,
+        ALL,
+        known(UNHELD, verlet=0.7, xpbd=0.35) | known(UNFINISHED, projective=0.18),
+    ),
     Reference("A8.1", "rest shape", "-", symmetry.at_rest, ALL),
     Reference("A8.2", "rotation", "-", symmetry.turned, ALL),
     Reference("A8.3", "mirror", "-", symmetry.mirrored, ALL),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import asinh, atan2, atanh, cos, cosh, log, pi, radians, sin, sqrt, tanh
+from math import asinh, atan2, atanh, cos, cosh, exp, log, pi, radians, sin, sqrt, tanh
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,6 +165,15 @@ def sail_sag(span: float, drag_only: bool) -> float:
     # Arc length of y from one end to the other: 2b·artanh(sin(x/b)) = 1.
     b = root(lambda b: 1.0 - 2 * b * atanh(sin(half / b)), half / (pi / 2) * (1 + 1e-12), 1e3)
     return -b * log(cos(half / b))
+
+
+def scarf_ratio(friction: float, radius: float) -> float:
+    """Longer end over shorter of a scarf that just holds on a round bar; `radius` of the bar over the shorter end.
+
+    Along the bar dT/dφ = μ·(T + w·R·sin φ) + w·R·cos φ, the rope's own weight w beside what it carries.
+    """
+    held = exp(friction * pi)
+    return held + 2 * friction * radius * (1 + held) / (1 + friction**2)
 
 
 def terminal_speed(area_density: float, air_density: float, drag: float) -> float:

@@ -180,3 +180,16 @@ def test_small_steps_pay_for_stiff_links_and_not_for_soft_ones() -> None:
     assert stiff[-1] > 5 * stiff[0]
     soft = [wrong(s, i, 1e-3) for s, i in ((8, 1), (2, 4))]
     assert soft[0] > soft[1]
+
+
+@pytest.mark.parametrize(("friction", "ratio"), [(0.1, 1.416021), (0.3, 2.762644), (0.5, 5.275316)])
+def test_a_scarf_holds_as_printed_and_as_its_equation_says(friction: float, ratio: float) -> None:
+    assert exact.scarf_ratio(friction, 0.1) == pytest.approx(ratio, abs=1e-6)
+    solved = integrate.solve_ivp(
+        lambda phi, tension: friction * (tension + 0.1 * np.sin(phi)) + 0.1 * np.cos(phi),
+        (0, pi),
+        [1.0],
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    assert exact.scarf_ratio(friction, 0.1) == pytest.approx(solved.y[0, -1], rel=1e-7)
