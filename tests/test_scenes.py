@@ -69,6 +69,18 @@ def test_the_tablecloth_lies_on_the_top_and_hangs_over_its_edge() -> None:
         assert measures.kinetic_energy < 1e-3  # friction holds it
 
 
+def test_friction_holds_the_cloth_on_a_level_bar_and_not_on_a_steep_one() -> None:
+    scene = load_scene("slope")
+    with Simulation(scene) as simulation:
+        lying = run(simulation, 84)  # the bar tilts from 1.5 s on
+        assert lying[:, 1].max() == pytest.approx(1.4 + 0.07 + 0.02, abs=2e-3)
+        assert abs(lying[:, 2].mean()) < 0.02
+        fallen = run(simulation, 216)
+        assert fallen[:, 1].max() < 0.7
+        assert fallen[:, 2].mean() > 0.4  # down along the bar
+        assert simulation.measure().penetration == 0
+
+
 def test_wind_keeps_the_curtain_moving_and_without_it_it_settles() -> None:
     still = replace(load_scene("curtain"), spheres=())
     energies = {}
