@@ -10,4 +10,4 @@ class WrongUse(ValueError):
 
 
 class BlewUp(RuntimeError):
-    """The cloth has a position that is no finite number. Exit code 1."""
+    """The cloth runs away, or has a position that is no finite number. Exit code 1."""

@@ -176,6 +176,11 @@ class Simulation:
         return FRAME_SECONDS / self.substeps
 
     @property
+    def least_substeps(self) -> int:
+        """The fewest that the solver is stable with."""
+        return self._least_substeps
+
+    @property
     def substeps(self) -> int:
         """Substeps of a frame: those asked for, or those that the solver needs to be stable if they are more."""
         return max(int(self._live["substeps"]), self._least_substeps)

@@ -22,6 +22,7 @@ FLOORS = [
     {"state"},
     {"contact", "solvers"},
     {"hand", "save_file", "simulation"},
+    {"guard"},
     {"view"},
     {"runtime"},
     {"bench"},

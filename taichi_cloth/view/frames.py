@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import BlewUp, OutputInUse
 from ..files import whole_file
+from ..guard import Guard
 from ..interact.camera import OrbitCamera
 from ..scene import scene_to_toml
 from ..simulation import Simulation
@@ -27,6 +28,7 @@ from .png import write_png
 from .raster import Raster
 
 SHEET_PICTURES, SHEET_COLUMNS = 12, 4
+LAST_GOOD = "last_good.npz"  # beside the pictures, where the cloth blew up
 
 Picture = NDArray[np.uint8]
 
@@ -92,7 +94,7 @@ def claim(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> N
     elif old or there.exists():
         if not force:
             raise OutputInUse(f"{plan.out} holds frames already: use --force to replace them or --resume to go on")
-        for path in (*old, there, plan.out / "contact_sheet.png"):
+        for path in (*old, there, plan.out / "contact_sheet.png", plan.out / LAST_GOOD):
             path.unlink(missing_ok=True)
     plan.out.mkdir(parents=True, exist_ok=True)
     for left_behind in plan.out.glob(".*.part"):  # by a run that was killed outright
@@ -122,6 +124,7 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
     view_projection = camera.view_projection(plan.width / plan.height)
     raster = Raster(plan.width, plan.height, plan.samples)
     draw_list = DrawList(simulation)
+    guard = Guard(simulation)
     in_sheet = set(np.linspace(0, plan.pictures - 1, SHEET_PICTURES).round().astype(int)) if plan.sheet else set()
     sheet: list[Picture] = []
     report.write(plan.out)
@@ -140,6 +143,8 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
                     write(plan.path(picture), pixels)
                 start = time.perf_counter()
                 simulation.advance_frame()
+                if not guard.sound():
+                    raise BlewUp(saved_before(simulation, guard, plan))
                 line["physics_ms"] = round(1e3 * (time.perf_counter() - start), 3)
                 report.frames.append(line)
                 on_frame(k)
@@ -153,11 +158,17 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
     return report
 
 
+def saved_before(simulation: Simulation, guard: Guard, plan: Plan) -> str:
+    """Saves the last good frame of a cloth that blew up, and returns the line that tells of it."""
+    line = guard.restore()
+    path = plan.out / LAST_GOOD
+    simulation.save(path)
+    return f"{line}; frame {simulation.frame}, the last good one, is saved in {path}"
+
+
 def _line(simulation: Simulation, frame: int) -> dict[str, Any]:
-    """What there is to say of a frame before it is drawn. Raises BlewUp."""
+    """What there is to say of a frame before it is drawn."""
     measures = simulation.measure()
-    if not measures.finite:
-        raise BlewUp(f"the cloth blew up in frame {frame}: try more substeps, less wind or less stiffness")
     return {"frame": frame, "max_strain": measures.max_strain, "mean_strain": measures.mean_strain}
 
 

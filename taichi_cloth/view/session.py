@@ -11,6 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.bodies import first_hit
+from ..guard import Guard
 from ..interact.camera import OrbitCamera
 from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
@@ -66,6 +67,7 @@ class Session:
         self.camera = OrbitCamera.from_scene(scene.camera)
         self.grip: Grip | None = None
         self.note = ""
+        self._guard = Guard(self.simulation)
         self.measures = self.simulation.measure()
 
     def close(self) -> None:
@@ -80,6 +82,7 @@ class Session:
         match action:
             case "freeze":
                 self.frozen = not self.frozen
+                self.note = ""
             case "step":
                 self.frozen = True
                 self._simulate(1)
@@ -129,6 +132,7 @@ class Session:
         self.simulation.change_solver(SOLVER_NAMES[(SOLVER_NAMES.index(name) + 1) % len(SOLVER_NAMES)])
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
+        self._guard = Guard(self.simulation)
         self.note = ""
 
     # -- the mouse -------------------------------------------------------------------------------------
@@ -186,6 +190,11 @@ class Session:
         for k in range(frames):
             self._lead((k + 1) / frames)
             self.simulation.advance_frame()
+            if not self._guard.sound():
+                self.note = self._guard.restore()
+                self._let_go()
+                self.frozen = True
+                break
         ti.sync()
         self.physics_ms = 1e3 * (time.perf_counter() - start) / frames
         if self.grip is not None:
@@ -201,10 +210,6 @@ class Session:
             self.simulation.grab(self.grip.index, start + share * (end - start))
 
     def measure(self) -> Measures:
-        """Measures the cloth; one that has blown up is frozen and the user told."""
+        """Measures the cloth."""
         self.measures = self.simulation.measure()
-        if not self.measures.finite and not self.note:
-            self.note = "The cloth blew up: change a slider, then Reset."
-            self._let_go()
-            self.frozen = True
         return self.measures

@@ -144,16 +144,22 @@ def test_going_through_the_scenes_again_and_again_takes_no_more_fields(session: 
     assert fields() == before
 
 
-def test_cloth_that_blew_up_is_frozen_and_the_user_is_told(session: Session) -> None:
+def test_cloth_that_blew_up_is_frozen_on_its_last_good_frame_and_the_user_is_told(session: Session) -> None:
+    session.advance(3)
+    good = session.simulation.positions()
     take(session)
+    session.simulation.set("gravity", 20.0)
     session.simulation.cloth.x[0] = (np.nan, 0.0, 0.0)
-    session.measure()
+    session.advance(2)
     assert session.frozen
-    assert "Reset" in session.note
+    assert session.note == "the cloth blew up in frame 4: gravity is 20 m/s², the scene's own is 9.81"
     assert session.simulation.grabbed is None
-    session.act("reset")
-    session.measure()
-    assert session.note == ""
+    assert session.simulation.frame == 3
+    assert (session.simulation.positions() == good).all()
+    assert session.measure().finite
+    session.act("freeze")  # and on it goes
+    session.advance(2)
+    assert (session.frozen, session.note, session.simulation.frame) == (False, "", 5)
 
 
 def test_every_key_has_a_meaning(session: Session) -> None:

@@ -1,0 +1,67 @@
+"""Notices within a frame that a cloth has blown up, keeps its last good frame, and says what to change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .kernels.guarding import bring_back, keep_if_sound
+from .scene import live_keys
+from .scene.model import FRAME_SECONDS
+from .simulation import Simulation
+from .state.fields import like_places
+from .state.pool import attached
+
+# [m/s] What goes faster is no cloth any more: ten times what a hand reaches that moves 15 m between two frames. A
+# blow-up grows by a factor in every substep and passes it a few frames before its numbers end.
+RUNAWAY = 1e4
+
+
+@dataclass(eq=False)
+class Good:
+    """All that moves of a cloth, as it was when it was sound."""
+
+    x: Any
+    x_prev: Any
+    velocity: Any
+
+
+class Guard:
+    """Watches one simulation: ask `sound` after every frame (some 50 µs)."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._good: Any = None
+        self._frame = 0
+        self.sound()
+
+    def sound(self) -> bool:
+        """Whether all is well; then this frame is the last good one."""
+        simulation = self._simulation
+        cloth, h = simulation.cloth, FRAME_SECONDS / simulation.substeps
+        self._good = attached(cloth, "good", lambda: Good(*(like_places(cloth) for _ in range(3))))
+        sound = bool(keep_if_sound(cloth, simulation.solver.stages, self._good, h, RUNAWAY))
+        if sound:
+            self._frame = simulation.frame
+        return sound
+
+    def restore(self) -> str:
+        """Back to the last good frame, with an open hand. Returns a line for the user: what happened, what helps."""
+        simulation = self._simulation
+        line = f"the cloth blew up in frame {simulation.frame}: {self._advice()}"
+        simulation.release()
+        bring_back(simulation.cloth, self._good)
+        simulation.frame = self._frame
+        return line
+
+    def _advice(self) -> str:
+        """What to turn: a value that was moved away from the scene's, or else the substeps."""
+        simulation = self._simulation
+        for name, key in live_keys(simulation.scene).items():
+            value = simulation.get(name)
+            if value != key.value and name not in ("substeps", "iterations"):
+                unit = f" {key.unit}" if key.unit else ""
+                return f"{name.replace('_', ' ')} is {value:g}{unit}, the scene's own is {key.value:g}"
+        taken, least = simulation.substeps, simulation.least_substeps
+        limit = f" ({least} are the fewest that small motions bear)" if least > 1 else ""
+        return f"try {2 * taken} substeps instead of {taken}{limit}, or less wind, gravity or stiffness"
