@@ -399,13 +399,16 @@ def run_ablate(args: argparse.Namespace) -> int:
 
 def check_file(args: argparse.Namespace) -> int:
     if args.keys:
-        from rich.console import Console
         from rich.table import Table
 
+        from .bench.report import wide_console
+
         table = Table("section", "key", "default", "unit", "range", "help")
+        for column in table.columns[:2]:
+            column.no_wrap, column.min_width = True, 12
         for row in key_table():
             table.add_row(*map(str, row))
-        Console().print(table)
+        wide_console().print(table)
         return 0
     scene = load_scene(args.file)
     print(f"{args.file}: fine ({scene.cloth.columns}×{scene.cloth.rows} particles, solver {scene.solver.name})")

@@ -53,6 +53,7 @@ class Simulation:
             capsules=len(scene.capsules),
             boxes=len(scene.boxes),
             planes=len(scene.planes) + (scene.ground is not None),
+            swept=any(collider.swept for collider in colliders_of(scene)),
             spring_damping=scene.fabric.damping_time > 0,
             strain_limit=scene.limit is not None,
             tethers=scene.tethers is not None,
@@ -242,7 +243,7 @@ class Simulation:
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of what is switched on: spring families, limits, forces and colliders."""
-        names = {"bending": "bending", "strain_limit": "limit", "tethers": "tethers", "wind": "wind"}
+        names = {"bending": "bending", "strain_limit": "limit", "tethers": "tethers", "wind": "wind", "swept": "swept"}
         on = (name for stage, name in names.items() if getattr(self.solver.stages, stage))
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
         return (*self.topology.family_counts, *on, *colliders)

@@ -81,6 +81,18 @@ def test_friction_holds_the_cloth_on_a_level_bar_and_not_on_a_steep_one() -> Non
         assert simulation.measure().penetration == 0
 
 
+@pytest.mark.parametrize("swept", [True, False])
+def test_the_curtain_catches_the_fast_ball(swept: bool) -> None:
+    scene = load_scene("fast-ball", sphere_swept=swept)
+    with Simulation(scene) as simulation:
+        assert ("swept" in simulation.stages) is swept
+        x = run(simulation, 56)  # the ball is at rest before it since one frame
+        ball = simulation.bodies()[0]
+        in_its_way = np.linalg.norm(simulation.topology.start[:, :2] - ball.center[:2], axis=1) < 0.5 * ball.size[0]
+        assert in_its_way.sum() > 5
+        assert (x[in_its_way, 2] > ball.center[2]).all() == swept
+
+
 def test_wind_keeps_the_curtain_moving_and_without_it_it_settles() -> None:
     still = replace(load_scene("curtain"), spheres=())
     energies = {}

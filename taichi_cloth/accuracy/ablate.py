@@ -72,10 +72,12 @@ def without(scene: Scene) -> dict[str, Scene]:
     for name in ("limit", "tethers", *COLLIDERS, "ground"):
         if getattr(scene, name):
             found[name] = replace(scene, **{name: () if name in COLLIDERS else None})  # type: ignore[arg-type]
-    smooth: dict[str, Any] = {n: tuple(replace(one, friction=0.0) for one in getattr(scene, n)) for n in COLLIDERS}
-    slippery = replace(scene, **smooth, ground=scene.ground and replace(scene.ground, friction=0.0))
-    if slippery != scene:
-        found["friction"] = slippery
+    for name, off in (("friction", {"friction": 0.0}), ("swept", {"swept": False})):
+        changed: dict[str, Any] = {n: tuple(replace(one, **off) for one in getattr(scene, n)) for n in COLLIDERS}
+        if scene.ground:
+            changed["ground"] = replace(scene.ground, **off)
+        if replace(scene, **changed) != scene:
+            found[name] = replace(scene, **changed)
     return found
 
 

@@ -116,6 +116,7 @@ def _still_row(collider: Collider | Ground) -> Floats32:
     row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
     row[c.BODY_SIZE : c.BODY_SIZE + 3] = size_of(collider)
     row[c.BODY_MARGIN], row[c.BODY_FRICTION] = collider.margin, collider.friction
+    row[c.BODY_SWEPT] = collider.swept
     return row
 
 

@@ -1,17 +1,31 @@
-"""Keeps particles out of the scene's colliders by moving them to the surface, with friction."""
+"""Keeps particles out of the scene's colliders by moving them to the surface, with friction.
+
+A body that is `swept` also stops what would be through it or past it by the end of a substep.
+"""
 
 from typing import Any
 
 import taichi as ti
 import taichi.math as tm
 
-from ..kernels.controls import BODY_AXES, BODY_FRICTION, BODY_FROM, BODY_MARGIN, BODY_SIZE, BODY_TO, BODY_TURN
+from ..kernels.controls import (
+    BODY_AXES,
+    BODY_FRICTION,
+    BODY_FROM,
+    BODY_MARGIN,
+    BODY_SIZE,
+    BODY_SWEPT,
+    BODY_TO,
+    BODY_TURN,
+)
 from ..kernels.maths import TINY, friction_slide
 from ..kernels.motion import put_right
-from ..kernels.places import cross, spread, times
-from .shapes import SHAPES
+from ..kernels.places import choose, cross, dot, spread, times
+from .shapes import SHAPES, back, into
+from .sweeps import MEETINGS
 
 KINDS = tuple(SHAPES)
+THIN = 1e-4  # [m] within the margin: what lies on it begins outside, however it is rounded
 
 
 def first_of(stages: Any, k: int) -> int:
@@ -40,15 +54,16 @@ def push_out(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     for k in ti.static(range(len(KINDS))):
         if ti.static(cloth.gathers):  # one parallel loop for each collider: in a loop over them they would race
             for s in ti.static(range(first_of(stages, k), first_of(stages, k + 1))):
-                out_of_one(cloth, stages, now, ti.static(SHAPES[KINDS[k]]), s)
+                out_of_one(cloth, stages, now, k, s)
         elif ti.static(first_of(stages, k) < first_of(stages, k + 1)):
             for s in range(ti.static(first_of(stages, k)), ti.static(first_of(stages, k + 1))):
-                out_of_one(cloth, stages, now, ti.static(SHAPES[KINDS[k]]), s)
+                out_of_one(cloth, stages, now, k, s)
 
 
 @ti.func
-def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), out_of: ti.template(), s: int):
+def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), k: ti.template(), s: int):
     """Within a frame a body goes straight on and turns about one axis."""
+    out_of = ti.static(SHAPES[KINDS[k]])
     table = ti.static(now.bodies)
     travel, turn = vector_at(table, s, BODY_TO) - vector_at(table, s, BODY_FROM), vector_at(table, s, BODY_TURN)
     reached = (now.s + 1.0) / now.substeps
@@ -57,12 +72,21 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
     axes = turned_by(turn * reached) @ start
     size, margin, friction = vector_at(table, s, BODY_SIZE), table[s, BODY_MARGIN], table[s, BODY_FRICTION]
     share = now.lasts / now.substeps
+    center_before, axes_before = center - travel * share, turned_by(turn * (reached - share)) @ start
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
         away = x - spread(center, x)
         push = out_of(axes, size, margin, away)
+        if ti.static(stages.swept):  # noqa: SIM102 (of the two only this one is known while compiling)
+            if table[s, BODY_SWEPT] > 0.0:
+                begun = into(axes_before, cloth.x_prev[i] - spread(center_before, x))
+                way = into(axes, away) - begun
+                time, normal = ti.static(MEETINGS[KINDS[k]])(size, margin - THIN, begun, way)
+                along = way - times(normal, dot(normal, way))  # at the surface it can only go on along it
+                stopped = back(axes, begun + times(way, time) + times(along, 1.0 - time))
+                push = choose(time <= 1.0, stopped - away + out_of(axes, size, margin, stopped), push)
         move = push
-        if friction > 0.0:
+        if ti.static(now.pushes) and friction > 0.0:
             surface = spread(travel * share, x) + cross(spread(turn * share, x), away + push)
             move += friction_slide(push, x + push - cloth.x_prev[i] - surface, friction)
         free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)

@@ -17,6 +17,20 @@ def axis_of(axes, k: ti.template()) -> tm.vec3:
 
 
 @ti.func
+def into(axes, away):
+    """Along a body's own axes."""
+    x, y, z = spread(axis_of(axes, 0), away), spread(axis_of(axes, 1), away), spread(axis_of(axes, 2), away)
+    return join(dot(away, x), dot(away, y), dot(away, z), away)
+
+
+@ti.func
+def back(axes, local):
+    """From a body's own axes to those of the world."""
+    x, y, z = spread(axis_of(axes, 0), local), spread(axis_of(axes, 1), local), spread(axis_of(axes, 2), local)
+    return times(x, part(local, 0)) + times(y, part(local, 1)) + times(z, part(local, 2))
+
+
+@ti.func
 def out_of_ball(axes, size: tm.vec3, margin: float, away):
     return out_of_sphere(away, away * 0.0, size.x + margin)
 
@@ -30,10 +44,8 @@ def out_of_capsule(axes, size: tm.vec3, margin: float, away):
 
 @ti.func
 def out_of_block(axes, size: tm.vec3, margin: float, away):
-    x, y, z = spread(axis_of(axes, 0), away), spread(axis_of(axes, 1), away), spread(axis_of(axes, 2), away)
-    local = join(dot(away, x), dot(away, y), dot(away, z), away)
-    push = out_of_box(local, local * 0.0, spread(size, away), margin)
-    return times(x, part(push, 0)) + times(y, part(push, 1)) + times(z, part(push, 2))
+    local = into(axes, away)
+    return back(axes, out_of_box(local, local * 0.0, spread(size, away), margin))
 
 
 @ti.func

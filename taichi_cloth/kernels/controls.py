@@ -32,7 +32,8 @@ BODY_FROM, BODY_TO = 0, 3  # [m] its middle at both ends of the frame
 BODY_TURN = 6  # about this vector, by its length [radians], it turns in the frame
 BODY_AXES = 9  # 9…17: 3×3, row by row; its own axes at the start of the frame are the columns
 BODY_SIZE = 18  # 18…20 [m]
-BODY_MARGIN, BODY_FRICTION, BODY_COLUMNS = 21, 22, 23
+BODY_MARGIN, BODY_FRICTION = 21, 22
+BODY_SWEPT, BODY_COLUMNS = 23, 24  # whether the ways are tested too
 
 # Turns a second of the three gust waves: periods of 1.3 to 3.1 s in no simple ratio, so that no gust repeats soon.
 GUST_RATES = (0.43, 0.77, 0.32)
@@ -48,3 +49,4 @@ class Substep(NamedTuple):
     controls: Any  # the row above
     bodies: Any  # a row for each collider
     lasts: Any = 1.0  # how many of them contact and tethers act for, in a method of several stages
+    pushes: bool = True  # whether velocities take up what they move

@@ -13,22 +13,33 @@ def is_finite(number: float) -> int:
     return int((ti.bit_cast(number, ti.i32) & EXPONENT) != EXPONENT)
 
 
+@ti.func
+def keep_one(cloth: ti.template(), stages: ti.template(), copy: ti.template(), i: int, h: float, most: float) -> int:
+    """Copies what moves of a particle; 1 if its place is finite and it is not faster than `most` [m/s]."""
+    x, speed = cloth.x[i], velocity_of(cloth, stages, i, h).norm()
+    copy.x[i], copy.x_prev[i], copy.velocity[i] = x, cloth.x_prev[i], cloth.velocity[i]
+    finite = is_finite(x.x) * is_finite(x.y) * is_finite(x.z) * is_finite(speed)
+    return ti.select(speed > most, 0, finite)
+
+
 @ti.kernel
-def keep_if_sound(cloth: ti.template(), stages: ti.template(), good: ti.template(), h: float, most: float) -> int:
-    """1 where every place is finite and no particle faster than `most` [m/s]; then copies all that moves to `good`."""
+def keep(
+    cloth: ti.template(), stages: ti.template(), copy: ti.template(), threads: ti.template(), h: float, most: float
+) -> int:
+    """Copies all that moves; 1 if every particle is sound. One thread, where a second would cost more than it saves."""
     sound = 1
-    for i in range(cloth.slot_count[None]):
-        x, speed = cloth.x[i], velocity_of(cloth, stages, i, h).norm()
-        fine = is_finite(x.x) * is_finite(x.y) * is_finite(x.z) * is_finite(speed)
-        if fine == 0 or speed > most:
-            ti.atomic_min(sound, 0)
-    for i in range(cloth.slot_count[None]):
-        if sound == 1:
-            good.x[i], good.x_prev[i], good.velocity[i] = cloth.x[i], cloth.x_prev[i], cloth.velocity[i]
+    if ti.static(threads):
+        for i in range(cloth.slot_count[None]):
+            ti.atomic_min(sound, keep_one(cloth, stages, copy, i, h, most))
+    else:
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for i in range(cloth.slot_count[None]):
+                sound = ti.min(sound, keep_one(cloth, stages, copy, i, h, most))
     return sound
 
 
 @ti.kernel
-def bring_back(cloth: ti.template(), good: ti.template()):
+def bring_back(cloth: ti.template(), copy: ti.template()):
     for i in range(cloth.slot_count[None]):
-        cloth.x[i], cloth.x_prev[i], cloth.velocity[i] = good.x[i], good.x_prev[i], good.velocity[i]
+        cloth.x[i], cloth.x_prev[i], cloth.velocity[i] = copy.x[i], copy.x_prev[i], copy.velocity[i]

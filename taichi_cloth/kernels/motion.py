@@ -33,8 +33,8 @@ def displace(cloth: ti.template(), stages: ti.template(), i: int, move, h):
 
 @ti.func
 def put_right(cloth: ti.template(), stages: ti.template(), now: ti.template(), i: int, move):
-    """Moves a particle that is where it cannot be. Where that stands for no time, its velocity stays."""
-    if ti.static(now.lasts > 0):
+    """Moves a particle that is where it cannot be."""
+    if ti.static(now.pushes):
         displace(cloth, stages, i, move, now.h * now.lasts)
     else:
         cloth.x[i] = cloth.x[i] + move

@@ -179,6 +179,7 @@ class Collider:
     )
     margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
     friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
+    swept: bool = _key(False, "stops what would be through it or past it within a substep")
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,7 @@ class Ground:
     height: float = _key(0.0, "where the floor lies", "m", low=-1e5, high=1e5)
     margin: float = _key(0.02, "cloth is kept this far above it", "m", low=0.0, high=10.0)
     friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
+    swept: bool = _key(False, "stops what would be through it within a substep")
 
 
 @dataclass(frozen=True)

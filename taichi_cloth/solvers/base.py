@@ -35,6 +35,7 @@ class Stages:
     capsules: int = 0
     boxes: int = 0
     planes: int = 0  # and the ground
+    swept: bool = False  # ways are tested too, of one of them at least
     spring_damping: bool = False
     strain_limit: bool = False
     tethers: bool = False

@@ -113,13 +113,13 @@ def finish(cloth: ti.template(), first: bool, kept: float, ahead: float):
     """The jump (2), or after a second stage v ← kept·v."""
     for i in range(cloth.slot_count[None]):
         x, velocity = cloth.x[i], cloth.velocity[i]
+        cloth.x_prev[i] = x
         if first:
             x = choose(cloth.inverse_mass[i] > 0.0, x + velocity * ahead, x)
             velocity = velocity + cloth.start.velocity[i]
         else:
             velocity = velocity * kept
         cloth.x[i] = x
-        cloth.x_prev[i] = x
         cloth.velocity[i] = velocity
 
 
@@ -152,9 +152,12 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     pull_tethers(cloth, stages, ti.static(now._replace(lasts=LENGTH)))
     push_out(cloth, stages, ti.static(now._replace(s=end_of(now) - 1.0, lasts=LENGTH)))
     limit_strain(cloth, stages, now.controls, now.h * LENGTH)
-    finish(cloth, is_first(now), now.controls[KEPT], now.h * JUMP)
-    pull_tethers(cloth, stages, ti.static(now._replace(lasts=0.0)))
-    push_out(cloth, stages, ti.static(now._replace(lasts=0.0)))
+    ahead = 0.0
+    if is_first(now):
+        ahead = JUMP
+    finish(cloth, is_first(now), now.controls[KEPT], now.h * ahead)
+    pull_tethers(cloth, stages, ti.static(now._replace(pushes=False)))
+    push_out(cloth, stages, ti.static(now._replace(s=end_of(now) + ahead - 1.0, lasts=ahead, pushes=False)))
 
 
 class Lines(Solver):

@@ -26,6 +26,7 @@ def test_each_stage_that_is_named_is_left_out_once() -> None:
     assert variants["friction"].ground == replace(scene.ground, friction=0.0)
     assert {"tethers", "dashpots", "bending"} <= set(without(load_scene("denim")))
     assert "limit" in without(load_scene("net"))
+    assert not without(load_scene("fast-ball"))["swept"].spheres[0].swept
     assert without(replace(HANGING, solver=Solver(damping=0.0))) == {}
 
 
