@@ -59,7 +59,8 @@ def busy(solver: str) -> Scene:
 VARIANTS = {
     "all": lambda scene: scene,
     "one diagonal, equal masses, eight rows": lambda scene: replace(
-        scene, cloth=replace(scene.cloth, diagonals=1, rows=8, lumping="equal")
+        Scene(fabric=scene.fabric, solver=scene.solver),
+        cloth=replace(scene.cloth, diagonals=1, rows=8, lumping="equal"),
     ),
     "nothing but gravity on a narrow strip": lambda scene: Scene(
         cloth=replace(scene.cloth, rows=2, height=0.05, columns=5, width=0.2), solver=scene.solver, forces=Forces()
