@@ -39,6 +39,8 @@ def start(arch: str = "cpu", **options: Any) -> str:
     settings = {
         "log_level": ti.ERROR,  # a warning is told, for one, when two programs write to the cache of kernels at once
         "enable_fallback": False,
+        # Taichi keeps 100 MB of compiled kernels and then drops the oldest: six methods on a dozen scenes are more.
+        "offline_cache_max_size_of_files": 1 << 29,  # [bytes]
         # Taichi's own passes over a kernel grow faster than its size (12 s for a frame in strips, against 2 s
         # without them); LLVM does most of their work again, and frames are 5–10 % slower.
         "advanced_optimization": chosen != "cpu",
