@@ -17,9 +17,9 @@ FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, or a particle's index
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 
-# Known without importing a solver, which would import Taichi.
-# Every method with its usual substeps and iterations: what runs where a scene names only the method. `verlet`: those of
-# the browser demos. `spring`, `rk4`: they take as many substeps as they need.
+# The methods by name, here because importing a solver would import Taichi. With each its usual substeps and iterations,
+# which run where a scene names only the method. `verlet`: those of the browser demos. `spring`, `rk4`: they take as many
+# substeps as they need.
 USUAL = {
     "verlet": (5, 12),
     "xpbd": (30, 1),
