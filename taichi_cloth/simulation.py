@@ -12,19 +12,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import state
-from .contact.bodies import Body, bodies_at, body_table, colliders_of, penetration
+from .contact.bodies import Body, bodies_at, body_table, colliders_of, penetration, pose
+from .contact.crossings import crossings
 from .errors import WrongUse
 from .hand import Hand
 from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
 from .measure.cloth import Measures, energies, spring_strains
-from .mesh.from_scene import stiffness_of, topology_of
+from .mesh.from_scene import holder_of, stiffness_of, topology_of
 from .save_file import read_save, write_save
 from .scene import Scene, live_keys, scene_to_toml
 from .scene.live import check_live
 from .scene.model import FRAME_SECONDS, USUAL, Collider, Ground
 from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
 from .state.fields import put
+from .state.grips import grip
+from .state.near import come_near
 
 Floats = NDArray[np.float64]
 
@@ -57,6 +60,9 @@ class Simulation:
             spring_damping=scene.fabric.damping_time > 0,
             strain_limit=scene.limit is not None,
             tethers=scene.tethers is not None,
+            grips=bool(scene.grips),
+            self_collision=scene.self_collision is not None,
+            by_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
         )
         self._keys = live_keys(scene)
         self._live = {name: key.value for name, key in self._keys.items()}
@@ -72,14 +78,18 @@ class Simulation:
         """Makes the cloth and the solver of a scene, at the start."""
         kind = SOLVERS[scene.solver.name]
         topology = topology_of(scene, kind.springs)
-        path = path_for(kind, topology.shape, self._path)
+        path = path_for(kind, topology.shape, self._path, topology.sheets)
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)
         self.scene, self.topology = scene, topology
         self._solver: Solver | None = kind(cloth, topology, stiffness, self._stages, path)
+        if scene.grips:
+            centers = np.array([pose(one, 0.0)[0] for one in scene.grips])
+            grip(self._solver.work, topology, holder_of(scene), centers)
         self._damping_time = self._solver.damping_time(scene.fabric.damping_time)
         self._least_substeps = self._solver.least_substeps(self._damping_time)
+        self._near = False  # whether crossings were asked for
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
         self._give_back = weakref.finalize(self, _give_back, self._solver)
         self._give_back.atexit = False  # Taichi may be gone by then
@@ -243,7 +253,15 @@ class Simulation:
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of what is switched on: spring families, limits, forces and colliders."""
-        names = {"bending": "bending", "strain_limit": "limit", "tethers": "tethers", "wind": "wind", "swept": "swept"}
+        names = {
+            "bending": "bending",
+            "strain_limit": "limit",
+            "tethers": "tethers",
+            "grips": "grips",
+            "wind": "wind",
+            "self_collision": "self-collision",
+            "swept": "swept",
+        }
         on = (name for stage, name in names.items() if getattr(self.solver.stages, stage))
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
         return (*self.topology.family_counts, *on, *colliders)
@@ -292,7 +310,15 @@ class Simulation:
             potential_energy=potential,
             penetration=penetration(self.bodies(), x),
             finite=bool(np.isfinite(x).all()),
+            crossings=self.crossings() if self.scene.self_collision is not None else None,
         )
+
+    def crossings(self) -> int:
+        """How many edges of the cloth go through one of its triangles."""
+        if not self._near:
+            come_near(self.cloth, self.topology)
+            self._near = True
+        return int(crossings(self.cloth))
 
     # -- saving ----------------------------------------------------------------------------------------
 
@@ -344,7 +370,7 @@ class Simulation:
             h=self._substep,
             held=-1 if self._hand is None else self._hand.particle,
             controls=self._controls(),
-            bodies=body_table(self._colliders(), start, end),
+            bodies=body_table([*self._colliders(), *self.scene.grips], start, end),
         )
 
     def _controls(self) -> NDArray[np.float32]:
@@ -355,6 +381,10 @@ class Simulation:
         controls[c.DAMPING_TIME] = self._damping_time
         controls[c.MOST_STRAIN] = self._live.get("limit_strain", 0.0)
         controls[c.TETHER_SLACK] = self._live.get("tethers_slack", 1.0)
+        touching = self.scene.self_collision
+        if touching is not None:
+            controls[c.THICKNESS] = self._live["self_collision_thickness"]
+            controls[c.SELF_FRICTION] = touching.friction
         wind = self.scene.wind
         if wind is not None:
             # Switched off, the air stands still; it still slows the cloth.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..kernels import controls as c
 from ..mesh.grid import rotation_matrix
-from ..scene.model import Box, Capsule, Collider, Ground, Scene, Sphere
+from ..scene.model import Box, Capsule, Collider, Ground, Motion, Scene, Sphere
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
@@ -64,21 +64,22 @@ def turn_between(before: Floats, after: Floats) -> Floats:
     return vector
 
 
-def pose(collider: Collider | Ground, seconds: float) -> tuple[Floats, Floats]:
-    """Middle [m] and axes at a time, as the keys of `Collider` say."""
-    if isinstance(collider, Ground):
-        return np.array([0.0, collider.height, 0.0]), np.eye(3)
-    center, axes = np.array(collider.center), rotation_matrix(collider.rotation)
-    if any(collider.sway):
-        angle = 2 * np.pi * seconds / np.array(collider.period) + np.radians(collider.phase)
-        center = center + np.array(collider.sway) * np.sin(angle)
-    if collider.path:
-        rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in collider.path])
+def pose(body: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
+    """Middle [m] and axes at a time, as the keys of `Motion` and `Collider` say."""
+    if isinstance(body, Ground):
+        return np.array([0.0, body.height, 0.0]), np.eye(3)
+    center = np.array(body.center)
+    axes = rotation_matrix(body.rotation) if isinstance(body, Collider) else np.eye(3)
+    if any(body.sway):
+        angle = 2 * np.pi * seconds / np.array(body.period) + np.radians(body.phase)
+        center = center + np.array(body.sway) * np.sin(angle)
+    if body.path:
+        rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in body.path])
         offset = np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
         center = center + offset[:3]
         axes = rotation_matrix(tuple(offset[3:])) @ axes
-    if any(collider.spin):
-        axes = turned(np.radians(collider.spin) * seconds) @ axes
+    if any(body.spin):
+        axes = turned(np.radians(body.spin) * seconds) @ axes
     return center, axes
 
 
@@ -93,13 +94,13 @@ def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Bo
     return [Body(collider, *pose(collider, seconds), size_of(collider)) for collider in colliders]
 
 
-def body_table(colliders: Sequence[Collider | Ground], start: float, end: float) -> Floats32:
+def body_table(bodies: Sequence[Motion | Ground], start: float, end: float) -> Floats32:
     """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction."""
-    table = np.zeros((len(colliders), c.BODY_COLUMNS), np.float32)
-    for row, collider in zip(table, colliders, strict=True):
-        row[:] = _still_row(collider)
-        if not is_still(collider):
-            (center, axes), (next_center, next_axes) = pose(collider, start), pose(collider, end)
+    table = np.zeros((len(bodies), c.BODY_COLUMNS), np.float32)
+    for row, body in zip(table, bodies, strict=True):
+        row[:] = _still_row(body)
+        if not is_still(body):
+            (center, axes), (next_center, next_axes) = pose(body, start), pose(body, end)
             row[c.BODY_FROM : c.BODY_FROM + 3] = center
             row[c.BODY_TO : c.BODY_TO + 3] = next_center
             row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(axes, next_axes)
@@ -108,15 +109,16 @@ def body_table(colliders: Sequence[Collider | Ground], start: float, end: float)
 
 
 @lru_cache(maxsize=256)  # it is asked for in every frame
-def _still_row(collider: Collider | Ground) -> Floats32:
+def _still_row(body: Motion | Ground) -> Floats32:
     """The row of a body that stays where it is at first."""
     row = np.zeros(c.BODY_COLUMNS, np.float32)
-    center, axes = pose(collider, 0.0)
+    center, axes = pose(body, 0.0)
     row[c.BODY_FROM : c.BODY_FROM + 3] = row[c.BODY_TO : c.BODY_TO + 3] = center
     row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
-    row[c.BODY_SIZE : c.BODY_SIZE + 3] = size_of(collider)
-    row[c.BODY_MARGIN], row[c.BODY_FRICTION] = collider.margin, collider.friction
-    row[c.BODY_SWEPT] = collider.swept
+    if isinstance(body, Collider | Ground):
+        row[c.BODY_SIZE : c.BODY_SIZE + 3] = size_of(body)
+        row[c.BODY_MARGIN], row[c.BODY_FRICTION] = body.margin, body.friction
+        row[c.BODY_SWEPT] = body.swept
     return row
 
 
@@ -157,6 +159,6 @@ def first_hit(bodies: Sequence[Body], origin: Floats, direction: Floats) -> floa
     return np.inf
 
 
-def is_still(collider: Collider | Ground) -> bool:
+def is_still(body: Motion | Ground) -> bool:
     """Whether it never moves."""
-    return isinstance(collider, Ground) or not (any(collider.sway) or any(collider.spin) or collider.path)
+    return isinstance(body, Ground) or not (any(body.sway) or any(body.spin) or body.path)

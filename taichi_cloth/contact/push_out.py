@@ -21,6 +21,7 @@ from ..kernels.controls import (
 from ..kernels.maths import TINY, friction_slide
 from ..kernels.motion import put_right
 from ..kernels.places import choose, cross, dot, spread, times
+from ..kernels.poses import axes_at, center_at, vector_at
 from .shapes import SHAPES, back, into
 from .sweeps import MEETINGS
 
@@ -31,21 +32,6 @@ THIN = 1e-4  # [m] within the margin: what lies on it begins outside, however it
 def first_of(stages: Any, k: int) -> int:
     """Row of the table where the bodies of kind k begin."""
     return sum(getattr(stages, kind) for kind in KINDS[:k])
-
-
-@ti.func
-def vector_at(table: ti.template(), row: int, column: int) -> tm.vec3:
-    """Three neighbouring columns of a table as a vector."""
-    return tm.vec3(table[row, column], table[row, column + 1], table[row, column + 2])
-
-
-@ti.func
-def turned_by(vector: tm.vec3):
-    """3×3 matrix that turns about a vector by its length [radians] (Rodrigues)."""
-    angle = vector.norm()
-    k = vector / ti.max(angle, TINY)
-    across = ti.Matrix([[0.0, -k.z, k.y], [k.z, 0.0, -k.x], [-k.y, k.x, 0.0]])
-    return ti.Matrix.identity(ti.f32, 3) + ti.sin(angle) * across + (1.0 - ti.cos(angle)) * (across @ across)
 
 
 @ti.func
@@ -67,12 +53,12 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
     table = ti.static(now.bodies)
     travel, turn = vector_at(table, s, BODY_TO) - vector_at(table, s, BODY_FROM), vector_at(table, s, BODY_TURN)
     reached = (now.s + 1.0) / now.substeps
-    center = vector_at(table, s, BODY_FROM) + travel * reached
-    start = ti.Matrix([[table[s, BODY_AXES + 3 * r + c] for c in ti.static(range(3))] for r in ti.static(range(3))])
-    axes = turned_by(turn * reached) @ start
+    center, axes = center_at(table, s, reached), axes_at(table, s, reached)
     size, margin, friction = vector_at(table, s, BODY_SIZE), table[s, BODY_MARGIN], table[s, BODY_FRICTION]
     share = now.lasts / now.substeps
-    center_before, axes_before = center - travel * share, turned_by(turn * (reached - share)) @ start
+    center_before, axes_before = center, axes
+    if ti.static(stages.swept):
+        center_before, axes_before = center_at(table, s, reached - share), axes_at(table, s, reached - share)
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
         away = x - spread(center, x)

@@ -25,7 +25,8 @@ GRAB_TO = 16  # 16…18: and at its end [m]
 DAMPING_TIME = 19  # [s] a spring's dashpot is this times its stiffness
 MOST_STRAIN = 20  # of the strain limit
 TETHER_SLACK = 21  # how long a tether may be, as a multiple of the flat sheet's distance
-COUNT = 22
+THICKNESS, SELF_FRICTION = 22, 23  # [m] of the cloth, and its friction on itself
+COUNT = 24
 
 # Columns of a row of the table of colliders.
 BODY_FROM, BODY_TO = 0, 3  # [m] its middle at both ends of the frame

@@ -1,33 +1,40 @@
-"""The particle that a hand holds: it has no inverse mass and is led along a straight line through the frame."""
+"""Particles that are led: they have no inverse mass, and are where a hand or a grip is."""
 
 import taichi as ti
 import taichi.math as tm
 
-from .controls import GRAB_FROM, GRAB_TO
+from .controls import BODY_FROM, BODY_TO, BODY_TURN, GRAB_FROM, GRAB_TO
+from .layout import place_of, put_at
+from .poses import axes_at, center_at, vector_at
+
+
+@ti.func
+def lead(cloth: ti.template(), stages: ti.template(), place: int, x: tm.vec3, velocity: tm.vec3):
+    put_at(cloth, cloth.x, place, x)
+    if ti.static(stages.own_velocity):
+        put_at(cloth, cloth.velocity, place, velocity)
 
 
 @ti.func
 def lead_held(cloth: ti.template(), stages: ti.template(), now: ti.template(), steps: float):
-    """Puts the held particle where the hand is after so many substeps of the frame; forces see the hand's velocity."""
+    """Puts pins that move, and the held particle, where they are after so many substeps of the frame.
+
+    Forces see their velocity. A hand goes straight on; it wins over a grip.
+    """
+    share, seconds = steps / now.substeps, now.h * now.substeps
+    if ti.static(stages.grips):
+        for n in range(cloth.grips.count[None]):
+            row = ti.static(stages.bodies) + cloth.grips.body[n]
+            away = axes_at(now.bodies, row, share) @ cloth.grips.local[n]
+            travel = vector_at(now.bodies, row, BODY_TO) - vector_at(now.bodies, row, BODY_FROM)
+            velocity = (travel + vector_at(now.bodies, row, BODY_TURN).cross(away)) / seconds
+            lead(cloth, stages, cloth.grips.place[n], center_at(now.bodies, row, share) + away, velocity)
     controls = ti.static(now.controls)
     held = now.held
     if held >= 0:
         start = tm.vec3(controls[GRAB_FROM], controls[GRAB_FROM + 1], controls[GRAB_FROM + 2])
-        end = tm.vec3(controls[GRAB_TO], controls[GRAB_TO + 1], controls[GRAB_TO + 2])
-        place = start + (end - start) * (steps / now.substeps)
-        velocity = (end - start) / (now.h * now.substeps)
-        if ti.static(cloth.in_lanes):
-            columns, pitch = cloth.columns[None], cloth.pitch[None]
-            column = held % columns
-            slot = held // columns * pitch + column % pitch
-            for c in ti.static(range(3)):
-                cloth.x[slot][c, column // pitch] = place[c]
-                if ti.static(stages.own_velocity):
-                    cloth.velocity[slot][c, column // pitch] = velocity[c]
-        else:
-            cloth.x[held] = place
-            if ti.static(stages.own_velocity):
-                cloth.velocity[held] = velocity
+        way = tm.vec3(controls[GRAB_TO], controls[GRAB_TO + 1], controls[GRAB_TO + 2]) - start
+        lead(cloth, stages, place_of(cloth, held), start + way * share, way / seconds)
 
 
 @ti.kernel

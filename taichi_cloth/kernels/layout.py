@@ -1,6 +1,7 @@
 """Into the layout in which a frame is worked on, and back."""
 
 import taichi as ti
+import taichi.math as tm
 
 from .places import LANES
 
@@ -48,3 +49,51 @@ def store(work: ti.template(), cloth: ti.template(), stages: ti.template()):
                             cloth.velocity[i][c] = work.velocity[slot][c, k]
                         else:
                             cloth.x_prev[i][c] = work.x_prev[slot][c, k]
+
+
+@ti.func
+def at(cloth: ti.template(), field: ti.template(), place: int):
+    """A vector of one particle; in strips its place is slot·8 + lane."""
+    if ti.static(cloth.in_lanes):
+        slot, lane = place // LANES, place % LANES
+        return tm.vec3(field[slot][0, lane], field[slot][1, lane], field[slot][2, lane])
+    else:
+        return field[place]
+
+
+@ti.func
+def put_at(cloth: ti.template(), field: ti.template(), place: int, vector: tm.vec3):
+    """Sets a vector of one particle."""
+    if ti.static(cloth.in_lanes):
+        for c in ti.static(range(3)):
+            field[place // LANES][c, place % LANES] = vector[c]
+    else:
+        field[place] = vector
+
+
+@ti.func
+def place_of(cloth: ti.template(), particle: int):
+    """Where a particle stands in the layout."""
+    if ti.static(cloth.in_lanes):
+        columns, pitch = cloth.columns[None], cloth.pitch[None]
+        row, column = particle // columns, particle % columns
+        return (row * pitch + column % pitch) * LANES + column // pitch
+    else:
+        return particle
+
+
+@ti.func
+def inverse_mass_at(cloth: ti.template(), place: int):
+    if ti.static(cloth.in_lanes):
+        return cloth.inverse_mass[place // LANES][place % LANES]
+    else:
+        return cloth.inverse_mass[place]
+
+
+@ti.func
+def slot_of(cloth: ti.template(), field: ti.template(), i: int):
+    """What a field by place holds for the particle, or the eight particles, of slot i."""
+    if ti.static(cloth.in_lanes):
+        return ti.Matrix([[field[i * LANES + k][c] for k in ti.static(range(LANES))] for c in ti.static(range(3))])
+    else:
+        return field[i]

@@ -37,11 +37,11 @@ def pin_of(cloth: ti.template(), n: int):
 def pull_tethers(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Takes every free particle back to where its tethers reach, where the scene has some; pins do not move.
 
-    Within a frame pins only move where a hand leads one.
+    Within a frame pins only move where a hand or a grip leads them.
     """
     if ti.static(stages.tethers):
         if ti.static(cloth.in_lanes):
-            if now.s == 0 or now.held >= 0:
+            if now.s == 0 or now.held >= 0 or ti.static(stages.grips):
                 look_up_pins(cloth, cloth.ties)
         for i in range(cloth.slot_count[None]):
             free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)

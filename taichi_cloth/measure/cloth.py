@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Measures:
-    """The state of a cloth in six numbers."""
+    """The state of a cloth in seven numbers."""
 
     max_strain: float  # largest length/rest − 1 over the structural springs (all springs if it has none)
     mean_strain: float  # mean of |length/rest − 1| over the same springs
@@ -22,6 +22,7 @@ class Measures:
     potential_energy: float  # [J] of gravity, zero at y = 0
     penetration: float  # [m] how deep the deepest particle lies under a collider's surface, 0 for none
     finite: bool  # False once a position is NaN or infinite
+    crossings: int | None  # edges that go through a triangle; None in a scene without self-collision
 
 
 def spring_strains(topology: Topology, positions: Floats) -> Floats:

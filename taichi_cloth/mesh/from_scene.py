@@ -9,25 +9,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.model import Scene
+from .pile import pile, pinned
 from .topology import Topology, sheet
 
 
 def topology_of(scene: Scene, section: str) -> Topology:
     """The cloth at its start. A spring of no stiffness is left out."""
-    return sheet(
-        rows=scene.cloth.rows,
-        columns=scene.cloth.columns,
-        width=scene.cloth.width,
-        height=scene.cloth.height,
-        center=scene.cloth.center,
-        rotation=scene.cloth.rotation,
-        area_density=scene.cloth.area_density,
-        pins=scene.cloth.pins,
+    cloth = scene.cloth
+    pins = [*cloth.pins, *(pin for grip in scene.grips for pin in grip.pins)]
+    one = sheet(
+        rows=cloth.rows,
+        columns=cloth.columns,
+        width=cloth.width,
+        height=cloth.height,
+        center=cloth.center,
+        rotation=cloth.rotation,
+        area_density=cloth.area_density,
+        pins=pins if cloth.sheets == 1 else (),
         directions=[k > 0 for k in _constants(scene, section)],
-        diagonals=scene.cloth.diagonals,
-        lumping=scene.cloth.lumping,
+        diagonals=cloth.diagonals,
+        lumping=cloth.lumping,
         bending=scene.fabric.bending if section == "fabric" else 0.0,
     )
+    if cloth.sheets == 1:
+        return one
+    return pile(
+        one,
+        cloth.sheets,
+        gap=cloth.gap,
+        turn=cloth.turn,
+        center=cloth.center,
+        rotation=cloth.rotation,
+        pins=pins,
+    )
+
+
+def holder_of(scene: Scene) -> NDArray[np.int64]:
+    """Number of the grip that holds each particle, (N,), −1 for none; of two that would hold it, the last does."""
+    cloth = scene.cloth
+    holder = np.full(cloth.sheets * cloth.rows * cloth.columns, -1)
+    for k, grip in enumerate(scene.grips):
+        holder[pinned(cloth.rows, cloth.columns, cloth.sheets, grip.pins)] = k
+    return holder
 
 
 def stiffness_of(scene: Scene, section: str, topology: Topology) -> NDArray[np.float64]:

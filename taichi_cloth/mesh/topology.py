@@ -30,6 +30,7 @@ class Topology:
     """The constant description of one cloth; N particles, E springs, T triangles."""
 
     start: NDArray[np.float64]  # [m] (N, 3) where every particle is before the first frame
+    flat: NDArray[np.float64]  # [m] (N, 3) where it is on the sheet as it was cut; other sheets lie far from it
     mass: NDArray[np.float64]  # [kg] (N,) a third of the area of every triangle around it
     pinned: NDArray[np.bool_]  # (N,)
     ends: NDArray[np.int32]  # (E, 2) the two particles of a spring
@@ -40,6 +41,7 @@ class Topology:
     triangles: NDArray[np.int32]  # (T, 3)
     cells: NDArray[np.int32]  # (T, 2) row and column of the triangle in the weave
     shape: tuple[int, int]  # rows and columns of the grid
+    sheets: int = 1  # how many there are, the rows of one after those of another (`pile.py`)
 
     @property
     def direction(self) -> NDArray[np.int64]:
@@ -57,6 +59,13 @@ class Topology:
     @property
     def triangle_count(self) -> int:
         return len(self.triangles)
+
+    @property
+    def edges(self) -> NDArray[np.int32]:
+        """The sides of the triangles, each once, shape (sides, 2)."""
+        sides = np.sort(self.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        once: NDArray[np.int32] = np.unique(sides, axis=0)
+        return once
 
     def family(self, name: str) -> NDArray[np.int64]:
         """Indices of the springs of one family, `structural`, `shear` or `bend`."""
@@ -114,7 +123,7 @@ def sheet(
                 pairs.append(batch)
                 first += len(batch)
     ends = np.concatenate(pairs) if pairs else np.zeros((0, 2), np.int32)
-    start = (flat @ grid.rotation_matrix(rotation).T + np.asarray(center)).astype(np.float32)
+    start = laid(flat, center, rotation)
     mass = lumped_mass(flat, triangles, area_density)
     along_edge = grid.along_edge(rows, columns, ends)
     if lumping == "equal":
@@ -122,6 +131,7 @@ def sheet(
         along_edge[:] = False
     return Topology(
         start=start.astype(np.float64),
+        flat=flat,
         mass=mass,
         pinned=grid.pinned(rows, columns, pins),
         ends=ends,
@@ -133,6 +143,13 @@ def sheet(
         cells=cells,
         shape=(rows, columns),
     )
+
+
+def laid(
+    flat: NDArray[np.float64], center: tuple[float, float, float], rotation: tuple[float, float, float]
+) -> NDArray[np.float32]:
+    """A flat sheet (N, 3) [m] turned about x, then y, then z [degrees], and its middle brought to a place [m]."""
+    return (flat @ grid.rotation_matrix(rotation).T + np.asarray(center)).astype(np.float32)
 
 
 def lengths(places: NDArray[np.float32], ends: NDArray[np.int32]) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 Vec3 = tuple[float, float, float]
 Keyframes = tuple[tuple[float, ...], ...]
+Pins = tuple[str | int, ...]
 
 FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 
@@ -18,8 +19,8 @@ EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of thos
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 
 # The methods by name, here because importing a solver would import Taichi. With each its usual substeps and iterations,
-# which run where a scene names only the method. `verlet`: those of the browser demos. `spring`, `rk4`: they take as many
-# substeps as they need.
+# which run where a scene names only the method. `verlet`: those of the browser demos. `spring`, `rk4`: they take as
+# many substeps as they need.
 USUAL = {
     "verlet": (5, 12),
     "xpbd": (30, 1),
@@ -67,9 +68,12 @@ class Cloth:
         "area: a particle on an edge has half the mass and an edge's springs half the constant; equal: as those inside",
         choices=("area", "equal"),
     )
-    pins: tuple[str | int, ...] = _key(
+    pins: Pins = _key(
         ("top",), "edges (top, bottom, left, right), corners (top-left, …) or particle indices held in place"
     )
+    sheets: int = _key(1, "how many such sheets there are, the rows of one after those of another", low=1, high=100)
+    gap: float = _key(0.1, "from sheet to sheet, the first at center, the next in front of it", "m", low=-1e3, high=1e3)
+    turn: float = _key(0.0, "each is turned in its plane against the one before", "degrees", low=-360.0, high=360.0)
 
 
 @dataclass(frozen=True)
@@ -162,14 +166,13 @@ class Wind:
 
 
 @dataclass(frozen=True)
-class Collider:
-    """A body the cloth cannot enter. Its middle is at center + sway·sin(2π·t/period + phase), and where `path` leads.
+class Motion:
+    """How a body goes: its middle is at center + sway·sin(2π·t/period + phase), and where `path` leads.
 
-    It is turned by `rotation`, then as `path` says, then at the rate `spin` about its middle.
+    It is turned as `path` says, then at the rate `spin` about its middle.
     """
 
     center: Vec3 = _key((0.0, 1.0, 0.0), "middle of its path", "m", low=-1e5, high=1e5)
-    rotation: Vec3 = _key((0.0, 0.0, 0.0), "turned about x, then y, then z", "degrees", low=-360.0, high=360.0)
     sway: Vec3 = _key((0.0, 0.0, 0.0), "reach of its path along x, y, z", "m", low=-1000.0, high=1000.0)
     period: Vec3 = _key((8.0, 8.0, 8.0), "time of one sway along x, y, z", "s", low=0.01, high=1e6)
     phase: Vec3 = _key((0.0, 0.0, 0.0), "where on its path it starts", "degrees", low=-360.0, high=360.0)
@@ -177,6 +180,20 @@ class Collider:
     path: Keyframes = _key(
         (), "rows of [seconds, x, y, z] or with three angles: moved by [m] and turned by [degrees]", low=-1e5, high=1e5
     )
+
+
+@dataclass(frozen=True)
+class Grip(Motion):
+    """Pins that go as one body does, from where they are at the start: a bar that the cloth hangs from, a hand."""
+
+    pins: Pins = _key((), "edges, corners or particle indices that it holds, as in [cloth]")
+
+
+@dataclass(frozen=True)
+class Collider(Motion):
+    """A body the cloth cannot enter; before all else it is turned by `rotation`."""
+
+    rotation: Vec3 = _key((0.0, 0.0, 0.0), "turned about x, then y, then z", "degrees", low=-360.0, high=360.0)
     margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
     friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
     swept: bool = _key(False, "stops what would be through it or past it within a substep")
@@ -226,6 +243,22 @@ class Ground:
 
 
 @dataclass(frozen=True)
+class SelfCollision:
+    """The cloth cannot pass through itself. What comes nearer by two thicknesses in one substep may."""
+
+    thickness: float = _key(
+        0.05, "how far the cloth keeps off itself", "m", low=0.0, high=10.0, above_low=True, slider=(0.005, 0.2)
+    )
+    friction: float = _key(0.3, "Coulomb coefficient of cloth on cloth", low=0.0, high=1e6)
+    contacts: str = _key(
+        "particles",
+        "particles keep off particles (for a thickness like a cell's side), or triangles off particles and edges off"
+        " edges (for a thin cloth; takes five times as long)",
+        choices=("particles", "triangles"),
+    )
+
+
+@dataclass(frozen=True)
 class Camera:
     """Where the picture is taken from."""
 
@@ -258,11 +291,13 @@ class Scene:
     tethers: Tethers | None = None
     forces: Forces = field(default_factory=Forces)
     wind: Wind | None = None
+    grips: tuple[Grip, ...] = ()
     spheres: tuple[Sphere, ...] = ()
     capsules: tuple[Capsule, ...] = ()
     boxes: tuple[Box, ...] = ()
     planes: tuple[Plane, ...] = ()
     ground: Ground | None = None
+    self_collision: SelfCollision | None = None
     camera: Camera = field(default_factory=Camera)
     look: Look = field(default_factory=Look)
     name: str = field(default="scene", metadata={"derived": "the file's stem"})
@@ -282,7 +317,7 @@ class Part(NamedTuple):
     @property
     def one(self) -> str:
         """The name of a single one: "wind", "sphere"."""
-        return self.section.__name__.lower()
+        return self.section.__name__.lower() if self.many else self.name
 
 
 def parts() -> dict[str, Part]:

@@ -140,10 +140,15 @@ def _values(section: type, data: Any, file: str, where: str = "", also: list[str
 
 def _consistent(scene: Scene, file: str) -> Scene:
     """What no key can say alone."""
-    last = scene.cloth.rows * scene.cloth.columns - 1
-    for k, pin in enumerate(scene.cloth.pins):
-        if isinstance(pin, int) and not 0 <= pin <= last:
-            raise SceneError(file, f"cloth.pins[{k}]", f"{shown(pin)} is no particle: indices run from 0 to {last}")
+    last = scene.cloth.rows * scene.cloth.columns * scene.cloth.sheets - 1
+    if scene.cloth.sheets > 1 and scene.tethers is not None:
+        raise SceneError(file, "tethers", f"are for one sheet, and cloth.sheets is {scene.cloth.sheets}")
+    lists = {"cloth": scene.cloth.pins} | {f"grips[{k}]": grip.pins for k, grip in enumerate(scene.grips)}
+    for place, pins in lists.items():
+        for k, pin in enumerate(pins):
+            if isinstance(pin, int) and not 0 <= pin <= last:
+                reason = f"{shown(pin)} is no particle: indices run from 0 to {last}"
+                raise SceneError(file, f"{place}.pins[{k}]", reason)
     (x, y, z), (tx, ty, tz) = scene.camera.eye, scene.camera.target
     if hypot(x - tx, z - tz) <= 1e-6 * abs(y - ty):
         what = "is the target" if y == ty else "is straight above or below the target, where no side is up"

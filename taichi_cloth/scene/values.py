@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any
 
 from .errors import SceneError, nearest, shown
-from .model import CORNERS, EDGES, Key, Keyframes, Vec3
+from .model import CORNERS, EDGES, Key, Keyframes, Pins, Vec3
 
 PIN_NAMES = (*EDGES, *CORNERS)
 
@@ -23,7 +23,7 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
         return tuple(check_value(v, float, key, file, f"{where}[{k}]") for k, v in enumerate(value))
     if hint == Keyframes:
         return _path(value, key, file, where)
-    if hint not in _WORDS:  # pins
+    if hint == Pins:
         if not isinstance(value, (list, tuple)):
             raise SceneError(file, where, f'a list is needed, as in ["top", 17], not {shown(value)}')
         return tuple(_pin(v, file, f"{where}[{k}]") for k, v in enumerate(value))

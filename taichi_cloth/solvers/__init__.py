@@ -17,10 +17,11 @@ from .xpbd import Xpbd
 SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Verlet, Xpbd, Spring, Lines, Rk4, Projective)}
 
 
-def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = None) -> str:
+def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = None, sheets: int = 1) -> str:
     """The layout a solver works on, for a grid of (rows, columns) on the arch that Taichi was started on.
 
-    Raises WrongUse for an unknown one, and on a GPU for one that would run there on a single thread.
+    Raises WrongUse for an unknown one, on a GPU for one that would run there on a single thread, and for strips of
+    several sheets.
     """
     if asked is not None and asked not in kind.paths:
         near = difflib.get_close_matches(asked, kind.paths, 1)
@@ -30,6 +31,10 @@ def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = Non
         if asked not in (None, "gather"):
             raise WrongUse(f"path {asked} is for --arch cpu; a GPU has the path gather")
         return "gather"
+    if sheets > 1:
+        if asked == "lanes":
+            raise WrongUse("path lanes is for one sheet; several have the paths list, gather")
+        return asked or "list"
     # Strips of one column or less are mostly empty: then springs one by one are as fast.
     return asked or next(path for path in kind.paths if path != "lanes" or shape[1] >= LANES)
 

@@ -18,6 +18,7 @@ from ..scene.model import FRAME_SECONDS
 from ..state import ClothState, fields, lanes
 from ..state.bonds import bond
 from ..state.gather import gathering
+from ..state.near import come_near
 from ..state.ties import tie
 from .launches import Launches
 
@@ -39,6 +40,9 @@ class Stages:
     spring_damping: bool = False
     strain_limit: bool = False
     tethers: bool = False
+    grips: bool = False
+    self_collision: bool = False
+    by_triangles: bool = False  # between triangles and edges too, not particles alone
     bending: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
     constrained: bool = True  # something needs to know where a particle was a substep ago
@@ -165,7 +169,7 @@ class Solver:
         """`stiffness`: of every spring, (E,), in the unit of the section `springs`."""
         self.cloth = cloth
         self.path = path
-        moved = stages.bodies or stages.strain_limit or stages.tethers
+        moved = stages.bodies or stages.strain_limit or stages.tethers or stages.self_collision
         self.stages = replace(
             stages,
             own_velocity=self.own_velocity,
@@ -182,6 +186,8 @@ class Solver:
             tie(self.work, topology)
         if self.stages.bending:
             bond(self.work, topology)
+        if stages.self_collision:
+            come_near(self.work, topology)
         self.frequency = self._frequency(topology, stiffness)
         start_without_forces(self.work)
         self.launches = Launches(self.work, self.stages)

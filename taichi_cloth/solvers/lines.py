@@ -30,6 +30,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..contact.self_collision import keep_apart
 from ..kernels.chains import begin_frame, forget_chains, solve_chains
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
@@ -150,6 +151,7 @@ def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     prepare_jump(cloth)
     pull_tethers(cloth, stages, ti.static(now._replace(lasts=LENGTH)))
+    keep_apart(cloth, stages, ti.static(now._replace(lasts=LENGTH)))
     push_out(cloth, stages, ti.static(now._replace(s=end_of(now) - 1.0, lasts=LENGTH)))
     limit_strain(cloth, stages, now.controls, now.h * LENGTH)
     ahead = 0.0

@@ -22,6 +22,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..contact.self_collision import keep_apart
 from ..kernels.conjugate import MOST_PRODUCTS, PARTIAL_SUMS, begin_search, find_way, search_on
 from ..kernels.controls import KEPT, STIFFNESS, row, table
 from ..kernels.forces import add_air, take_force
@@ -72,6 +73,7 @@ def go(cloth: ti.template(), stages: ti.template(), i: int, way, h: float):
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Tethers, contact and the strain limit."""
     pull_tethers(cloth, stages, now)
+    keep_apart(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
 

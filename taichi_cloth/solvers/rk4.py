@@ -11,6 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
@@ -102,6 +103,7 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     finish(cloth, now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
     pull_tethers(cloth, stages, now)
+    keep_apart(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
 

@@ -7,6 +7,7 @@ Wanner 2003, *Geometric numerical integration illustrated by the Störmer–Verl
 import taichi as ti
 
 from ..contact.push_out import push_out
+from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
@@ -39,6 +40,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     lead_held(cloth, stages, now, now.s + 1.0)
     pull_tethers(cloth, stages, now)
+    keep_apart(cloth, stages, now)
     push_out(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
 

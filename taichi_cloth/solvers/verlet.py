@@ -10,6 +10,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
@@ -47,6 +48,7 @@ def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 
 @ti.func
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    keep_apart(cloth, stages, now)
     pull_tethers(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
 

@@ -5,6 +5,7 @@ with substeps, iterations or grid once the iteration converges (Macklin et al. 2
 import taichi as ti
 
 from ..contact.push_out import push_out
+from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
@@ -32,6 +33,7 @@ def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 
 @ti.func
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    keep_apart(cloth, stages, now)
     pull_tethers(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
 

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import taichi as ti
 
 from ..mesh import strips
 from ..mesh.tethers import MOST, tethers
 from ..mesh.topology import Topology
 from . import fields
+from .places import place_in
 from .pool import attached
 
 
@@ -38,11 +38,7 @@ def tie(work: Any, topology: Topology) -> None:
     ties = attached(work, "ties", lambda: _allocate(MOST * work.x.shape[0], lanes))
     pins, reach = tethers(topology)
     ties.count[None] = len(pins)
-    if lanes:
-        pitch = work.pitch[None]
-        row, column = np.divmod(pins, topology.shape[1])
-        pins = (row * pitch + column % pitch) * strips.STRIPS + column // pitch
-    for field, values in ((ties.pin, pins), (ties.reach, reach)):
+    for field, values in ((ties.pin, place_in(work, topology, pins)), (ties.reach, reach)):
         if lanes:
-            values = strips.pack(values.reshape(-1, *topology.shape), pitch).reshape(-1, strips.STRIPS)
+            values = strips.pack(values.reshape(-1, *topology.shape), work.pitch[None]).reshape(-1, strips.STRIPS)
         fields.put(field, values if lanes else values.reshape(-1))

@@ -169,7 +169,8 @@ def saved_before(simulation: Simulation, guard: Guard, plan: Plan) -> str:
 def _line(simulation: Simulation, frame: int) -> dict[str, Any]:
     """What there is to say of a frame before it is drawn."""
     measures = simulation.measure()
-    return {"frame": frame, "max_strain": measures.max_strain, "mean_strain": measures.mean_strain}
+    line = {"frame": frame, "max_strain": measures.max_strain, "mean_strain": measures.mean_strain}
+    return line if measures.crossings is None else {**line, "crossings": measures.crossings}
 
 
 @contextmanager

@@ -103,6 +103,7 @@ def numbers(session: Session, draw_ms: float, pictures: float) -> str:
         f"{simulation.scene.name} · {session.view} · frame {simulation.frame} · {pictures:.0f} fps",
         f"physics {session.physics_ms:.1f} + drawing {draw_ms:.1f} of {budget:.1f} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %; {error_of(simulation)}",
+        *([] if measures.crossings is None else [f"{measures.crossings} edges through the cloth itself"]),
         f"{simulation.method}: {' '.join(simulation.stages)}",
         *filter(None, [simulation.advice]),
     )

@@ -1,0 +1,36 @@
+"""How a body of the table in `controls.py` stands at a time within the frame."""
+
+import taichi as ti
+import taichi.math as tm
+
+from .controls import BODY_AXES, BODY_FROM, BODY_TO, BODY_TURN
+from .maths import TINY
+
+
+@ti.func
+def vector_at(table: ti.template(), row: int, column: int) -> tm.vec3:
+    """Three neighbouring columns of a table as a vector."""
+    return tm.vec3(table[row, column], table[row, column + 1], table[row, column + 2])
+
+
+@ti.func
+def turned_by(vector: tm.vec3):
+    """3×3 matrix that turns about a vector by its length [radians] (Rodrigues)."""
+    angle = vector.norm()
+    k = vector / ti.max(angle, TINY)
+    across = ti.Matrix([[0.0, -k.z, k.y], [k.z, 0.0, -k.x], [-k.y, k.x, 0.0]])
+    return ti.Matrix.identity(ti.f32, 3) + ti.sin(angle) * across + (1.0 - ti.cos(angle)) * (across @ across)
+
+
+@ti.func
+def center_at(table: ti.template(), row: int, share: float) -> tm.vec3:
+    """Its middle [m] after a share of the frame: it goes straight on."""
+    start = vector_at(table, row, BODY_FROM)
+    return start + (vector_at(table, row, BODY_TO) - start) * share
+
+
+@ti.func
+def axes_at(table: ti.template(), row: int, share: float):
+    """Its own axes as the columns of a 3×3 matrix: it turns about one axis."""
+    start = ti.Matrix([[table[row, BODY_AXES + 3 * r + c] for c in ti.static(range(3))] for r in ti.static(range(3))])
+    return turned_by(vector_at(table, row, BODY_TURN) * share) @ start
