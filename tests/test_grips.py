@@ -71,5 +71,5 @@ def test_tethers_follow_the_grips() -> None:
 def test_a_grip_that_names_no_particle_is_refused(tmp_path) -> None:
     file = tmp_path / "twist.toml"
     file.write_text('[[grips]]\npins = ["left", 720]\n', encoding="utf-8")
-    with pytest.raises(SceneError, match=r"grips\[0\].pins\[1\]: 720 is no particle: indices run from 0 to 719"):
+    with pytest.raises(SceneError, match=r"grips\[0\]\.pins\[1\]: 720 is no particle: indices run from 0 to 719"):
         load_scene(file)

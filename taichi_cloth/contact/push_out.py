@@ -6,10 +6,8 @@ A body that is `swept` also stops what would be through it or past it by the end
 from typing import Any
 
 import taichi as ti
-import taichi.math as tm
 
 from ..kernels.controls import (
-    BODY_AXES,
     BODY_FRICTION,
     BODY_FROM,
     BODY_MARGIN,
@@ -18,7 +16,7 @@ from ..kernels.controls import (
     BODY_TO,
     BODY_TURN,
 )
-from ..kernels.maths import TINY, friction_slide
+from ..kernels.maths import friction_slide
 from ..kernels.motion import put_right
 from ..kernels.places import choose, cross, dot, spread, times
 from ..kernels.poses import axes_at, center_at, vector_at

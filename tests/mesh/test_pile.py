@@ -48,7 +48,7 @@ def test_a_corner_is_a_pin_of_every_sheet_and_an_index_of_one() -> None:
 def test_strips_and_tethers_are_for_one_sheet() -> None:
     with pytest.raises(WrongUse, match="path lanes is for one sheet"):
         Simulation(Scene(cloth=THREE), "lanes")
-    with pytest.raises(SceneError, match="tethers: are for one sheet, and cloth.sheets is 2"):
+    with pytest.raises(SceneError, match=r"tethers: are for one sheet, and cloth\.sheets is 2"):
         load_scene("curtain", cloth_sheets=2, tethers_slack=1.01)
 
 

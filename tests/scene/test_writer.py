@@ -60,6 +60,7 @@ scenes = tables(Scene, name=st.just("mine"), **{name: sections(part) for name, p
 def test_a_scene_survives_being_written(write: Write, scene: Scene) -> None:
     (x, _, z), (tx, _, tz) = scene.camera.eye, scene.camera.target
     assume(abs(x - tx) + abs(z - tz) > 1)
+    assume(scene.cloth.sheets == 1 or scene.tethers is None)
     assert load_scene(write(scene_to_toml(scene))) == scene
 
 
@@ -74,7 +75,9 @@ def test_every_key_is_written_with_its_unit() -> None:
     assert "\n[wind]\nx = 3.0  # m/s\n" in text
     assert text.count("[[boxes]]") == 3
     for part in parts().values():
-        assert (f"[{part.name}]" in text) == (part.name not in ("limit", "tethers", "capsules", "planes"))
+        assert (f"[{part.name}]" in text) == (
+            part.name not in ("limit", "tethers", "grips", "capsules", "planes", "self_collision")
+        )
         assert f"[{part.name}]" not in text or all(f"\n{key} = " in text for key in keys_of(part.section))
 
 
