@@ -34,9 +34,6 @@ def test_gripped_pins_are_where_their_body_takes_them(solver: str) -> None:
         left, right = led(0.1)
         assert x[:, 0] == pytest.approx(left, abs=1e-6)
         assert x[:, 8] == pytest.approx(right, abs=1e-6)
-        assert simulation.velocities().reshape(6, 9, 3)[:, 8] == pytest.approx(
-            np.tile([0.3, 0.0, 0.6], (6, 1)), abs=1e-4
-        )
         simulation.grab(8, [0.5, 1.3, 0.1])
         simulation.advance_frame()
         assert simulation.positions()[8] == pytest.approx([0.5, 1.3, 0.1], abs=1e-6)

@@ -149,7 +149,8 @@ def laid(
     flat: NDArray[np.float64], center: tuple[float, float, float], rotation: tuple[float, float, float]
 ) -> NDArray[np.float32]:
     """A flat sheet (N, 3) [m] turned about x, then y, then z [degrees], and its middle brought to a place [m]."""
-    return (flat @ grid.rotation_matrix(rotation).T + np.asarray(center)).astype(np.float32)
+    places: NDArray[np.float32] = (flat @ grid.rotation_matrix(rotation).T + np.asarray(center)).astype(np.float32)
+    return places
 
 
 def lengths(places: NDArray[np.float32], ends: NDArray[np.int32]) -> NDArray[np.float64]:
