@@ -1,6 +1,6 @@
 # Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test lint venv wheel screenshots bench validate errors peers clean
+.PHONY: help run test lint venv wheel screenshots bench validate errors neighbours peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -22,6 +22,7 @@ help:
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
 	@echo "make validate  how far every solver is from known answers; writes docs/validation.md and docs/scenes.md (10 minutes)"
 	@echo "make errors  time beside error: the table that --target-error reads, its pictures, docs/scene_errors.md (half an hour)"
+	@echo "make neighbours  how long self-collision's search takes, beside brute force, an octree and a k-d tree"
 	@echo "make peers  the same cloth in other programs, installed into environments of their own"
 	@echo "make screenshots   draw the pictures in screenshots/ anew"
 
@@ -49,6 +50,9 @@ validate: .venv/ready
 errors: .venv/ready
 	$(BIN)/taichi-cloth bench --error --full --csv assets/error.csv --plot docs/pictures --force
 	$(BIN)/taichi-cloth bench --error $(addprefix --scene ,$(SCENES)) --markdown docs/scene_errors.md --force
+
+neighbours: .venv/tools
+	$(BIN)/python benchmarks/neighbours/run.py
 
 peers: .venv/ready
 	$(BIN)/python benchmarks/peers/run.py

@@ -39,12 +39,6 @@ def edge_weights(cloth: ti.template(), n: int, m: int):
 
 
 @ti.func
-def are_pair(cloth: ti.template(), n: int, m: int) -> int:
-    """Whether particles n and m are two, in this order and not in the other."""
-    return int(n < m)
-
-
-@ti.func
 def are_corner(cloth: ti.template(), n: int, m: int) -> int:
     """Whether particle m is none of triangle n's own."""
     a, b, c = cloth.near.triangles[n]
@@ -124,10 +118,27 @@ def visit(
 
 @ti.func
 def visit_particles(cloth: ti.template(), now: ti.template(), act: ti.template(), move: int, on: int):
-    """Every pair of particles. `on` is 1, or 0 for nothing: parallel loops may not stand under an `if`."""
+    """Every pair of particles in reach. `on` is 1, or 0 for nothing: parallel loops may not stand under an `if`.
+
+    A particle looks at those behind it in its own cube and into half of the cubes around, so that each pair is met
+    once: five rows of cubes along x.
+    """
+    reach, side = cloth.near.reach[None], cloth.near.side[None]
     for k in range(on * cloth.near.particle_count[None]):  # neighbours in space, so that buckets stay in the cache
-        n, place, half = cloth.near.points.members[k], cloth.near.points.middle[k], tm.vec3(cloth.near.reach[None])
-        visit(cloth, now, cloth.near.points, 0.0, are_pair, act, n, place, half, move)
+        place = cloth.near.points.middle[k]
+        own = cube_of(place, side)
+        for r in range(5):
+            down = ti.select(r < 2, r, r - 3)
+            for along in range(ti.select(r == 0, 0, -1), 2):
+                cube = own + tm.ivec3(along, down, int(r >= 2))
+                b = bucket_of(cloth.near.points, cube)
+                start = cloth.near.points.first[b]
+                if r == 0 and along == 0:
+                    start = k + 1
+                for other in range(start, cloth.near.points.first[b + 1]):
+                    away = cloth.near.points.middle[other] - place
+                    if away.dot(away) < reach * reach and all(cube_of(cloth.near.points.middle[other], side) == cube):
+                        act(cloth, now, cloth.near.points.members[k], cloth.near.points.members[other], move)
 
 
 @ti.func
@@ -203,9 +214,10 @@ def list_candidates(cloth: ti.template(), stages: ti.template(), now: ti.templat
     look_whether_stale(cloth, thickness)
     on = cloth.near.stale[None]
     reach = (1.0 + AIR) * thickness
+    side = reach
     if ti.static(stages.by_triangles):
         reach = ti.max(reach, thickness + AIR_OF_EDGES * cloth.near.longest[None])
-    side = 2.0 * ti.max(reach, cloth.near.longest[None])
+        side = 2.0 * ti.max(reach, cloth.near.longest[None])
     for _ in range(on):
         cloth.near.reach[None] = reach
         cloth.near.listed_for[None] = thickness

@@ -18,8 +18,8 @@ def cube_of(place: tm.vec3, side: float):
 
 @ti.func
 def bucket_of(buckets: ti.template(), cube):
-    """Several cubes share a bucket: compare the cubes too."""
-    mixed = (cube.x * 73856093) ^ (cube.y * 19349663) ^ (cube.z * 83492791)
+    """Several cubes share a bucket: compare the cubes too. A row of cubes along x has buckets side by side."""
+    mixed = cube.x + ((cube.y * 19349663) ^ (cube.z * 83492791))
     return mixed & ti.static(buckets.first.shape[0] - 2)  # their number is a power of two
 
 
