@@ -7,16 +7,21 @@ import functools
 import io
 import os
 import textwrap
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 from .errors import WrongUse
+from .kernel_cache import sound_folder
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first of the three that is there
 
 # Read by Taichi when it is imported: no banner on stdout, no thread that asks the network for a newer version.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
+if "HOME" not in os.environ and os.name == "posix":  # Taichi looks there for its cache, and ends the process without it
+    home = os.path.expanduser("~")  # as the system's list of users says; "~" for a user who is not in it
+    os.environ.setdefault("XDG_CACHE_HOME", os.devnull if home == "~" else os.path.join(home, ".cache"))
 
 
 def start(arch: str = "cpu", **options: Any) -> str:
@@ -36,6 +41,9 @@ def start(arch: str = "cpu", **options: Any) -> str:
     if chosen not in ("cpu", *there):
         raise WrongUse(f"arch {arch} is not there: this machine has {', '.join(['cpu', *there])}")
     _wrap_lines_once()
+    if "offline_cache_file_path" not in options:
+        usual = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path
+        options["offline_cache_file_path"] = str(sound_folder(Path(usual), stop))
     settings = {
         "log_level": ti.ERROR,  # a warning is told, for one, when two programs write to the cache of kernels at once
         "enable_fallback": False,

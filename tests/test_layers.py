@@ -24,7 +24,7 @@ FLOORS = [
     {"hand", "save_file", "simulation"},
     {"guard"},
     {"view"},
-    {"runtime"},
+    {"kernel_cache", "runtime"},
     {"bench"},
     {"validate", "accuracy"},
     {"cli", "__init__", "__main__"},

@@ -1,0 +1,48 @@
+"""The program as a process of its own, and small disks to spoil."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+Disk = Callable[..., Path]
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Run:
+    """program("render", …, XDG_CACHE_HOME="…"): one command in the test's folder; None takes a variable away."""
+
+    def run(*words: str, **environment: str | None) -> subprocess.CompletedProcess[str]:
+        changed = {k: v for k, v in {**os.environ, **environment}.items() if v is not None}
+        command = [sys.executable, *(words if words[0] == "-c" else ("-m", "taichi_cloth", *words))]
+        return subprocess.run(command, cwd=tmp_path, env=changed, capture_output=True, text=True, timeout=300)
+
+    return run
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Disk]:
+    """disk("name", "size=64k"): a folder in the test's own that is a disk in memory, mounted with these options."""
+    mounted: list[Path] = []
+
+    def mount(name: str, options: str) -> Path:
+        if not hasattr(os, "geteuid") or os.geteuid() != 0 or shutil.which("mount") is None:
+            pytest.skip("only root may mount a disk")
+        path = tmp_path / name
+        path.mkdir(exist_ok=True)
+        done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", path], capture_output=True, text=True)
+        if done.returncode != 0:
+            pytest.skip(f"no disk can be mounted here: {done.stderr.strip()}")
+        mounted.append(path)
+        return path
+
+    yield mount
+    for path in mounted:
+        subprocess.run(["umount", path], check=True)

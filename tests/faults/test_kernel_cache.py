@@ -1,0 +1,105 @@
+"""A broken folder of compiled kernels costs their compiling, never the process."""
+
+from __future__ import annotations
+
+import os
+import struct
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from taichi_cloth.kernel_cache import INDEX, LOCK, index_is_sound
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+ONE_KERNEL = """
+from taichi_cloth import runtime
+runtime.start()
+import taichi as ti
+field = ti.field(ti.f32, 4)
+field.fill(2.0)
+print(field[3])
+"""
+
+
+@pytest.fixture
+def works(program: Run, tmp_path: Path) -> Callable[..., None]:
+    """works(XDG_CACHE_HOME="…"): compiles and runs one kernel, and leaves no temporary folder behind."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+
+    def once(**environment: str | None) -> None:
+        done = program("-c", ONE_KERNEL, TMPDIR=str(temporary), **environment)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "2.0\n", "")
+        assert list(temporary.iterdir()) == []
+
+    return once
+
+
+def test_a_file_where_the_folder_should_be(program: Run, tmp_path: Path) -> None:
+    (tmp_path / "cache").write_text("mine")
+    words = ["render", "drape15", "--frames", "1", "--size", "96x54", "--out", "o"]
+    done = program(*words, XDG_CACHE_HOME=str(tmp_path / "cache"))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "cache").read_text() == "mine"
+
+
+def test_a_folder_that_cannot_be_written(works: Callable[..., None], disk: Callable[..., Path]) -> None:
+    works(XDG_CACHE_HOME=str(disk("cache", "size=64k,ro")))
+
+
+def test_a_full_disk(works: Callable[..., None], disk: Callable[..., Path]) -> None:
+    cache = disk("cache", "size=16k")
+    for _ in range(2):  # the second reads what the first could write
+        works(XDG_CACHE_HOME=str(cache))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere Taichi has a folder of its own")
+def test_a_user_without_a_home(program: Run) -> None:
+    nobody = "import os\ndef home(path): return path\nos.path.expanduser = home\n"
+    done = program("-c", nobody + ONE_KERNEL, HOME=None, XDG_CACHE_HOME=None)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "2.0\n", "")
+
+
+def test_torn_kernels_a_damaged_index_and_the_lock_of_a_dead_process(
+    works: Callable[..., None], tmp_path: Path
+) -> None:
+    works(XDG_CACHE_HOME=str(tmp_path))
+    [folder] = tmp_path.glob("**/ticache")
+    good = (folder / INDEX).read_bytes()
+    for kernel in folder.glob("*.tic"):
+        kernel.write_bytes(kernel.read_bytes()[:-100])
+    works(XDG_CACHE_HOME=str(tmp_path))
+    kernels_at = 8 + 3 * 2 + 8
+    (folder / INDEX).write_bytes(good[:kernels_at] + struct.pack("<Q", 1 << 60) + good[kernels_at + 8 :])
+    (folder / LOCK).touch()
+    yesterday = time.time() - 86400
+    os.utime(folder / LOCK, (yesterday, yesterday))
+    works(XDG_CACHE_HOME=str(tmp_path))
+    assert not (folder / LOCK).exists()
+    assert len((folder / INDEX).read_bytes()) == len(good)  # written anew
+    assert index_is_sound((folder / INDEX).read_bytes())
+
+
+def index(*names: str) -> bytes:
+    """An index as Taichi 1.7.4 writes it."""
+    kernels = b"".join(2 * (struct.pack("<Q", len(n)) + n.encode()) + struct.pack("<3Q", 1, 2, 3) for n in names)
+    rest = struct.pack("<3HQQ", 1, 7, 4, 100, len(names)) + kernels
+    return struct.pack("<Q", 8 + len(rest)) + rest
+
+
+def test_every_length_in_an_index_is_checked() -> None:
+    content = index("first", "second")
+    assert index_is_sound(content)
+    assert index_is_sound(index())
+    assert index_is_sound(content[:-3])  # a torn one Taichi knows by its whole length
+    lengths = [22, 30, 30 + 8 + 5]  # of the kernels, and twice of the first's name
+    for at in lengths:
+        for byte in range(8):
+            damaged: Any = bytearray(content)
+            damaged[at + byte] ^= 0xFF
+            assert not index_is_sound(bytes(damaged))
