@@ -16,8 +16,11 @@ Floats = NDArray[np.float64]
 
 
 def folder() -> Path:
-    """Where they are kept: `taichi_cloth` beside Taichi's own cache, or in XDG_CACHE_HOME."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "taichi_cloth"
+    """Where they are kept: `taichi_cloth` in XDG_CACHE_HOME, or in the home's `.cache`. Raises OSError without a home."""
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "taichi_cloth"
+    except RuntimeError as error:
+        raise FileNotFoundError(str(error)) from None
 
 
 def kept(what: str, code: Path, make: Callable[[], Floats]) -> Floats:
@@ -25,15 +28,15 @@ def kept(what: str, code: Path, make: Callable[[], Floats]) -> Floats:
 
     A disk that is full or read-only, or a file that is torn, only costs the time to compute it again.
     """
-    path = folder() / f"{sha256(what.encode() + code.read_bytes()).hexdigest()[:32]}.npy"
+    name = f"{sha256(what.encode() + code.read_bytes()).hexdigest()[:32]}.npy"
     try:
-        found: Floats = np.load(path, allow_pickle=False)
+        found: Floats = np.load(folder() / name, allow_pickle=False)
         return found
     except (OSError, ValueError, EOFError):
         made = make()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as file:
+        folder().mkdir(parents=True, exist_ok=True)
+        with whole_file(folder() / name) as file:
             np.save(file, made)
     except OSError:
         pass

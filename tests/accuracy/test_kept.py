@@ -42,3 +42,11 @@ def test_a_torn_file_is_made_anew(calls: list[str], tmp_path: Path) -> None:
 def test_without_a_place_to_keep_it(calls: list[str], tmp_path: Path) -> None:
     (tmp_path / "cache").write_text("a file stands where the folder should be")
     assert [ask(calls, "a", tmp_path) for _ in range(2)] == [1, 2]
+
+
+def test_for_a_user_without_a_home(calls: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr("os.path.expanduser", lambda path: path)  # as it answers for one who is in no list of users
+    with pytest.raises(FileNotFoundError, match="home"):
+        folder()
+    assert [ask(calls, "a", tmp_path) for _ in range(2)] == [1, 2]
