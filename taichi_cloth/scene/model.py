@@ -176,7 +176,9 @@ class Motion:
     sway: Vec3 = _key((0.0, 0.0, 0.0), "reach of its path along x, y, z", "m", low=-1000.0, high=1000.0)
     period: Vec3 = _key((8.0, 8.0, 8.0), "time of one sway along x, y, z", "s", low=0.01, high=1e6)
     phase: Vec3 = _key((0.0, 0.0, 0.0), "where on its path it starts", "degrees", low=-360.0, high=360.0)
-    spin: Vec3 = _key((0.0, 0.0, 0.0), "how fast it turns, about which axis", "degrees/s", low=-1e5, high=1e5)
+    # Two poses a frame apart tell of less than half a turn, 10,800 degrees/s (`contact/bodies.turn_between`). Along all
+    # three axes at once, 6000 degrees/s are 10,392.
+    spin: Vec3 = _key((0.0, 0.0, 0.0), "how fast it turns, about which axis", "degrees/s", low=-6000.0, high=6000.0)
     path: Keyframes = _key(
         (), "rows of [seconds, x, y, z] or with three angles: moved by [m] and turned by [degrees]", low=-1e5, high=1e5
     )

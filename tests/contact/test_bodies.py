@@ -26,7 +26,7 @@ from taichi_cloth.contact.bodies import (
 from taichi_cloth.contact.push_out import push_out
 from taichi_cloth.kernels import controls as c
 from taichi_cloth.mesh.topology import sheet
-from taichi_cloth.scene.model import Box, Capsule, Collider, Ground, Plane, Sphere
+from taichi_cloth.scene.model import Box, Capsule, Collider, Ground, Plane, Sphere, keys_of
 from taichi_cloth.solvers import Stages
 from taichi_cloth.solvers.base import run_serially
 
@@ -63,6 +63,14 @@ def test_the_turn_between_two_poses_leads_from_one_to_the_other(first: np.ndarra
     before = turned(first)
     assert before @ before.T == pytest.approx(np.eye(3), abs=1e-12)
     assert turn_between(before, turned(by) @ before) == pytest.approx(by, abs=1e-6)
+
+
+def test_the_fastest_spin_a_scene_may_ask_for_is_seen_as_it_is() -> None:
+    fastest = keys_of(Capsule)["spin"].high
+    for spin in ((fastest,) * 3, (-fastest, 0.0, fastest)):
+        body = Capsule(spin=spin)
+        turn = turn_between(pose(body, 1.0)[1], pose(body, 1.0 + FRAME)[1])
+        assert turn == pytest.approx(np.radians(spin) * FRAME, rel=1e-6)
 
 
 POINTS = np.array([[0.0, 3.0, 0.0], [0.0, 0.1, 0.0], [2.0, 0.0, 0.0]])
