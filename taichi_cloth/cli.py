@@ -249,8 +249,7 @@ def render_plan(
     from .view import frames
 
     arch = runtime.start(args.arch)
-    with Simulation(scene, args.path) as simulation:
-        frames.claim(plan, simulation, force=force, resume=resume)
+    with Simulation(scene, args.path) as simulation, frames.claimed(plan, simulation, force=force, resume=resume):
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
             frames.render(simulation, plan, advance)

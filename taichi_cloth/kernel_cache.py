@@ -63,8 +63,9 @@ def index_is_sound(content: bytes) -> bool:
     head = struct.calcsize("<Q3HQQ")
     if len(content) < head:
         return True
-    length, *version, _, kernels = struct.unpack_from("<Q3HQQ", content)
-    if length != len(content) or version[:2] != [1, 7]:
+    whole, *version, _, kernels = struct.unpack_from("<Q3HQQ", content)
+    length = len(content)
+    if whole != length or version[:2] != [1, 7]:
         return True
     at = head
     for _ in range(kernels):

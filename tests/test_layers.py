@@ -15,7 +15,7 @@ PACKAGE = Path(taichi_cloth.__file__).parent
 
 # A module may import from its own line and from those above it.
 FLOORS = [
-    {"errors", "files", "progress"},
+    {"errors", "files", "lock", "progress"},
     {"scene", "mesh", "interact"},
     {"measure"},
     {"kernels"},
@@ -29,7 +29,7 @@ FLOORS = [
     {"validate", "accuracy"},
     {"cli", "__init__", "__main__"},
 ]
-NO_TAICHI = {"errors", "files", "progress", "scene", "mesh", "interact", "measure"}
+NO_TAICHI = {"errors", "files", "lock", "progress", "scene", "mesh", "interact", "measure"}
 FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names}
 
 

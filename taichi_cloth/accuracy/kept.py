@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 def folder() -> Path:
-    """Where they are kept: `taichi_cloth` in XDG_CACHE_HOME, or in the home's `.cache`. Raises OSError without a home."""
+    """`taichi_cloth` in XDG_CACHE_HOME, or in the home's `.cache`. Raises OSError for a user who has no home."""
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "taichi_cloth"
     except RuntimeError as error:

@@ -7,7 +7,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -20,6 +20,7 @@ from ..errors import BlewUp, OutputInUse
 from ..files import whole_file
 from ..guard import Guard
 from ..interact.camera import OrbitCamera
+from ..lock import locked
 from ..scene import scene_to_toml
 from ..simulation import Simulation
 from .contact_sheet import contact_sheet
@@ -75,14 +76,29 @@ class Report:
             file.write(json.dumps(asdict(self), indent=1).encode())
 
 
-def claim(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> None:
-    """Makes the folder ready. Raises OutputInUse where it holds frames and neither flag allows for them,
-    or where `resume` is asked for and the frames there were made from something else."""
-    there = plan.out / "run.json"
+@contextmanager
+def claimed(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> Iterator[None]:
+    """The folder made ready, and within the block this run's alone.
+
+    Raises OutputInUse, and leaves the folder as it was, where another run renders into it, where it holds frames and
+    neither flag allows for them, or where `resume` is asked for and the frames there were made from something else.
+    """
     if plan.out.exists() and not plan.out.is_dir():
         raise OutputInUse(f"{plan.out} is a file, not a folder")
-    old = sorted(plan.out.glob("frame_*.png")) if plan.out.is_dir() else []
-    if resume and there.exists():
+    plan.out.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(locked(plan.out))
+        except BlockingIOError:
+            raise OutputInUse(f"{plan.out} is in use: another run renders into it; choose another --out") from None
+        _make_ready(plan, simulation, force=force, resume=resume)
+        yield
+
+
+def _make_ready(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> None:
+    there = plan.out / "run.json"
+    old = [path for path in (*plan.out.glob("frame_*.png"), there) if path.exists()]
+    if old and resume:
         made = _told(there)
         mine = {"scene_text": scene_to_toml(simulation.scene), "settings": plan.settings()}
         for key, value in mine.items():
@@ -91,12 +107,11 @@ def claim(plan: Plan, simulation: Simulation, *, force: bool, resume: bool) -> N
                 raise OutputInUse(
                     f"{plan.out} holds frames made from {what}: it cannot be resumed; use --force to start anew"
                 )
-    elif old or there.exists():
+    elif old:
         if not force:
             raise OutputInUse(f"{plan.out} holds frames already: use --force to replace them or --resume to go on")
-        for path in (*old, there, plan.out / "contact_sheet.png", plan.out / LAST_GOOD):
+        for path in (*old, plan.out / "contact_sheet.png", plan.out / LAST_GOOD):
             path.unlink(missing_ok=True)
-    plan.out.mkdir(parents=True, exist_ok=True)
     for left_behind in plan.out.glob(".*.part"):  # by a run that was killed outright
         left_behind.unlink()
 
@@ -105,10 +120,10 @@ def _told(path: Path) -> dict[str, Any]:
     """What an older `run.json` says. Raises OutputInUse where it is none."""
     try:
         made = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:  # no JSON, or no text
+    except (FileNotFoundError, ValueError, RecursionError):  # no JSON, or no text
         made = None
     if not isinstance(made, dict):
-        raise OutputInUse(f"{path} is damaged: the render cannot be resumed; use --force to start anew")
+        raise OutputInUse(f"{path} is missing or damaged: the render cannot be resumed; use --force to start anew")
     return made
 
 
@@ -152,9 +167,13 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
             factor = max(1, plan.width // 320)
             write_png(plan.out / "contact_sheet.png", contact_sheet(sheet, SHEET_COLUMNS, factor))
         report.complete = True
+    except BaseException:
+        with suppress(OSError):  # a full disk: what there is of it tells of fewer frames, and that it is not complete
+            report.write(plan.out)
+        raise
     finally:
         draw_list.close()
-        report.write(plan.out)
+    report.write(plan.out)
     return report
 
 
@@ -162,7 +181,10 @@ def saved_before(simulation: Simulation, guard: Guard, plan: Plan) -> str:
     """Saves the last good frame of a cloth that blew up, and returns the line that tells of it."""
     line = guard.restore()
     path = plan.out / LAST_GOOD
-    simulation.save(path)
+    try:
+        simulation.save(path)
+    except OSError as error:
+        return f"{line}; frame {simulation.frame}, the last good one, could not be saved: {error}"
     return f"{line}; frame {simulation.frame}, the last good one, is saved in {path}"
 
 

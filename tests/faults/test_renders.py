@@ -1,0 +1,221 @@
+"""Renders that meet a full disk, a folder that cannot be written, another render, or a sudden end."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from taichi_cloth import cli, files
+from taichi_cloth.guard import Guard
+from taichi_cloth.scene import load_scene
+from taichi_cloth.simulation import Simulation
+from taichi_cloth.view.frames import LAST_GOOD, Plan, saved_before
+
+Disk = Callable[..., Path]
+
+SCENE = """
+[cloth]
+rows = 6
+columns = 7
+[wind]
+z = 5.0
+"""
+FRAMES, ENDLESS = 40, 100000
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every test has a folder of its own, with a small scene in it."""
+    monkeypatch.chdir(tmp_path)
+    Path("small.toml").write_text(SCENE)
+
+
+def words(frames: object, out: str = "o") -> list[str]:
+    return ["render", "small.toml", "--path", "list", "--size", "96x54", "--frames", str(frames), "--out", out]
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The pictures of a render that nothing disturbed."""
+    folder = tmp_path_factory.mktemp("unbroken")
+    with contextlib.chdir(folder):
+        Path("small.toml").write_text(SCENE)
+        assert cli.main(words(FRAMES)) == 0
+        return pictures("o")
+
+
+def start(frames: object, *more: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "taichi_cloth", *words(frames), *more]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(path: Path, process: subprocess.Popen[str]) -> None:
+    while not path.exists():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.001)
+
+
+def frame(k: int) -> Path:
+    return Path("o") / f"frame_{k:05d}.png"
+
+
+def contents(out: str = "o") -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in Path(out).iterdir()}
+
+
+def pictures(out: str) -> dict[str, bytes]:
+    """All there are; each is whole."""
+    for path in Path(out).glob("*.png"):
+        with Image.open(path) as picture:
+            picture.load()
+    return {name: content for name, content in contents(out).items() if name.endswith(".png")}
+
+
+def told() -> dict[str, object]:
+    report: dict[str, object] = json.loads(Path("o/run.json").read_text())
+    return report
+
+
+def one_line(capsys: pytest.CaptureFixture[str]) -> str:
+    err = capsys.readouterr().err
+    assert err.startswith("taichi-cloth: ")
+    assert err.count("\n") == 1
+    return err
+
+
+# -- two renders into one folder -------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGSTOP")
+def test_a_second_render_into_the_folder_is_refused_until_the_first_is_dead(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with start(ENDLESS) as first:
+        try:
+            wait_for(frame(3), first)
+            first.send_signal(signal.SIGSTOP)  # so that it changes nothing meanwhile
+            os.waitpid(first.pid, os.WUNTRACED)
+            before = contents()
+            for more in ([], ["--force"], ["--resume"]):
+                assert cli.main([*words(5), *more]) == 2
+                assert one_line(capsys) == (
+                    "taichi-cloth: o is in use: another run renders into it; choose another --out\n"
+                )
+            assert contents() == before
+        finally:
+            first.kill()
+    assert cli.main([*words(6), "--resume"]) == 0
+    assert not list(Path("o").glob(".*"))
+
+
+# -- a sudden end ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+@pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.long)])
+def test_killed_at_random_moments_and_resumed_it_makes_the_frames_of_an_unbroken_run(kills: int) -> None:
+    moment = random.Random(kills)
+    for _ in range(kills):
+        made = len(list(Path("o").glob("*.png")))
+        with start(ENDLESS, "--resume") as run:
+            try:
+                if made == 0 or moment.random() < 0.8:
+                    wait_for(frame(made + moment.randrange(15)), run)
+                time.sleep(moment.random() * 0.1)  # within a frame, a picture or the start
+                assert run.poll() is None, run.communicate()
+            finally:
+                run.kill()
+        assert len(pictures("o")) >= made
+        assert not told()["complete"]
+    frames = len(pictures("o")) + 3
+    assert cli.main([*words(frames), "--resume"]) == 0
+    assert cli.main(words(frames, "unbroken")) == 0
+    assert pictures("o") == pictures("unbroken")
+    assert told()["complete"]
+    assert not list(Path("o").glob(".*"))
+
+
+# -- a disk that is full ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["a small disk", "a disk that says so"])
+def make_room(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
+    """The folder `o` has no room for more than a few frames, until this is called."""
+    if request.param == "a small disk":
+        out = request.getfixturevalue("disk")("o", "size=64k")
+        yield lambda: subprocess.run(["mount", "-o", "remount,size=4m", out], check=True) and None
+        return
+    real, calls = os.replace, []
+
+    def full(source: Path, target: Path) -> None:
+        calls.append(target)
+        if len(calls) > 8:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(source, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(files.os, "replace", full)
+        yield patched.undo
+
+
+def test_a_full_disk_ends_the_render_which_can_be_resumed(
+    make_room: Callable[[], None], unbroken: dict[str, bytes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert cli.main(words(FRAMES)) == 1
+    error = one_line(capsys)
+    assert "No space left on device: 'o/frame_000" in error
+    made = pictures("o")
+    assert 3 < len(made) < 30
+    assert contents().keys() == {*made, "run.json"}
+    assert not told()["complete"]
+    assert len(told()["frames"]) <= len(made) + 3  # pictures are written behind the simulation
+    make_room()
+    assert cli.main([*words(FRAMES), "--resume"]) == 0
+    assert pictures("o") == unbroken
+    assert told()["complete"]
+
+
+def test_a_last_good_frame_that_cannot_be_saved_leaves_the_news_of_the_blow_up(tmp_path: Path) -> None:
+    with Simulation(load_scene("small.toml"), "list") as simulation:
+        line = saved_before(simulation, Guard(simulation), Plan(out=tmp_path / "gone", frames=1))
+    assert line.startswith("the cloth blew up in frame 0: ")
+    assert f"could not be saved: [Errno 2] No such file or directory: '{tmp_path / 'gone' / LAST_GOOD}'" in line
+
+
+# -- a folder that cannot be written ---------------------------------------------------------------------------
+
+
+@pytest.fixture
+def closed(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
+    """A folder in which nothing can be made."""
+    if hasattr(os, "geteuid") and os.geteuid() == 0:  # root may write wherever the disk does
+        yield request.getfixturevalue("disk")("closed", "ro")
+        return
+    path = tmp_path / "closed"
+    path.mkdir(mode=0o500)
+    if os.access(path, os.W_OK):
+        pytest.skip("this system lets everyone write everywhere")
+    yield path
+    path.chmod(0o700)
+
+
+@pytest.mark.parametrize("inside", [".", "new"])
+def test_a_folder_that_cannot_be_written_is_one_line(
+    closed: Path, inside: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(words(3, os.path.normpath(f"closed/{inside}"))) == 1
+    assert "'closed/" in one_line(capsys)
+    assert list(closed.iterdir()) == []
