@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from . import __version__, runtime
-from .errors import BlewUp, OutputInUse, WrongUse
+from .errors import BlewUp, OutputInUse, WrongUse, one_line
 from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
 from .scene.model import PRESET_NAMES, SOLVER_NAMES
 from .scene.presets import load_preset
@@ -37,7 +37,7 @@ class Parser(argparse.ArgumentParser):
             wrong, _, choices = message.partition("invalid choice: ")[2].partition(" (choose from ")
             near = difflib.get_close_matches(wrong.strip("'"), choices.rstrip(")").replace("'", "").split(", "), 1)
             message += f"; did you mean {near[0]!r}?" if near else ""
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+        self.exit(2, f"{self.prog}: {one_line(message)} (see {self.prog} --help)\n")
 
 
 def size(text: str) -> tuple[int, int]:
@@ -449,11 +449,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM}: interrupted; finished files are whole", file=sys.stderr)
         return 130
     except (SceneError, OutputInUse, WrongUse) as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        print(f"{PROGRAM}: {one_line(str(error))}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of our output has gone, as in `| head -1`: no more to say, not even at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (OSError, BlewUp) as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        print(f"{PROGRAM}: {one_line(str(error))}", file=sys.stderr)
         return 1

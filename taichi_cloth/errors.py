@@ -11,3 +11,8 @@ class WrongUse(ValueError):
 
 class BlewUp(RuntimeError):
     """The cloth runs away, or has a position that is no finite number. Exit code 1."""
+
+
+def one_line(text: str) -> str:
+    """Line ends and control characters written as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -21,7 +21,8 @@ from .kernels.grab import set_inverse_mass
 from .measure.cloth import Measures, energies, spring_strains
 from .mesh.from_scene import holder_of, stiffness_of, topology_of
 from .save_file import read_save, write_save
-from .scene import Scene, live_keys, scene_to_toml
+from .scene import Scene, check_scene, live_keys, scene_to_toml
+from .scene.errors import shown
 from .scene.live import check_live
 from .scene.model import FRAME_SECONDS, USUAL, Collider, Ground
 from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
@@ -30,6 +31,8 @@ from .state.grips import grip
 from .state.near import come_near
 
 Floats = NDArray[np.float64]
+
+FARTHEST = 1e6  # [m], [m/s] ten times as far as a scene reaches; its square has room in float32
 
 
 def _give_back(solver: Solver) -> None:
@@ -47,8 +50,9 @@ class Simulation:
     def __init__(self, scene: Scene, path: str | None = None) -> None:
         """`path` forces the layout that is worked on (`Solver.paths`); else the grid's size decides.
 
-        Raises WrongUse for a path that the scene's solver does not have.
+        Raises SceneError for a scene that no file may hold, and WrongUse for a path that its solver does not have.
         """
+        scene = check_scene(scene)
         self._path = path
         self._stages = Stages(
             wind=scene.wind is not None,
@@ -113,11 +117,12 @@ class Simulation:
     def place(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Puts every particle at its place [m], shape (N, 3), with a velocity [m/s], (N, 3) or one for all.
 
-        A pin stays where it is put. Raises ValueError, and changes nothing, for another shape or numbers that are not
-        finite.
+        A pin stays where it is put. Raises ValueError, and changes nothing, for another shape and for numbers that are
+        not finite or beyond `FARTHEST`.
         """
         shape = self.topology.start.shape
-        x, v = _finite(positions, "positions", shape), _finite(velocities, "velocities", shape)
+        x = _places(positions, "positions", shape)
+        v = np.array(np.broadcast_to(_places(velocities, "velocities", shape, (3,)), shape))
         v[self.topology.pinned] = 0.0
         self.release()
         self.cloth.put(x, x, self._inverse_mass)
@@ -145,10 +150,12 @@ class Simulation:
     def set(self, name: str, value: float | bool) -> None:
         """Changes a live parameter (`live_keys(scene)` lists them), or switches `wind` on or off.
 
-        It takes effect with the next frame. Raises ValueError, and changes nothing, for an unknown name
-        or a value that is no number or out of range.
+        It takes effect with the next frame. Raises ValueError, and changes nothing, for an unknown name, for a
+        value that is no number or out of range, and for a switch that is not True or False.
         """
         if name == "wind":
+            if not isinstance(value, (bool, np.bool_)):
+                raise ValueError(f"wind is switched by True and False, not {shown(value)}")
             self._wind_on = bool(value)
             return
         checked = check_live(self._keys[self._key(name)], value)
@@ -167,13 +174,12 @@ class Simulation:
         if name not in SOLVERS:
             raise WrongUse(f"{name!r} is not a solver: {', '.join(SOLVERS)}")
         x, velocities = self.positions(), self.velocities()
-        inverse_mass = self.cloth.taken(self.cloth.inverse_mass)
         own = self._own
         substeps, iterations = (own.substeps, own.iterations) if name == own.name else USUAL[name]
         self._give_back()
         self._open(replace(self.scene, solver=replace(own, name=name, substeps=substeps, iterations=iterations)))
         self._live |= {"substeps": substeps, "iterations": iterations}
-        self.cloth.put(x, x, inverse_mass)
+        self.cloth.put(x, x, self._inverse_masses())
         self.solver.set_velocities(velocities, self._substep)
 
     def _key(self, name: str) -> str:
@@ -207,9 +213,11 @@ class Simulation:
         """Holds one particle and leads it to `target` (x, y, z) [m] within the next frame.
 
         Call it again with the same index to move the hand; another index lets go of the first particle.
-        Raises ValueError for an index that is no particle and for a target that is not three finite numbers.
+        Raises ValueError for an index that is no particle and for a target that is not three numbers up to `FARTHEST`.
         """
         point = _point(target)
+        if not isinstance(index, (int, np.integer)):
+            raise ValueError(f"a particle is told by its index, not {shown(index)}")
         if not 0 <= index < self.topology.particle_count:
             raise ValueError(
                 f"particle {index} does not exist: indices run from 0 to {self.topology.particle_count - 1}"
@@ -230,6 +238,13 @@ class Simulation:
         set_inverse_mass(self.cloth, hand.particle, inverse_mass)
         if inverse_mass > 0:
             self.solver.set_velocity(hand.particle, hand.velocity(), self._substep)
+
+    def _inverse_masses(self) -> NDArray[np.float32]:
+        """1/mass [1/kg] of every particle, (N,): 0 for pins and for the one that the hand holds."""
+        masses = self._inverse_mass.copy()
+        if self._hand is not None:
+            masses[self._hand.particle] = 0.0
+        return masses
 
     # -- reading ---------------------------------------------------------------------------------------
 
@@ -332,31 +347,45 @@ class Simulation:
         Raises OSError where the file cannot be read, and ValueError where it is no save or one of another scene.
         """
         saved = read_save(path, scene_to_toml(self.scene), self._moving())
-        self.cloth.put(saved["x"], saved["x_prev"], saved["inverse_mass"])
-        put(self.cloth.velocity, saved["velocity"])
-        self.frame = int(saved["frame"])
-        self._live = {
-            name: type(key.value)(value) for (name, key), value in zip(self._keys.items(), saved["live"], strict=True)
-        }
+        try:
+            live = self._checked_live(saved["live"].tolist())
+            hand = self._checked_hand(int(saved["held"]), saved["hand"])
+            for name in ("x", "x_prev", "velocity", "hand"):
+                _places(saved[name], name, saved[name].shape)
+            if saved["frame"] < 0:
+                raise ValueError(f"there is no frame {saved['frame']}")
+        except ValueError as error:
+            raise ValueError(f"{path}: damaged: {error}") from None
+        self._live, self._hand = live, hand
         self._wind_on = bool(saved["wind_on"])
-        if len(saved["hand"]):
-            start, target, *hand_path = saved["hand"]
-            self._hand = Hand(int(saved["held"]), start, target, hand_path)
-        else:
-            self._hand = None
+        self.frame = int(saved["frame"])
+        self.cloth.put(saved["x"], saved["x_prev"], self._inverse_masses())
+        put(self.cloth.velocity, saved["velocity"])
+
+    def _checked_live(self, values: list[float]) -> dict[str, float]:
+        """Live parameters from a save's numbers, all of them float. Raises ValueError."""
+        pairs = zip(self._keys.values(), values, strict=True)
+        return {key.name: check_live(key, int(v) if key.is_int and v == int(v) else v) for key, v in pairs}
+
+    def _checked_hand(self, held: int, rows: Floats) -> Hand | None:
+        """The hand from a save's rows: its start, its target and its path, at least one. Raises ValueError."""
+        if held == -1 and len(rows) == 0:
+            return None
+        if not 0 <= held < self.topology.particle_count or len(rows) < 3:
+            raise ValueError(f"no hand holds particle {held} with {len(rows)} places")
+        return Hand(held, rows[0], rows[1], rows[2:])
 
     def _moving(self) -> dict[str, NDArray[Any]]:
         return {
             "x": self.cloth.taken(self.cloth.x),
             "x_prev": self.cloth.taken(self.cloth.x_prev),
-            "inverse_mass": self.cloth.taken(self.cloth.inverse_mass),
             "velocity": self.cloth.taken(self.cloth.velocity),
-            "frame": np.array(self.frame),
+            "frame": np.array(self.frame, np.int64),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
-            "held": np.array(-1 if self._hand is None else self._hand.particle),
+            "held": np.array(-1 if self._hand is None else self._hand.particle, np.int64),
             "hand": np.array(
-                [] if self._hand is None else [self._hand.start, self._hand.target, *self._hand.path]
+                [] if self._hand is None else [self._hand.start, self._hand.target, *self._hand.path], np.float64
             ).reshape(-1, 3),
         }
 
@@ -409,25 +438,31 @@ class Simulation:
         return colliders
 
 
-def _finite(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-    """An array of this shape. Raises ValueError."""
-    try:
-        array = np.array(np.broadcast_to(np.asarray(values, np.float64), shape))
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} are {shape[0]} times three numbers") from None
-    if not np.isfinite(array).all():
-        raise ValueError(
-            f"{name} hold a number that is not finite, at particle {np.argwhere(~np.isfinite(array))[0, 0]}"
-        )
+def _places(values: ArrayLike, name: str, *shapes: tuple[int, ...]) -> Floats:
+    """An array of one of these shapes, of numbers up to `FARTHEST`. Raises ValueError."""
+    array = _numbers(values)
+    if array.shape not in shapes:
+        raise ValueError(f"{name} are {shapes[0][0]} times three numbers")
+    bad = ~(np.abs(array) <= FARTHEST)
+    if bad.any():
+        reason = f"beyond ±{FARTHEST:g}" if np.isfinite(array[bad]).all() else "not finite"
+        where = f", at particle {np.argwhere(bad)[0, 0]}" if array.ndim == 2 else ""
+        raise ValueError(f"{name} hold a number that is {reason}{where}")
     return array
 
 
 def _point(target: ArrayLike) -> Floats:
-    """Three finite numbers [m]. Raises ValueError."""
-    try:
-        point = np.asarray(target, dtype=np.float64)
-    except (TypeError, ValueError):
-        point = np.zeros(0)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise ValueError(f"a target is three finite numbers [m], got {target!r}")
+    """Three numbers up to `FARTHEST` [m]. Raises ValueError."""
+    point = _numbers(target)
+    if point.shape != (3,) or not (np.abs(point) <= FARTHEST).all():
+        raise ValueError(f"a target is three finite numbers [m], up to ±{FARTHEST:g}, not {shown(target)}")
     return point
+
+
+def _numbers(values: ArrayLike) -> Floats:
+    """As an array of their own; an empty one for what is no numbers."""
+    try:
+        array = np.array(values)
+    except (TypeError, ValueError):  # rows of different lengths
+        return np.zeros(0)
+    return array.astype(np.float64) if array.dtype.kind in "iuf" else np.zeros(0)

@@ -5,7 +5,7 @@ from .library import scene_names
 from .live import LiveKey, check_live, live_keys
 from .model import Box, Camera, Cloth, Forces, Ground, Look, Scene, Solver, Sphere, Springs, Wind
 from .overrides import parse_override
-from .reader import load_scene
+from .reader import check_scene, load_scene
 from .table import key_table
 from .writer import scene_to_toml
 
@@ -24,6 +24,7 @@ __all__ = [
     "Springs",
     "Wind",
     "check_live",
+    "check_scene",
     "key_table",
     "live_keys",
     "load_scene",

@@ -7,6 +7,8 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
+from ..errors import one_line
+
 
 class SceneError(ValueError):
     """A scene file or an override is wrong: which file, which key, why, and the nearest valid name if there is one.
@@ -18,11 +20,6 @@ class SceneError(ValueError):
         self.file, self.key, self.reason, self.hint = file, key, reason, hint
         text = ": ".join(part for part in (file, _clipped(key, 100), _clipped(reason, 400)) if part)
         super().__init__(one_line(text + (f" (did you mean {hint!r}?)" if hint else "")))
-
-
-def one_line(text: str) -> str:
-    """Line ends and control characters written as escapes."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def shown(value: Any) -> str:

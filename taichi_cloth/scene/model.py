@@ -7,6 +7,7 @@ table of keys walk over the same metadata, so a name or a range is written once.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 Vec3 = tuple[float, float, float]
@@ -322,10 +323,11 @@ class Part(NamedTuple):
         return self.section.__name__.lower() if self.many else self.name
 
 
+@cache
 def parts() -> dict[str, Part]:
     """The sections by name, read off the annotations of `Scene`: `Cloth`, `Wind | None`, `tuple[Box, ...]`."""
     found = {}
-    for name, hint in get_type_hints(Scene).items():
+    for name, hint in hints_of(Scene).items():
         for section in get_args(hint) or (hint,):
             if isinstance(section, type) and is_dataclass(section):
                 found[name] = Part(name, section, many=get_origin(hint) is tuple, optional=hint is not section)
@@ -335,3 +337,9 @@ def parts() -> dict[str, Part]:
 def keys_of(section: type) -> dict[str, Key]:
     """The declared keys of a section by name: `keys_of(Wind)["x"].unit`."""
     return {f.name: f.metadata["key"] for f in fields(section) if "key" in f.metadata}
+
+
+@cache
+def hints_of(section: type) -> dict[str, Any]:
+    """The types of a section's keys by name."""
+    return get_type_hints(section)

@@ -6,11 +6,11 @@ import tomllib
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 from .errors import SceneError, nearest, shown
 from .library import scene_path
-from .model import USUAL, Part, Scene, keys_of, parts
+from .model import USUAL, Part, Scene, hints_of, keys_of, parts
 from .overrides import apply_override, override_places
 from .presets import FILLED, load_preset, preset_keys
 from .values import check_value
@@ -46,6 +46,27 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
     return _scene(data, file, path.stem)
 
 
+def check_scene(scene: Scene) -> Scene:
+    """A scene made in Python, checked as a file is; lists come back as the tuples that they stand for.
+
+    Raises SceneError, one line with the scene's name, key and reason.
+    """
+    data: dict[str, Any] = {key: getattr(scene, key) for key in keys_of(Scene)}
+    for part in parts().values():
+        given = getattr(scene, part.name)
+        if part.many:
+            data[part.name] = [_table(part, one) for one in given] if isinstance(given, (list, tuple)) else given
+        elif given is not None or not part.optional:
+            data[part.name] = _table(part, given)
+    checked = _consistent(_sections(data, scene.name, scene.name), scene.name)
+    return scene if checked == scene else checked
+
+
+def _table(part: Part, section: Any) -> Any:
+    """A section as the reader finds it in a file."""
+    return vars(section) if isinstance(section, part.section) else section
+
+
 def _set_aside(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ...]]:
     """Names by section that no longer count: who asks for a fabric or for another method wants all that is of it."""
     places = [(part.name, name) for part, name in override_places().get(key, []) if part]
@@ -79,14 +100,19 @@ def _parse(path: Path) -> dict[str, Any]:
 
 
 def _scene(data: dict[str, Any], file: str, name: str) -> Scene:
-    """A whole scene from parsed TOML: sections and the keys above them."""
+    """A whole scene from parsed TOML."""
+    return _consistent(_with_preset(_with_usual(_sections(data, file, name), data), data, file), file)
+
+
+def _sections(data: dict[str, Any], file: str, name: str) -> Scene:
+    """Sections and the keys above them."""
     sections = parts()
     loose = {key: value for key, value in data.items() if key not in sections}
     values = _values(Scene, loose, file, also=list(sections))
     for part in sections.values():
         if part.name in data:
             values[part.name] = _part(part, data[part.name], file)
-    return _consistent(_with_preset(_with_usual(Scene(**values, name=name), data), data, file), file)
+    return Scene(**values, name=name)
 
 
 def _with_usual(scene: Scene, data: dict[str, Any]) -> Scene:
@@ -126,7 +152,7 @@ def _values(section: type, data: Any, file: str, where: str = "", also: list[str
     """The checked keys of one table, which messages call `where`; `also` are further names allowed beside them."""
     if not isinstance(data, dict):
         raise SceneError(file, where, f"a table of keys is needed, not {shown(data)}")
-    keys, hints = keys_of(section), get_type_hints(section)
+    keys, hints = keys_of(section), hints_of(section)
     values = {}
     for name, value in data.items():
         place = f"{where}.{name}" if where else name
