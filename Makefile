@@ -1,6 +1,6 @@
 # Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test lint venv wheel screenshots bench validate errors neighbours peers clean
+.PHONY: help run test bounds long lint venv wheel screenshots bench validate errors neighbours peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -18,6 +18,8 @@ SCENES := curtain drape15 table denim net slope fast-ball fold stack twist
 help:
 	@echo "make run    open the cloth (without a screen: render 240 frames to out/curtain)"
 	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
+	@echo "make bounds the tests of kernels and contact with every index checked (minutes)"
+	@echo "make long   the tests that take minutes, of which \`make test\` has a short form or none"
 	@echo "make lint   ruff and mypy"
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
 	@echo "make validate  how far every solver is from known answers; writes docs/validation.md and docs/scenes.md (10 minutes)"
@@ -31,6 +33,12 @@ run: .venv/ready
 
 test: .venv/tools
 	$(BIN)/python -m pytest
+
+bounds: .venv/tools
+	TI_DEBUG=1 $(BIN)/python -m pytest tests/kernels tests/contact
+
+long: .venv/tools
+	$(BIN)/python -m pytest -m long
 
 lint: .venv/tools
 	$(BIN)/ruff check .

@@ -84,6 +84,8 @@ class Desk:
         if self.program.poll() is None:
             self.program.kill()
             self.program.wait()
+        for button in BUTTONS.values():  # the screen is there for the next test, too
+            self.xdotool("mouseup", str(button))
 
     # -- reading -------------------------------------------------------------------------------------------
 
@@ -122,6 +124,10 @@ class Desk:
 
     def exit_code(self) -> int:
         return self.program.wait(PATIENCE)
+
+    def said(self) -> list[str]:
+        """What the program printed, errors among it."""
+        return self._errors.read_text().splitlines()
 
     # -- doing ---------------------------------------------------------------------------------------------
 

@@ -89,6 +89,28 @@ def test_it_ends_in_good_order(desk: Start, end: str) -> None:
     assert list(desk.temporary.iterdir()) == []
 
 
+@pytest.mark.parametrize("end", ["close", "interrupt"])
+def test_it_ends_in_good_order_in_the_middle_of_a_drag(desk: Start, end: str) -> None:
+    desk = desk("curtain")
+    desk.key("space")
+    desk.until(lambda line: line["frozen"], "freeze")
+    desk.move(*somewhere_on_the_cloth(desk))
+    assert desk.press("left")["grabbed"] is not None
+    desk.key("space")
+    desk.until(lambda line: not line["frozen"], "going on")
+    desk.move(0.9, 0.5)  # and the button stays down
+    if end == "close":
+        desk.ask_to_close()
+        assert desk.exit_code() == 0
+        assert len(desk.said()) == 1
+    else:
+        desk.program.send_signal(signal.SIGINT)
+        assert desk.exit_code() == 130
+        assert desk.said()[1:] == ["taichi-cloth: interrupted; finished files are whole"]
+    assert desk.said()[0].startswith("curtain · ")
+    assert list(desk.temporary.iterdir()) == []
+
+
 def test_the_mouse_pulls_the_cloth_it_is_on(desk: Start) -> None:
     desk = desk("curtain")
     desk.key("space")

@@ -1,0 +1,47 @@
+"""`make bounds` runs the tests of kernels and contact with every index checked: the check must really be on."""
+
+import os
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_cloth import runtime
+
+row = ti.types.ndarray(dtype=ti.f32, ndim=1)
+
+
+@ti.kernel
+def of_field(field: ti.template(), i: ti.i32) -> ti.f32:
+    return field[i]
+
+
+@ti.kernel
+def of_array(array: row, i: ti.i32) -> ti.f32:
+    return array[i]
+
+
+def reads() -> list[Callable[[int], float]]:
+    field = ti.field(ti.f32, 4)
+    return [lambda i: of_field(field, i), lambda i: of_array(np.zeros(4, np.float32), i)]
+
+
+@pytest.fixture
+def checked() -> Iterator[None]:
+    """Taichi as `make bounds` has it."""
+    if os.environ.get("TI_DEBUG") != "1":
+        runtime.start("cpu", debug=True)
+        yield
+        runtime.start("cpu", random_seed=0)
+    else:
+        yield
+
+
+@pytest.mark.usefixtures("checked")
+def test_an_index_out_of_range_is_an_error() -> None:
+    for read in reads():
+        assert read(3) == 0
+        for index in (4, -1):
+            with pytest.raises(RuntimeError, match=rf"(indices \({index}\)|indices \[{index}\])"):
+                read(index)
