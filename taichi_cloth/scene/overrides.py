@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from typing import Any
 
 from .errors import SceneError, nearest
 from .model import Part, Scene, keys_of, parts
+from .toml import parse_toml
 
 Place = tuple[Part | None, str]  # a section and a key of it; no section: a key of the scene itself
 
@@ -17,7 +17,7 @@ def parse_override(text: str) -> tuple[str, Any]:
     if not equals or not key:
         raise SceneError("--set", text, "an override is written KEY=VALUE, as in wind_z=6")
     try:
-        parsed = tomllib.loads(f"value = {value}")
+        parsed = parse_toml(f"value = {value}")
     except (ValueError, RecursionError):
         return key, value
     return key, parsed["value"] if len(parsed) == 1 else value  # several: a text of several lines

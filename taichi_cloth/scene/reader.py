@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
@@ -13,6 +12,7 @@ from .library import scene_path
 from .model import USUAL, Part, Scene, hints_of, keys_of, parts
 from .overrides import apply_override, override_places
 from .presets import FILLED, load_preset, preset_keys
+from .toml import parse_toml
 from .values import check_value
 
 MOST_BYTES = 1_000_000  # a scene file is a page of text
@@ -89,7 +89,7 @@ def _parse(path: Path) -> dict[str, Any]:
     if len(content) > MOST_BYTES:
         raise SceneError(file, "", f"is larger than {MOST_BYTES} bytes, which no scene is")
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))
+        return parse_toml(content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         reason = f"is not UTF-8 text (byte {error.start})"
     except RecursionError:

@@ -132,6 +132,7 @@ def test_no_override_makes_a_traceback(overrides: dict[str, Any]) -> None:
         ("seed=1\nrows=2", ("seed", "1\nrows=2")),
         ("seed=" + "9" * 5000, ("seed", "9" * 5000)),
         ("seed=" + "[" * 5000, ("seed", "[" * 5000)),
+        ("seed={a" + ".a" * 50_000 + "=1}", ("seed", "{a" + ".a" * 50_000 + "=1}")),
     ],
 )
 def test_parse_override(text: str, pair: tuple[str, Any]) -> None:

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from taichi_cloth.scene import Cloth, Scene, SceneError, Sphere, Wind, key_table, load_scene
+from taichi_cloth.scene import Cloth, Scene, SceneError, Sphere, Wind, key_table, load_scene, scene_names
+from taichi_cloth.scene.library import scene_path
 from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.solvers import SOLVERS
 
@@ -130,7 +131,10 @@ def test_the_whole_line(write: Write, refuse: Refuse) -> None:
         ('"a\\nb\\u0007" = 1', r"a\nb\x07", "unknown key", ""),
         ("k" * 900 + " = 1", "k" * 99 + "…", "unknown key", ""),
         ("a = " + "[" * 5000, "", "nested too deeply", ""),
-        ("title" + ".a" * 3000 + " = 1", "title", "a text in quotes is needed", ""),
+        ("title" + ".a" * 90 + " = 1", "title", "a text in quotes is needed", ""),
+        ("title" + ".a" * 400_000 + " = 1", "", "more than 100 dots in one key", ""),
+        ("[" + "a." * 400_000 + "a]", "", "more than 100 dots in one key", ""),
+        ("title = {" + "a . " * 200_000 + "a = 1}", "", "more than 100 dots in one key", ""),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(
@@ -199,6 +203,24 @@ def test_no_bytes_make_a_traceback(write: Write, content: bytes) -> None:
 @given(st.text(st.characters(codec="utf-8") | st.sampled_from('[]={}".,#\n'), max_size=60))
 def test_no_text_makes_a_traceback(write: Write, content: str) -> None:
     read_or_refuse(write(content))
+
+
+shipped = {name: scene_path(name).read_bytes() for name in scene_names()}
+
+
+@given(st.sampled_from(sorted(shipped)), st.integers(0, 2000), st.integers(0, 2000), st.binary(max_size=6))
+def test_no_damage_to_a_shipped_scene_makes_a_traceback(
+    write: Write, name: str, start: int, length: int, by: bytes
+) -> None:
+    content = shipped[name]
+    read_or_refuse(write(content[:start] + by + content[start + length :]))
+    read_or_refuse(write(content[:start] + by + content[start:]))
+
+
+def test_rows_of_numbers_and_rulers_of_dots_are_no_keys(write: Write) -> None:
+    rows = ", ".join(f"[{k}.5, 0.0, 1.0, 0.0]" for k in range(300))
+    text = f'# {"." * 300}\ntitle = "{"." * 300}"\n[[boxes]]\npath = [{rows}]  # {". " * 90}\n'
+    assert len(load_scene(write(text)).boxes[0].path) == 300
 
 
 @given(st.dictionaries(tables, st.dictionaries(keys, values, max_size=3), max_size=3))
