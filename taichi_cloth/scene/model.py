@@ -282,7 +282,10 @@ class Look:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything a run needs to know. Build one with `load_scene`; it cannot be changed afterwards."""
+    """Everything a run needs to know; it cannot be changed afterwards.
+
+    Build one with `load_scene`, or in Python: then `Simulation` checks it as a file is checked (`check_scene`).
+    """
 
     title: str = _key("", "one line that tells what the scene shows")
     seed: int = _key(0, "seed of the gusts", low=0, high=2**31 - 1)

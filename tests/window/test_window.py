@@ -78,18 +78,6 @@ def test_it_ends_after_so_many_pictures(desk: Start) -> None:
 
 
 @pytest.mark.parametrize("end", ["close", "interrupt"])
-def test_it_ends_in_good_order(desk: Start, end: str) -> None:
-    desk = desk("curtain")
-    if end == "close":
-        desk.ask_to_close()
-        assert desk.exit_code() == 0
-    else:
-        desk.program.send_signal(signal.SIGINT)
-        assert desk.exit_code() == 130
-    assert list(desk.temporary.iterdir()) == []
-
-
-@pytest.mark.parametrize("end", ["close", "interrupt"])
 def test_it_ends_in_good_order_in_the_middle_of_a_drag(desk: Start, end: str) -> None:
     desk = desk("curtain")
     desk.key("space")
