@@ -19,11 +19,13 @@ from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
 from .measure.cloth import Measures, energies, spring_strains
 from .mesh.from_scene import stiffness_of, topology_of
+from .mesh.solid import distances_of
 from .save_file import read_save, write_save
 from .scene import Scene, live_keys, scene_to_toml
 from .scene.live import check_live
 from .scene.model import FRAME_SECONDS, USUAL, Collider, Ground
 from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
+from .state import distances
 from .state.fields import put
 
 Floats = NDArray[np.float64]
@@ -53,11 +55,15 @@ class Simulation:
             capsules=len(scene.capsules),
             boxes=len(scene.boxes),
             planes=len(scene.planes) + (scene.ground is not None),
+            meshes=len(scene.meshes),
+            distances=distances.take([distances_of(mesh) for mesh in scene.meshes]),
             swept=any(collider.swept for collider in colliders_of(scene)),
             spring_damping=scene.fabric.damping_time > 0,
             strain_limit=scene.limit is not None,
             tethers=scene.tethers is not None,
         )
+        self._give_back_distances = weakref.finalize(self, distances.give_back, self._stages.distances)
+        self._give_back_distances.atexit = False
         self._keys = live_keys(scene)
         self._live = {name: key.value for name, key in self._keys.items()}
         self._wind_on = True
@@ -116,6 +122,7 @@ class Simulation:
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
         self._give_back()
+        self._give_back_distances()
         self._solver = None
 
     def __enter__(self) -> Simulation:
@@ -275,7 +282,7 @@ class Simulation:
         return self.solver.velocities(self._substep)
 
     def bodies(self) -> list[Body]:
-        """Every collider as it is now: spheres, capsules, boxes, planes, the ground."""
+        """Every collider as it is now: spheres, capsules, boxes, planes, the ground, meshes."""
         return bodies_at(self._colliders(), self.seconds)
 
     def measure(self) -> Measures:

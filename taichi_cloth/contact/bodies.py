@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ..kernels import controls as c
 from ..mesh.grid import rotation_matrix
-from ..scene.model import Box, Capsule, Collider, Ground, Scene, Sphere
+from ..mesh.solid import distances_of
+from ..scene.model import Box, Capsule, Collider, Ground, Mesh, Scene, Sphere
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
@@ -31,7 +32,9 @@ class Body(NamedTuple):
 
 
 def size_of(collider: Collider | Ground) -> Floats:
-    """Radius; half the length between a capsule's round ends, and its radius; half sides; nothing for a plane [m]."""
+    """Radius; half the length between a capsule's round ends, and its radius; half sides of a box [m]. A plane and a
+    mesh have none; in the table a mesh has its number there.
+    """
     match collider:
         case Sphere():
             size = (collider.radius, 0.0, 0.0)
@@ -85,7 +88,7 @@ def pose(collider: Collider | Ground, seconds: float) -> tuple[Floats, Floats]:
 def colliders_of(scene: Scene) -> list[Collider | Ground]:
     """All of them, in the order of the kernels' table."""
     ground = [] if scene.ground is None else [scene.ground]
-    return [*scene.spheres, *scene.capsules, *scene.boxes, *scene.planes, *ground]
+    return [*scene.spheres, *scene.capsules, *scene.boxes, *scene.planes, *ground, *scene.meshes]
 
 
 def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Body]:
@@ -104,6 +107,8 @@ def body_table(colliders: Sequence[Collider | Ground], start: float, end: float)
             row[c.BODY_TO : c.BODY_TO + 3] = next_center
             row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(axes, next_axes)
             row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
+    meshes = [isinstance(collider, Mesh) for collider in colliders]
+    table[meshes, c.BODY_SIZE] = np.arange(sum(meshes))
     return table
 
 
@@ -132,6 +137,8 @@ def distance(body: Body, points: Floats) -> Floats:
         case Box():
             beyond = np.abs(local) - body.size
             away = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+        case Mesh():
+            away = distances_of(body.collider).at(local)
         case _:
             away = local[:, 1]
     return away

@@ -72,19 +72,21 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
     axes = turned_by(turn * reached) @ start
     size, margin, friction = vector_at(table, s, BODY_SIZE), table[s, BODY_MARGIN], table[s, BODY_FRICTION]
     share = now.lasts / now.substeps
-    center_before, axes_before = center - travel * share, turned_by(turn * (reached - share)) @ start
+    center_before, axes_before = center, axes
+    if ti.static(stages.swept):
+        center_before, axes_before = center - travel * share, turned_by(turn * (reached - share)) @ start
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
         away = x - spread(center, x)
-        push = out_of(axes, size, margin, away)
+        push = out_of(stages, axes, size, margin, away)
         if ti.static(stages.swept):  # noqa: SIM102 (of the two only this one is known while compiling)
             if table[s, BODY_SWEPT] > 0.0:
                 begun = into(axes_before, cloth.x_prev[i] - spread(center_before, x))
                 way = into(axes, away) - begun
-                time, normal = ti.static(MEETINGS[KINDS[k]])(size, margin - THIN, begun, way)
+                time, normal = ti.static(MEETINGS[KINDS[k]])(stages, size, margin - THIN, begun, way)
                 along = way - times(normal, dot(normal, way))  # at the surface it can only go on along it
                 stopped = back(axes, begun + times(way, time) + times(along, 1.0 - time))
-                push = choose(time <= 1.0, stopped - away + out_of(axes, size, margin, stopped), push)
+                push = choose(time <= 1.0, stopped - away + out_of(stages, axes, size, margin, stopped), push)
         move = push
         if ti.static(now.pushes) and friction > 0.0:
             surface = spread(travel * share, x) + cross(spread(turn * share, x), away + push)

@@ -31,7 +31,7 @@ COUNT = 22
 BODY_FROM, BODY_TO = 0, 3  # [m] its middle at both ends of the frame
 BODY_TURN = 6  # about this vector, by its length [radians], it turns in the frame
 BODY_AXES = 9  # 9…17: 3×3, row by row; its own axes at the start of the frame are the columns
-BODY_SIZE = 18  # 18…20 [m]
+BODY_SIZE = 18  # 18…20 [m]; of a mesh its number among them
 BODY_MARGIN, BODY_FRICTION = 21, 22
 BODY_SWEPT, BODY_COLUMNS = 23, 24  # whether the ways are tested too
 

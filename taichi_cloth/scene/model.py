@@ -216,6 +216,16 @@ class Plane(Collider):
 
 
 @dataclass(frozen=True)
+class Mesh(Collider):
+    """A solid with a closed surface of triangles, around the middle of the box that holds it."""
+
+    file: str = _key("bust", "a shipped mesh by name, or an OBJ file: its path from the folder of the scene file")
+    scale: float = _key(1.0, "how many metres one unit of the file is", "m", low=0.0, high=1e6, above_low=True)
+    resolution: int = _key(64, "cells along its longest side in which distances to it are kept", low=4, high=256)
+    folder: str = field(default="", metadata={"derived": "of the scene file, for a mesh that is not shipped"})
+
+
+@dataclass(frozen=True)
 class Ground:
     """A level floor."""
 
@@ -262,13 +272,20 @@ class Scene:
     capsules: tuple[Capsule, ...] = ()
     boxes: tuple[Box, ...] = ()
     planes: tuple[Plane, ...] = ()
+    meshes: tuple[Mesh, ...] = ()
     ground: Ground | None = None
     camera: Camera = field(default_factory=Camera)
     look: Look = field(default_factory=Look)
     name: str = field(default="scene", metadata={"derived": "the file's stem"})
 
 
-COLLIDERS = ("spheres", "capsules", "boxes", "planes")  # sections of `Scene`, in the order of the kernels' table
+COLLIDERS = (
+    "spheres",
+    "capsules",
+    "boxes",
+    "planes",
+    "meshes",
+)  # sections of `Scene`, in the order of the kernels' table
 
 
 class Part(NamedTuple):

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from .errors import SceneError, nearest, shown
-from .library import scene_path
-from .model import USUAL, Part, Scene, keys_of, parts
+from .library import is_file_name, mesh_names, scene_path
+from .model import USUAL, Mesh, Part, Scene, keys_of, parts
 from .overrides import apply_override, override_places
 from .presets import FILLED, load_preset, preset_keys
 from .values import check_value
@@ -33,7 +33,7 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
     """
     path, file = scene_path(name_or_path), str(name_or_path)
     data = _parse(path)
-    scene = _scene(data, file, path.stem)  # the file must be right without its overrides, too
+    scene = _scene(data, file, path)  # the file must be right without its overrides, too
     if not overrides:
         return scene
     file += " (override)"
@@ -43,7 +43,7 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
         for section, names in aside[key].items():
             for name in names:
                 data.get(section, {}).pop(name, None)
-    return _scene(data, file, path.stem)
+    return _scene(data, file, path)
 
 
 def _set_aside(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ...]]:
@@ -78,15 +78,16 @@ def _parse(path: Path) -> dict[str, Any]:
     raise SceneError(file, "", reason)
 
 
-def _scene(data: dict[str, Any], file: str, name: str) -> Scene:
-    """A whole scene from parsed TOML: sections and the keys above them."""
+def _scene(data: dict[str, Any], file: str, path: Path) -> Scene:
+    """A whole scene from the parsed TOML of a path: sections and the keys above them. Messages call it `file`."""
     sections = parts()
     loose = {key: value for key, value in data.items() if key not in sections}
     values = _values(Scene, loose, file, also=list(sections))
     for part in sections.values():
         if part.name in data:
             values[part.name] = _part(part, data[part.name], file)
-    return _consistent(_with_preset(_with_usual(Scene(**values, name=name), data), data, file), file)
+    scene = _with_preset(_with_usual(Scene(**values, name=path.stem), data), data, file)
+    return _consistent(_with_meshes(scene, path.parent, file), file)
 
 
 def _with_usual(scene: Scene, data: dict[str, Any]) -> Scene:
@@ -109,6 +110,27 @@ def _with_preset(scene: Scene, data: dict[str, Any], file: str) -> Scene:
         checked = {key: check_value(v, float, keys[key], file, f"{name}.{key}") for key, v in missing.items()}
         filled[name] = replace(section, **checked)
     return replace(scene, **filled)
+
+
+def _with_meshes(scene: Scene, folder: Path, file: str) -> Scene:
+    """The scene with meshes that know where their files are, and that are closed surfaces."""
+    return replace(scene, meshes=tuple(_found(mesh, k, folder, file) for k, mesh in enumerate(scene.meshes)))
+
+
+def _found(mesh: Mesh, k: int, folder: Path, file: str) -> Mesh:
+    from ..mesh.solid import check_solid  # NumPy: only for scenes that have one
+
+    where = f"meshes[{k}].file"
+    if is_file_name(mesh.file):
+        mesh = replace(mesh, folder=str(folder))
+    elif mesh.file not in mesh_names():
+        reason = f"{shown(mesh.file)} is no shipped mesh: {', '.join(mesh_names())}, or the path of an OBJ file"
+        raise SceneError(file, where, reason, nearest(mesh.file, mesh_names()))
+    try:
+        check_solid(mesh)
+    except ValueError as error:
+        raise SceneError(file, where, str(error)) from None
+    return mesh
 
 
 def _part(part: Part, data: Any, file: str) -> Any:

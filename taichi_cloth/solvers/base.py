@@ -17,6 +17,7 @@ from ..mesh.topology import Topology
 from ..scene.model import FRAME_SECONDS
 from ..state import ClothState, fields, lanes
 from ..state.bonds import bond
+from ..state.distances import Distances
 from ..state.gather import gathering
 from ..state.ties import tie
 from .launches import Launches
@@ -35,6 +36,8 @@ class Stages:
     capsules: int = 0
     boxes: int = 0
     planes: int = 0  # and the ground
+    meshes: int = 0
+    distances: Distances | None = None  # to the meshes
     swept: bool = False  # ways are tested too, of one of them at least
     spring_damping: bool = False
     strain_limit: bool = False
@@ -46,7 +49,7 @@ class Stages:
     @property
     def bodies(self) -> int:
         """How many colliders there are."""
-        return self.spheres + self.capsules + self.boxes + self.planes
+        return self.spheres + self.capsules + self.boxes + self.planes + self.meshes
 
 
 @dataclass(frozen=True)
