@@ -10,6 +10,7 @@ import taichi.math as tm
 from ..kernels.maths import TINY
 from ..kernels.places import LANES, single
 
+PUSHES = 3  # the first one is enough near the surface
 MARCH_STEPS = 64
 MARCH_NEAR = 1e-5  # [m]
 
@@ -45,9 +46,14 @@ def distance_to(distances: ti.template(), m: int, place: tm.vec3):
 
 @ti.func
 def push_of_one(distances: ti.template(), m: int, margin: float, place: tm.vec3) -> tm.vec3:
-    """Shortest push that takes one place to the margin [m]; zero outside."""
+    """Push that takes one place to the margin [m], along the gradient; zero outside."""
+    push = tm.vec3(0.0)
     distance, slope = distance_to(distances, m, place)
-    return slope * (ti.max(margin - distance, 0.0) / ti.max(slope.norm(), TINY))
+    for _ in range(PUSHES):
+        if distance < margin:
+            push += slope * ((margin - distance) / ti.max(slope.norm(), TINY))
+            distance, slope = distance_to(distances, m, place + push)
+    return push
 
 
 @ti.func

@@ -91,5 +91,7 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
         if ti.static(now.pushes) and friction > 0.0:
             surface = spread(travel * share, x) + cross(spread(turn * share, x), away + push)
             move += friction_slide(push, x + push - cloth.x_prev[i] - surface, friction)
+            if ti.static(stages.swept):  # across a long push, and so perhaps into the body
+                move += out_of(stages, axes, size, margin, away + move)
         free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
         put_right(cloth, stages, now, i, times(move, free))

@@ -114,7 +114,8 @@ def test_no_particle_gets_through_a_fast_ball_of_triangles(ball: tuple[Mesh, flo
     cloth = Cloth(rows=21, columns=21, width=1.0, height=1.0, center=(0.0, 0.5, 0.0))
     crossed = {}
     for swept in (True, False):
-        mesh = replace(ball[0], center=(0.0, 0.5, -2.37 * speed / 60), scale=0.1, path=flight, swept=swept)
+        center = (0.0, 0.5, -2.37 * speed / 60)
+        mesh = replace(ball[0], center=center, scale=0.1, path=flight, swept=swept)
         scene = Scene(cloth=cloth, meshes=(mesh,), solver=Solver("verlet", 1, 12), forces=Forces(gravity=0.0))
         crossed[swept] = 0
         with Simulation(scene) as simulation:
