@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import state
-from .contact.bodies import Body, bodies_at, body_table, colliders_of, penetration
+from .contact.bodies import Body, bodies_at, body_table, colliders_of, meets_triangles, penetration
 from .errors import WrongUse
 from .hand import Hand
 from .kernels import controls as c
@@ -57,6 +57,7 @@ class Simulation:
             planes=len(scene.planes) + (scene.ground is not None),
             meshes=len(scene.meshes),
             distances=distances.take([distances_of(mesh) for mesh in scene.meshes]),
+            triangles=any(meets_triangles(collider) for collider in colliders_of(scene)),
             swept=any(collider.swept for collider in colliders_of(scene)),
             spring_damping=scene.fabric.damping_time > 0,
             strain_limit=scene.limit is not None,
@@ -78,7 +79,7 @@ class Simulation:
         """Makes the cloth and the solver of a scene, at the start."""
         kind = SOLVERS[scene.solver.name]
         topology = topology_of(scene, kind.springs)
-        path = path_for(kind, topology.shape, self._path)
+        path = path_for(kind, topology.shape, self._path, triangles=self._stages.triangles)
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)
@@ -250,7 +251,14 @@ class Simulation:
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of what is switched on: spring families, limits, forces and colliders."""
-        names = {"bending": "bending", "strain_limit": "limit", "tethers": "tethers", "wind": "wind", "swept": "swept"}
+        names = {
+            "bending": "bending",
+            "strain_limit": "limit",
+            "tethers": "tethers",
+            "wind": "wind",
+            "swept": "swept",
+            "triangles": "triangles",
+        }
         on = (name for stage, name in names.items() if getattr(self.solver.stages, stage))
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
         return (*self.topology.family_counts, *on, *colliders)

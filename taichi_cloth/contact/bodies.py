@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..kernels import controls as c
 from ..mesh.grid import rotation_matrix
 from ..mesh.solid import distances_of
-from ..scene.model import Box, Capsule, Collider, Ground, Mesh, Scene, Sphere
+from ..scene.model import Box, Capsule, Collider, Ground, Mesh, Round, Scene, Sphere
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
@@ -122,6 +122,7 @@ def _still_row(collider: Collider | Ground) -> Floats32:
     row[c.BODY_SIZE : c.BODY_SIZE + 3] = size_of(collider)
     row[c.BODY_MARGIN], row[c.BODY_FRICTION] = collider.margin, collider.friction
     row[c.BODY_SWEPT] = collider.swept
+    row[c.BODY_TRIANGLES] = meets_triangles(collider)
     return row
 
 
@@ -162,6 +163,11 @@ def first_hit(bodies: Sequence[Body], origin: Floats, direction: Floats) -> floa
         if not gone < 1e6:
             break
     return np.inf
+
+
+def meets_triangles(collider: Collider | Ground) -> bool:
+    """Whether it keeps out whole triangles and not only particles."""
+    return isinstance(collider, Round) and collider.against == "triangles"
 
 
 def is_still(collider: Collider | Ground) -> bool:

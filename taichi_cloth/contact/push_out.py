@@ -6,7 +6,6 @@ A body that is `swept` also stops what would be through it or past it by the end
 from typing import Any
 
 import taichi as ti
-import taichi.math as tm
 
 from ..kernels.controls import (
     BODY_AXES,
@@ -18,11 +17,13 @@ from ..kernels.controls import (
     BODY_TO,
     BODY_TURN,
 )
-from ..kernels.maths import TINY, friction_slide
+from ..kernels.maths import friction_slide
 from ..kernels.motion import put_right
 from ..kernels.places import choose, cross, dot, spread, times
 from .shapes import SHAPES, back, into
 from .sweeps import MEETINGS
+from .table import turned_by, vector_at
+from .triangles import push_triangles_out
 
 KINDS = tuple(SHAPES)
 THIN = 1e-4  # [m] within the margin: what lies on it begins outside, however it is rounded
@@ -34,23 +35,8 @@ def first_of(stages: Any, k: int) -> int:
 
 
 @ti.func
-def vector_at(table: ti.template(), row: int, column: int) -> tm.vec3:
-    """Three neighbouring columns of a table as a vector."""
-    return tm.vec3(table[row, column], table[row, column + 1], table[row, column + 2])
-
-
-@ti.func
-def turned_by(vector: tm.vec3):
-    """3×3 matrix that turns about a vector by its length [radians] (Rodrigues)."""
-    angle = vector.norm()
-    k = vector / ti.max(angle, TINY)
-    across = ti.Matrix([[0.0, -k.z, k.y], [k.z, 0.0, -k.x], [-k.y, k.x, 0.0]])
-    return ti.Matrix.identity(ti.f32, 3) + ti.sin(angle) * across + (1.0 - ti.cos(angle)) * (across @ across)
-
-
-@ti.func
 def push_out(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Moves every free particle out of the scene's colliders, one collider after another."""
+    """Moves every free particle out of the scene's colliders, one collider after another, and then triangles."""
     for k in ti.static(range(len(KINDS))):
         if ti.static(cloth.gathers):  # one parallel loop for each collider: in a loop over them they would race
             for s in ti.static(range(first_of(stages, k), first_of(stages, k + 1))):
@@ -58,6 +44,7 @@ def push_out(cloth: ti.template(), stages: ti.template(), now: ti.template()):
         elif ti.static(first_of(stages, k) < first_of(stages, k + 1)):
             for s in range(ti.static(first_of(stages, k)), ti.static(first_of(stages, k + 1))):
                 out_of_one(cloth, stages, now, k, s)
+    push_triangles_out(cloth, stages, now)
 
 
 @ti.func

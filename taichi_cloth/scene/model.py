@@ -183,7 +183,16 @@ class Collider:
 
 
 @dataclass(frozen=True)
-class Sphere(Collider):
+class Round(Collider):
+    """A body whose surface is everywhere as far from a point or a line."""
+
+    against: str = _key(
+        "particles", "what it keeps out; triangles: a body smaller than a cell too", choices=("particles", "triangles")
+    )
+
+
+@dataclass(frozen=True)
+class Sphere(Round):
     """A ball."""
 
     radius: float = _key(0.5, "radius as drawn", "m", low=0.0, high=1000.0, above_low=True, slider=(0.05, 1.5))
@@ -192,7 +201,7 @@ class Sphere(Collider):
 
 
 @dataclass(frozen=True)
-class Capsule(Collider):
+class Capsule(Round):
     """A round bar with round ends, upright unless it is turned."""
 
     length: float = _key(1.0, "between the middles of its round ends", "m", low=0.0, high=1000.0)

@@ -17,10 +17,11 @@ from .xpbd import Xpbd
 SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Verlet, Xpbd, Spring, Lines, Rk4, Projective)}
 
 
-def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = None) -> str:
+def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = None, *, triangles: bool = False) -> str:
     """The layout a solver works on, for a grid of (rows, columns) on the arch that Taichi was started on.
 
-    Raises WrongUse for an unknown one, and on a GPU for one that would run there on a single thread.
+    `triangles`: bodies keep out whole triangles, which strips cannot. Raises WrongUse for an unknown one, for strips
+    then, and on a GPU for one that would run there on a single thread.
     """
     if asked is not None and asked not in kind.paths:
         near = difflib.get_close_matches(asked, kind.paths, 1)
@@ -30,8 +31,10 @@ def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = Non
         if asked not in (None, "gather"):
             raise WrongUse(f"path {asked} is for --arch cpu; a GPU has the path gather")
         return "gather"
+    if triangles and asked == "lanes":
+        raise WrongUse("path lanes cannot keep bodies from triangles: list and gather can")
     # Strips of one column or less are mostly empty: then springs one by one are as fast.
-    return asked or next(path for path in kind.paths if path != "lanes" or shape[1] >= LANES)
+    return asked or next(path for path in kind.paths if path != "lanes" or (shape[1] >= LANES and not triangles))
 
 
 __all__ = ["SOLVERS", "FrameInput", "Solver", "Stages", "path_for"]

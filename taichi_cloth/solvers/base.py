@@ -19,6 +19,7 @@ from ..state import ClothState, fields, lanes
 from ..state.bonds import bond
 from ..state.distances import Distances
 from ..state.gather import gathering
+from ..state.patches import patch
 from ..state.ties import tie
 from .launches import Launches
 
@@ -39,6 +40,7 @@ class Stages:
     meshes: int = 0
     distances: Distances | None = None  # to the meshes
     swept: bool = False  # ways are tested too, of one of them at least
+    triangles: bool = False  # whole triangles are kept out too, by one of them at least
     spring_damping: bool = False
     strain_limit: bool = False
     tethers: bool = False
@@ -181,6 +183,8 @@ class Solver:
             self.work = lanes.take(topology, stiffness, coloured=coloured)
         elif path == "gather":
             self.work = gathering(cloth, topology)
+        if stages.triangles:
+            patch(self.work, topology)
         if stages.tethers:
             tie(self.work, topology)
         if self.stages.bending:
