@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import replace
-from math import exp
+from math import exp, hypot
 from os import PathLike
 from typing import Any
 
@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import state
-from .contact.bodies import Body, bodies_at, body_table, colliders_of, meets_triangles, penetration
+from .contact.bodies import (
+    Body,
+    bodies_at,
+    body_table,
+    colliders_of,
+    counts_of,
+    meets_triangles,
+    penetration,
+    repulsion_frequency,
+)
 from .errors import WrongUse
 from .hand import Hand
 from .kernels import controls as c
@@ -23,7 +32,16 @@ from .mesh.solid import distances_of
 from .save_file import read_save, write_save
 from .scene import Scene, live_keys, scene_to_toml
 from .scene.live import check_live
-from .scene.model import FRAME_SECONDS, USUAL, Collider, Ground
+from .scene.model import (
+    COLLIDERS,
+    FRAME_SECONDS,
+    PROJECTION,
+    REFLECTION,
+    REPULSION,
+    USUAL,
+    Collider,
+    Ground,
+)
 from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
 from .state import distances
 from .state.fields import put
@@ -49,16 +67,16 @@ class Simulation:
         Raises WrongUse for a path that the scene's solver does not have.
         """
         self._path = path
+        colliders = colliders_of(scene)
+        projecting: dict[str, Any] = dict(zip(COLLIDERS, counts_of(colliders, PROJECTION), strict=True))
         self._stages = Stages(
             wind=scene.wind is not None,
-            spheres=len(scene.spheres),
-            capsules=len(scene.capsules),
-            boxes=len(scene.boxes),
-            planes=len(scene.planes) + (scene.ground is not None),
-            meshes=len(scene.meshes),
+            **projecting,
+            reflecting=counts_of(colliders, REFLECTION),
+            repelling=counts_of(colliders, REPULSION),
             distances=distances.take([distances_of(mesh) for mesh in scene.meshes]),
-            triangles=any(meets_triangles(collider) for collider in colliders_of(scene)),
-            swept=any(collider.swept for collider in colliders_of(scene)),
+            triangles=any(meets_triangles(collider) for collider in colliders),
+            swept=any(collider.swept for collider in colliders),
             spring_damping=scene.fabric.damping_time > 0,
             strain_limit=scene.limit is not None,
             tethers=scene.tethers is not None,
@@ -85,6 +103,8 @@ class Simulation:
         cloth.upload(topology, stiffness)
         self.scene, self.topology = scene, topology
         self._solver: Solver | None = kind(cloth, topology, stiffness, self._stages, path)
+        repelled = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
+        self._solver.frequency = hypot(self._solver.frequency, repelled)
         self._damping_time = self._solver.damping_time(scene.fabric.damping_time)
         self._least_substeps = self._solver.least_substeps(self._damping_time)
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
@@ -365,6 +385,7 @@ class Simulation:
     def _controls(self) -> NDArray[np.float32]:
         controls = np.zeros(c.COUNT, np.float32)
         controls[c.GRAVITY] = self._live["gravity"]
+        controls[c.AREA_DENSITY] = self.scene.cloth.area_density
         controls[c.KEPT] = exp(-self._live["damping"] * self._substep)
         controls[c.STIFFNESS] = self._live["stiffness"]
         controls[c.DAMPING_TIME] = self._damping_time

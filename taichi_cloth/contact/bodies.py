@@ -14,10 +14,24 @@ from numpy.typing import NDArray
 from ..kernels import controls as c
 from ..mesh.grid import rotation_matrix
 from ..mesh.solid import distances_of
-from ..scene.model import Box, Capsule, Collider, Ground, Mesh, Round, Scene, Sphere
+from ..scene.model import (
+    REPULSION,
+    RESPONSES,
+    Box,
+    Capsule,
+    Collider,
+    Ground,
+    Mesh,
+    Plane,
+    Round,
+    Scene,
+    Sphere,
+)
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
+
+KINDS: tuple[tuple[type, ...], ...] = ((Sphere,), (Capsule,), (Box,), (Plane, Ground), (Mesh,))  # as `COLLIDERS`
 
 MARCH_STEPS, MARCH_NEAR = 200, 1e-5  # of a ray that goes on by its distance to the nearest surface [m]
 
@@ -86,9 +100,25 @@ def pose(collider: Collider | Ground, seconds: float) -> tuple[Floats, Floats]:
 
 
 def colliders_of(scene: Scene) -> list[Collider | Ground]:
-    """All of them, in the order of the kernels' table."""
+    """All of them, kind by kind."""
     ground = [] if scene.ground is None else [scene.ground]
     return [*scene.spheres, *scene.capsules, *scene.boxes, *scene.planes, *ground, *scene.meshes]
+
+
+def counts_of(colliders: Sequence[Collider | Ground], response: int) -> tuple[int, ...]:
+    """How many of each kind, in the order of `COLLIDERS`, answer to contact like this; the ground is a plane."""
+    kinds = [next(k for k, kind in enumerate(KINDS) if isinstance(one, kind)) for one in colliders]
+    answer = RESPONSES[response]
+    return tuple(
+        sum(kind == k and one.response == answer for one, kind in zip(colliders, kinds, strict=True))
+        for k in range(len(KINDS))
+    )
+
+
+def repulsion_frequency(colliders: Sequence[Collider | Ground], area_density: float) -> float:
+    """Frequency [rad/s] of cloth of so many kg/m² that all bodies repel at once."""
+    total = sum(one.stiffness for one in colliders if one.response == RESPONSES[REPULSION])
+    return float(np.sqrt(total / area_density))
 
 
 def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Body]:
@@ -97,7 +127,10 @@ def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Bo
 
 
 def body_table(colliders: Sequence[Collider | Ground], start: float, end: float) -> Floats32:
-    """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction."""
+    """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction.
+
+    The order is that of `contact/table.py`.
+    """
     table = np.zeros((len(colliders), c.BODY_COLUMNS), np.float32)
     for row, collider in zip(table, colliders, strict=True):
         row[:] = _still_row(collider)
@@ -109,7 +142,7 @@ def body_table(colliders: Sequence[Collider | Ground], start: float, end: float)
             row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
     meshes = [isinstance(collider, Mesh) for collider in colliders]
     table[meshes, c.BODY_SIZE] = np.arange(sum(meshes))
-    return table
+    return table[np.argsort([RESPONSES.index(collider.response) for collider in colliders], kind="stable")]
 
 
 @lru_cache(maxsize=256)  # it is asked for in every frame
@@ -122,6 +155,7 @@ def _still_row(collider: Collider | Ground) -> Floats32:
     row[c.BODY_SIZE : c.BODY_SIZE + 3] = size_of(collider)
     row[c.BODY_MARGIN], row[c.BODY_FRICTION] = collider.margin, collider.friction
     row[c.BODY_SWEPT] = collider.swept
+    row[c.BODY_RESTITUTION], row[c.BODY_STIFFNESS] = collider.restitution, collider.stiffness
     row[c.BODY_TRIANGLES] = meets_triangles(collider)
     return row
 

@@ -3,12 +3,9 @@
 A body that is `swept` also stops what would be through it or past it by the end of a substep.
 """
 
-from typing import Any
-
 import taichi as ti
 
 from ..kernels.controls import (
-    BODY_AXES,
     BODY_FRICTION,
     BODY_FROM,
     BODY_MARGIN,
@@ -20,31 +17,32 @@ from ..kernels.controls import (
 from ..kernels.maths import friction_slide
 from ..kernels.motion import put_right
 from ..kernels.places import choose, cross, dot, spread, times
+from ..scene.model import PROJECTION
+from .responses import reflect
 from .shapes import SHAPES, back, into
 from .sweeps import MEETINGS
-from .table import turned_by, vector_at
+from .table import posed, rows_of, vector_at
 from .triangles import push_triangles_out
 
 KINDS = tuple(SHAPES)
 THIN = 1e-4  # [m] within the margin: what lies on it begins outside, however it is rounded
 
 
-def first_of(stages: Any, k: int) -> int:
-    """Row of the table where the bodies of kind k begin."""
-    return sum(getattr(stages, kind) for kind in KINDS[:k])
-
-
 @ti.func
 def push_out(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Moves every free particle out of the scene's colliders, one collider after another, and then triangles."""
+    """Moves every free particle out of the colliders that project, one after another, then triangles; the velocities of
+    what others reflect are turned round.
+    """
     for k in ti.static(range(len(KINDS))):
         if ti.static(cloth.gathers):  # one parallel loop for each collider: in a loop over them they would race
-            for s in ti.static(range(first_of(stages, k), first_of(stages, k + 1))):
+            for s in ti.static(range(*rows_of(stages, PROJECTION, k))):
                 out_of_one(cloth, stages, now, k, s)
-        elif ti.static(first_of(stages, k) < first_of(stages, k + 1)):
-            for s in range(ti.static(first_of(stages, k)), ti.static(first_of(stages, k + 1))):
+        elif ti.static(getattr(stages, KINDS[k]) > 0):
+            for s in range(ti.static(rows_of(stages, PROJECTION, k)[0]), ti.static(rows_of(stages, PROJECTION, k)[1])):
                 out_of_one(cloth, stages, now, k, s)
     push_triangles_out(cloth, stages, now)
+    if ti.static(now.pushes):
+        reflect(cloth, stages, now)
 
 
 @ti.func
@@ -53,15 +51,12 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
     out_of = ti.static(SHAPES[KINDS[k]])
     table = ti.static(now.bodies)
     travel, turn = vector_at(table, s, BODY_TO) - vector_at(table, s, BODY_FROM), vector_at(table, s, BODY_TURN)
-    reached = (now.s + 1.0) / now.substeps
-    center = vector_at(table, s, BODY_FROM) + travel * reached
-    start = ti.Matrix([[table[s, BODY_AXES + 3 * r + c] for c in ti.static(range(3))] for r in ti.static(range(3))])
-    axes = turned_by(turn * reached) @ start
+    reached, share = (now.s + 1.0) / now.substeps, now.lasts / now.substeps
+    center, axes = posed(table, s, reached)
     size, margin, friction = vector_at(table, s, BODY_SIZE), table[s, BODY_MARGIN], table[s, BODY_FRICTION]
-    share = now.lasts / now.substeps
     center_before, axes_before = center, axes
     if ti.static(stages.swept):
-        center_before, axes_before = center - travel * share, turned_by(turn * (reached - share)) @ start
+        center_before, axes_before = posed(table, s, reached - share)
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
         away = x - spread(center, x)

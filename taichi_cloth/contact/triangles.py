@@ -9,7 +9,6 @@ import taichi as ti
 import taichi.math as tm
 
 from ..kernels.controls import (
-    BODY_AXES,
     BODY_FRICTION,
     BODY_FROM,
     BODY_MARGIN,
@@ -24,7 +23,7 @@ from ..kernels.motion import put_right
 from ..state.patches import COLOURS
 from .nearest import NEAREST
 from .shapes import axis_of, back, into
-from .table import turned_by, vector_at
+from .table import posed, vector_at
 
 ROUND = tuple(NEAREST)  # the first kinds of the table
 CORE = 0.25  # of a body's reach: a triangle that comes so near to its axis on its way is about to pass through it
@@ -91,10 +90,8 @@ def push_out_of_one(
     table = ti.static(now.bodies)
     travel, turn = vector_at(table, s, BODY_TO) - vector_at(table, s, BODY_FROM), vector_at(table, s, BODY_TURN)
     reached, share = (now.s + 1.0) / now.substeps, now.lasts / now.substeps
-    center = vector_at(table, s, BODY_FROM) + travel * reached
-    start = ti.Matrix([[table[s, BODY_AXES + 3 * r + c] for c in ti.static(range(3))] for r in ti.static(range(3))])
-    axes = turned_by(turn * reached) @ start
-    center_before, axes_before = center - travel * share, turned_by(turn * (reached - share)) @ start
+    center, axes = posed(table, s, reached)
+    center_before, axes_before = posed(table, s, reached - share)
     size, friction, swept = vector_at(table, s, BODY_SIZE), table[s, BODY_FRICTION], table[s, BODY_SWEPT]
     half, reach = ti.static(((0.0, size.x), (size.x, size.y))[k])
     reach += table[s, BODY_MARGIN]

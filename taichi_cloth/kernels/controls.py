@@ -25,7 +25,8 @@ GRAB_TO = 16  # 16…18: and at its end [m]
 DAMPING_TIME = 19  # [s] a spring's dashpot is this times its stiffness
 MOST_STRAIN = 20  # of the strain limit
 TETHER_SLACK = 21  # how long a tether may be, as a multiple of the flat sheet's distance
-COUNT = 22
+AREA_DENSITY = 22  # [kg/m²]
+COUNT = 23
 
 # Columns of a row of the table of colliders.
 BODY_FROM, BODY_TO = 0, 3  # [m] its middle at both ends of the frame
@@ -35,7 +36,9 @@ BODY_SIZE = 18  # 18…20 [m]; of a mesh its number among them
 BODY_MARGIN, BODY_FRICTION = 21, 22
 BODY_SWEPT = 23  # whether the ways are tested too
 BODY_TRIANGLES = 24  # whether triangles are
-BODY_COLUMNS = 25
+BODY_RESTITUTION = 25  # share of a velocity that is turned round
+BODY_STIFFNESS = 26  # [N/m³] of a force that repels
+BODY_COLUMNS = 27
 
 # Turns a second of the three gust waves: periods of 1.3 to 3.1 s in no simple ratio, so that no gust repeats soon.
 GUST_RATES = (0.43, 0.77, 0.32)

@@ -161,8 +161,31 @@ class Wind:
     air_density: float = _key(1.225, "density of the air", "kg/m³", low=0.0, high=100.0)
 
 
+# What a body does to cloth within its margin: moves it out, turns its velocity round, or pushes with a force.
+RESPONSES = ("projection", "reflection", "repulsion")
+PROJECTION, REFLECTION, REPULSION = range(3)
+
+
 @dataclass(frozen=True)
-class Collider:
+class Contact:
+    """How a body keeps cloth away. `swept` and triangles are for projection."""
+
+    margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
+    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
+    swept: bool = _key(False, "stops what would be through it or past it within a substep")
+    response: str = _key(
+        "projection",
+        "projection moves cloth out to the margin, reflection turns its velocity round, repulsion pushes with a force",
+        choices=RESPONSES,
+    )
+    restitution: float = _key(0.5, "of reflection: share of the speed that is left", low=0.0, high=1.0)
+    stiffness: float = _key(
+        2000.0, "of repulsion: pressure for each metre within the margin", "N/m³", low=0.0, high=1e9
+    )
+
+
+@dataclass(frozen=True)
+class Collider(Contact):
     """A body the cloth cannot enter. Its middle is at center + sway·sin(2π·t/period + phase), and where `path` leads.
 
     It is turned by `rotation`, then as `path` says, then at the rate `spin` about its middle.
@@ -177,9 +200,6 @@ class Collider:
     path: Keyframes = _key(
         (), "rows of [seconds, x, y, z] or with three angles: moved by [m] and turned by [degrees]", low=-1e5, high=1e5
     )
-    margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
-    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
-    swept: bool = _key(False, "stops what would be through it or past it within a substep")
 
 
 @dataclass(frozen=True)
@@ -235,13 +255,10 @@ class Mesh(Collider):
 
 
 @dataclass(frozen=True)
-class Ground:
+class Ground(Contact):
     """A level floor."""
 
     height: float = _key(0.0, "where the floor lies", "m", low=-1e5, high=1e5)
-    margin: float = _key(0.02, "cloth is kept this far above it", "m", low=0.0, high=10.0)
-    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
-    swept: bool = _key(False, "stops what would be through it within a substep")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 
 from .errors import SceneError, nearest, shown
 from .library import is_file_name, mesh_names, scene_path
-from .model import USUAL, Mesh, Part, Scene, keys_of, parts
+from .model import COLLIDERS, PROJECTION, RESPONSES, USUAL, Contact, Mesh, Part, Round, Scene, keys_of, parts
 from .overrides import apply_override, override_places
 from .presets import FILLED, load_preset, preset_keys
 from .values import check_value
@@ -160,12 +160,25 @@ def _values(section: type, data: Any, file: str, where: str = "", also: list[str
     return values
 
 
+def _check_response(body: Contact, where: str, file: str) -> None:
+    """Only what is moved out can be stopped on its way, or by its triangles."""
+    if body.response != RESPONSES[PROJECTION]:
+        if body.swept:
+            raise SceneError(file, f"{where}.swept", f"works with projection, not with {body.response}")
+        if isinstance(body, Round) and body.against == "triangles":
+            raise SceneError(file, f"{where}.against", f"triangles are for projection, not for {body.response}")
+
+
 def _consistent(scene: Scene, file: str) -> Scene:
     """What no key can say alone."""
     last = scene.cloth.rows * scene.cloth.columns - 1
     for k, pin in enumerate(scene.cloth.pins):
         if isinstance(pin, int) and not 0 <= pin <= last:
             raise SceneError(file, f"cloth.pins[{k}]", f"{shown(pin)} is no particle: indices run from 0 to {last}")
+    for name in (*COLLIDERS, "ground"):
+        found = getattr(scene, name)
+        for k, one in enumerate(found if isinstance(found, tuple) else [found] if found else []):
+            _check_response(one, name if one is found else f"{name}[{k}]", file)
     (x, y, z), (tx, ty, tz) = scene.camera.eye, scene.camera.target
     if hypot(x - tx, z - tz) <= 1e-6 * abs(y - ty):
         what = "is the target" if y == ty else "is straight above or below the target, where no side is up"
