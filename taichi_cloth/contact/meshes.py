@@ -16,12 +16,17 @@ MARCH_NEAR = 1e-5  # [m]
 
 
 @ti.func
+def half_of(distances: ti.template(), m: int) -> tm.vec3:
+    """Half sides of the box of nodes [m]."""
+    return ti.cast(distances.nodes[m] - 1, ti.f32) * (0.5 * distances.spacing[m])
+
+
+@ti.func
 def distance_to(distances: ti.template(), m: int, place: tm.vec3):
     """Distance to mesh m [m], negative inside, and its gradient. Beyond the grid the distance is the least that it can
     be, and the gradient that of the grid's nearest place.
     """
-    nodes, spacing = distances.nodes[m], distances.spacing[m]
-    half = ti.cast(nodes - 1, ti.f32) * (0.5 * spacing)
+    nodes, spacing, half = distances.nodes[m], distances.spacing[m], half_of(distances, m)
     inside = ti.min(ti.max(place, -half), half)
     steps = (inside + half) / spacing
     cell = ti.min(ti.cast(steps, ti.i32), nodes - 2)
@@ -48,11 +53,15 @@ def distance_to(distances: ti.template(), m: int, place: tm.vec3):
 def push_of_one(distances: ti.template(), m: int, margin: float, place: tm.vec3) -> tm.vec3:
     """Push that takes one place to the margin [m], along the gradient; zero outside."""
     push = tm.vec3(0.0)
-    distance, slope = distance_to(distances, m, place)
-    for _ in range(PUSHES):
-        if distance < margin:
-            push += slope * ((margin - distance) / ti.max(slope.norm(), TINY))
+    if (ti.abs(place) - half_of(distances, m)).max() < 0.0:  # the grid goes on to beyond the margin
+        left = PUSHES
+        while left > 0:
+            left -= 1
             distance, slope = distance_to(distances, m, place + push)
+            if distance < margin:
+                push += slope * ((margin - distance) / ti.max(slope.norm(), TINY))
+            else:
+                left = 0
     return push
 
 
