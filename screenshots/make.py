@@ -35,6 +35,9 @@ STILL_FRAME = {  # the moment shown, in frames of 1/60 s
     "fold": 60,
     "stack": 140,
     "twist": 360,
+    "veil": 60,
+    "poles": 210,
+    "responses": 240,
 }
 DEFAULT_STILL_FRAME = 85
 PULL = (330, 450)  # first and last frame of the pull in the animation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import replace
-from math import exp
+from math import exp, hypot
 from os import PathLike
 from typing import Any
 
@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import state
-from .contact.bodies import Body, bodies_at, body_table, colliders_of, penetration, pose
+from .contact.bodies import (
+    Body,
+    bodies_at,
+    body_table,
+    colliders_of,
+    counts_of,
+    meets_triangles,
+    penetration,
+    pose,
+    repulsion_frequency,
+)
 from .contact.crossings import crossings
 from .errors import WrongUse
 from .hand import Hand
@@ -20,12 +30,23 @@ from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
 from .measure.cloth import Measures, energies, spring_strains
 from .mesh.from_scene import holder_of, stiffness_of, topology_of
+from .mesh.solid import distances_of
 from .save_file import read_save, write_save
 from .scene import Scene, check_scene, live_keys, scene_to_toml
 from .scene.errors import shown
 from .scene.live import check_live
-from .scene.model import FRAME_SECONDS, USUAL, Collider, Ground
+from .scene.model import (
+    COLLIDERS,
+    FRAME_SECONDS,
+    PROJECTION,
+    REFLECTION,
+    REPULSION,
+    USUAL,
+    Collider,
+    Ground,
+)
 from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
+from .state import distances
 from .state.fields import put
 from .state.grips import grip
 from .state.near import come_near
@@ -54,20 +75,25 @@ class Simulation:
         """
         scene = check_scene(scene)
         self._path = path
+        colliders = colliders_of(scene)
+        projecting: dict[str, Any] = dict(zip(COLLIDERS, counts_of(colliders, PROJECTION), strict=True))
         self._stages = Stages(
             wind=scene.wind is not None,
-            spheres=len(scene.spheres),
-            capsules=len(scene.capsules),
-            boxes=len(scene.boxes),
-            planes=len(scene.planes) + (scene.ground is not None),
-            swept=any(collider.swept for collider in colliders_of(scene)),
+            **projecting,
+            reflecting=counts_of(colliders, REFLECTION),
+            repelling=counts_of(colliders, REPULSION),
+            distances=distances.take([distances_of(mesh) for mesh in scene.meshes]),
+            triangles=any(meets_triangles(collider) for collider in colliders),
+            swept=any(collider.swept for collider in colliders),
             spring_damping=scene.fabric.damping_time > 0,
             strain_limit=scene.limit is not None,
             tethers=scene.tethers is not None,
             grips=bool(scene.grips),
             self_collision=scene.self_collision is not None,
-            by_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
+            self_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
         )
+        self._give_back_distances = weakref.finalize(self, distances.give_back, self._stages.distances)
+        self._give_back_distances.atexit = False
         self._keys = live_keys(scene)
         self._live = {name: key.value for name, key in self._keys.items()}
         self._wind_on = True
@@ -82,7 +108,7 @@ class Simulation:
         """Makes the cloth and the solver of a scene, at the start."""
         kind = SOLVERS[scene.solver.name]
         topology = topology_of(scene, kind.springs)
-        path = path_for(kind, topology.shape, self._path, topology.sheets)
+        path = path_for(kind, topology.shape, self._path, sheets=topology.sheets, triangles=self._stages.triangles)
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)
@@ -91,6 +117,8 @@ class Simulation:
         if scene.grips:
             centers = np.array([pose(one, 0.0)[0] for one in scene.grips])
             grip(self._solver.work, topology, holder_of(scene), centers)
+        repelled = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
+        self._solver.frequency = hypot(self._solver.frequency, repelled)
         self._damping_time = self._solver.damping_time(scene.fabric.damping_time)
         self._least_substeps = self._solver.least_substeps(self._damping_time)
         self._near = False  # whether crossings were asked for
@@ -131,6 +159,7 @@ class Simulation:
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
         self._give_back()
+        self._give_back_distances()
         self._solver = None
 
     def __enter__(self) -> Simulation:
@@ -276,6 +305,7 @@ class Simulation:
             "wind": "wind",
             "self_collision": "self-collision",
             "swept": "swept",
+            "triangles": "triangles",
         }
         on = (name for stage, name in names.items() if getattr(self.solver.stages, stage))
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
@@ -308,7 +338,7 @@ class Simulation:
         return self.solver.velocities(self._substep)
 
     def bodies(self) -> list[Body]:
-        """Every collider as it is now: spheres, capsules, boxes, planes, the ground."""
+        """Every collider as it is now: spheres, capsules, boxes, planes, the ground, meshes."""
         return bodies_at(self._colliders(), self.seconds)
 
     def measure(self) -> Measures:
@@ -405,6 +435,7 @@ class Simulation:
     def _controls(self) -> NDArray[np.float32]:
         controls = np.zeros(c.COUNT, np.float32)
         controls[c.GRAVITY] = self._live["gravity"]
+        controls[c.AREA_DENSITY] = self.scene.cloth.area_density
         controls[c.KEPT] = exp(-self._live["damping"] * self._substep)
         controls[c.STIFFNESS] = self._live["stiffness"]
         controls[c.DAMPING_TIME] = self._damping_time

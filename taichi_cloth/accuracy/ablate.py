@@ -24,6 +24,13 @@ Floats = NDArray[np.float64]
 
 NUDGE = 1e-6  # of the side: a start this far off …
 GROWN = 100.0  # … that has grown so much says nothing any more about one motion rather than another
+# Of colliders: what a scene may do without, the key, and the value that does.
+CONTACT: tuple[tuple[str, str, Any], ...] = (
+    ("friction", "friction", 0.0),
+    ("swept", "swept", False),
+    ("triangles", "against", "particles"),
+    ("responses", "response", "projection"),
+)
 TIMED_FRAMES, TIMED_SECONDS = 40, 2.0
 
 
@@ -72,10 +79,13 @@ def without(scene: Scene) -> dict[str, Scene]:
     for name in ("limit", "tethers", *COLLIDERS, "ground"):
         if getattr(scene, name):
             found[name] = replace(scene, **{name: () if name in COLLIDERS else None})  # type: ignore[arg-type]
-    for name, off in (("friction", {"friction": 0.0}), ("swept", {"swept": False})):
-        changed: dict[str, Any] = {n: tuple(replace(one, **off) for one in getattr(scene, n)) for n in COLLIDERS}
-        if scene.ground:
-            changed["ground"] = replace(scene.ground, **off)
+    for name, key, off in CONTACT:
+        changed: dict[str, Any] = {
+            n: tuple(replace(one, **{key: off}) if hasattr(one, key) else one for one in getattr(scene, n))
+            for n in COLLIDERS
+        }
+        if scene.ground and hasattr(scene.ground, key):
+            changed["ground"] = replace(scene.ground, **{key: off})
         if replace(scene, **changed) != scene:
             found[name] = replace(scene, **changed)
     return found

@@ -8,7 +8,7 @@ from math import inf
 from typing import Any
 
 from ..scene import Scene, load_scene
-from ..scene.model import USUAL, Cloth, Fabric, Forces, Solver, parts
+from ..scene.model import RESPONSES, USUAL, Cloth, Fabric, Forces, Solver, parts
 from ..solvers import SOLVERS
 
 BUDGETS = (360, 144, 60)  # pictures a second: 2.8, 6.9 and 16.7 ms for a frame
@@ -20,6 +20,7 @@ LARGEST_FOR = ("verlet", "spring", "lines")
 
 STAGES_LEFT_OUT = ("wind", "sphere", "ground", "shear", "bend")
 STAGES_ADDED = ("limit", "tethers")
+OTHER_RESPONSES = RESPONSES[1:]  # of the ball
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,9 @@ class Case:
     substeps: int = USUAL["verlet"][0]
     iterations: int = USUAL["verlet"][1]
     path: str | None = None  # None: the one that the grid decides for
-    change: str = "-ground"  # a stage that is left out (-wind) or added (+limit); the demos have no ground
+    change: str = (
+        "-ground"  # a stage left out (-wind) or added (+limit), another response (=repulsion); demos have no ground
+    )
 
     @property
     def name(self) -> str:
@@ -74,9 +77,10 @@ def all_cases() -> list[Case]:
 
 
 def stage_cases() -> list[Case]:
-    """The curtain with all it names, then with one stage left out, then with one added."""
+    """The curtain with all it names, then with one stage left out, one added, and with other responses of its ball."""
     added = [name for name in STAGES_ADDED if name in parts()]
     changes = ["", *(f"-{name}" for name in STAGES_LEFT_OUT), *(f"+{name}" for name in added)]
+    changes += [f"={name}" for name in OTHER_RESPONSES]
     return [replace(case_of("verlet"), change=change) for change in changes]
 
 
@@ -116,13 +120,17 @@ def scene_of(case: Case) -> Scene:
 
 
 def changed(scene: Scene, change: str) -> Scene:
-    """A scene without a stage or a family of springs (`-wind`, `-bend`), or with one more (`+limit`)."""
+    """A scene without a stage or a family of springs (`-wind`, `-bend`), with one more (`+limit`), or with balls that
+    answer to contact in another way (`=repulsion`).
+    """
     sign, name = change[:1], change[1:]
     new: dict[str, Any] = {}
     if sign == "-" and name in ("shear", "bend"):
         new = {part: replace(getattr(scene, part), **{name: 0.0}) for part in ("springs", "fabric")}
     elif sign == "-":
         new = {f"{name}s": ()} if name == "sphere" else {name: None}
+    elif sign == "=":
+        new = {"spheres": tuple(replace(ball, response=name) for ball in scene.spheres)}
     elif sign == "+":
         new = {name: parts()[name].section()}
     return replace(scene, **new)

@@ -27,6 +27,7 @@ HELD = 16  # children that wait at a time, compiled, for their turn to be timed
 WARM_UP_FRAMES, WARM_UP_SECONDS = 60, 0.5  # the cloth moves, and the processor's clock is up
 ROUNDS = 3  # floor, ours, floor, ours, floor, ours
 ROUND_SECONDS = 0.5  # frames that would take longer are fewer
+DEPTH_FRAMES = 480  # one sway of the curtain's ball
 LEAST_SECONDS = 0.1  # of our frames: C computes at least as many, its shortest runs would tell of the clock only
 
 
@@ -70,6 +71,12 @@ class Child:
         self.tell({"frames": count, "seconds": seconds})
         times: list[list[float]] = self.answer()
         return times
+
+    def depths(self, count: int) -> list[float]:
+        """The largest penetration of each case in its first frames [m]."""
+        self.tell({"depth_of": count})
+        found: list[float] = self.answer()
+        return found
 
     def finish(self) -> dict[str, Any]:
         """What came out; the process ends, with its cache written."""
@@ -235,12 +242,13 @@ class Bench:
             child, compiled = together.result()
             child.frames(WARM_UP_FRAMES, WARM_UP_SECONDS)
             times = [median(ms) for ms in child.frames(ROUNDS * self._frames, ROUNDS * ROUND_SECONDS)]
+            depths = child.depths(DEPTH_FRAMES)
             child.finish()
         except ChildFailed as error:
             return [StageRow(change="", error=str(error))]
         return [
-            StageRow(case.change, told["compile_s"], ms, ms - times[0])
-            for case, told, ms in zip(cases, compiled, times, strict=True)
+            StageRow(case.change, told["compile_s"], ms, ms - times[0], 1e3 / ms, depth)
+            for case, told, ms, depth in zip(cases, compiled, times, depths, strict=True)
         ]
 
 

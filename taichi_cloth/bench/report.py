@@ -69,10 +69,12 @@ class Row:
 class StageRow:
     """The curtain with one stage less or more."""
 
-    change: str  # "" for the curtain as it is, -wind, +limit
+    change: str  # "" for the curtain as it is, -wind, +limit, =repulsion
     cold_s: float | None = None
     median_ms: float | None = None
     more_ms: float | None = None  # than the curtain as it is
+    frames_per_second: float | None = None
+    penetration: float | None = None  # [m] the deepest in the first frames
     error: str | None = None
 
 
@@ -142,12 +144,18 @@ def print_report(rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[
         console.print(LEGEND, soft_wrap=True)
     if any(stage.error is None for stage in stages):
         table = Table("stage", box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False)
-        for heading in ("ms", "more than all", "cold s"):
+        for heading in ("ms", "more than all", "frames/s", "deepest mm", "cold s"):
             table.add_column(heading, justify="right")
         for stage in stages:
-            change = (stage.change or "curtain, all it names").replace("-", "without ").replace("+", "with ")
+            change = stage.change or "curtain, all it names"
+            for sign, words in {"-": "without ", "+": "with ", "=": "ball with "}.items():
+                change = change.replace(sign, words)
             more = number(stage.more_ms, "+.3f") if stage.change else ""
-            table.add_row(change, milliseconds(stage.median_ms), more, number(stage.cold_s, ".1f"))
+            depth = None if stage.penetration is None else 1e3 * stage.penetration
+            speed = number(stage.frames_per_second, ".0f")
+            table.add_row(
+                change, milliseconds(stage.median_ms), more, speed, number(depth, ".1f"), number(stage.cold_s, ".1f")
+            )
         console.print(table)
     for what, why in [*missing.items(), *failures(rows, stages).items()]:
         console.print(f"{what}: {why}", soft_wrap=True)

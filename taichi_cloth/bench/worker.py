@@ -4,6 +4,7 @@
 
     {"cases": [...], "cache": folder}  → how long each case took to compile, and what it turned out to be
     {"frames": n, "seconds": s}        → milliseconds of each frame of each case, n or what s seconds allow
+    {"depth_of": n}                    → how deep cloth was in a body, in the first n frames of each case [m]
     end of the input                   → strain and size of each case, and the peak of the memory
 """
 
@@ -53,6 +54,16 @@ def frames(simulations: list[Simulation], count: int, seconds: float) -> list[li
         for simulation, times in zip(simulations, ms, strict=True):
             times.append(timed_frame(simulation))
     return ms
+
+
+def deepest(simulation: Simulation, count: int) -> float:
+    """The largest penetration [m] after each of the first frames."""
+    simulation.reset()
+    depth = 0.0
+    for _ in range(count):
+        simulation.advance_frame()
+        depth = max(depth, simulation.measure().penetration)
+    return depth
 
 
 def state_bytes(simulation: Simulation) -> int:
@@ -110,7 +121,10 @@ def main() -> None:
     answer(compiled)
     for line in sys.stdin:
         order = json.loads(line)
-        answer(frames(simulations, order["frames"], order["seconds"]))
+        if "depth_of" in order:
+            answer([deepest(simulation, order["depth_of"]) for simulation in simulations])
+        else:
+            answer(frames(simulations, order["frames"], order["seconds"]))
     answer({"cases": [outcome(simulation) for simulation in simulations], "peak_bytes": peak_bytes()})
     for simulation in simulations:
         simulation.close()

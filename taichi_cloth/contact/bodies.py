@@ -13,10 +13,27 @@ from numpy.typing import NDArray
 
 from ..kernels import controls as c
 from ..mesh.grid import rotation_matrix
-from ..scene.model import Box, Capsule, Collider, Ground, Motion, Scene, Sphere
+from ..mesh.solid import distances_of
+from ..scene.model import (
+    REPULSION,
+    RESPONSES,
+    Box,
+    Capsule,
+    Collider,
+    Contact,
+    Ground,
+    Mesh,
+    Motion,
+    Plane,
+    Round,
+    Scene,
+    Sphere,
+)
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
+
+KINDS: tuple[tuple[type, ...], ...] = ((Sphere,), (Capsule,), (Box,), (Plane, Ground), (Mesh,))  # as `COLLIDERS`
 
 MARCH_STEPS, MARCH_NEAR = 200, 1e-5  # of a ray that goes on by its distance to the nearest surface [m]
 
@@ -31,7 +48,9 @@ class Body(NamedTuple):
 
 
 def size_of(collider: Collider | Ground) -> Floats:
-    """Radius; half the length between a capsule's round ends, and its radius; half sides; nothing for a plane [m]."""
+    """Radius; half the length between a capsule's round ends, and its radius; half sides of a box [m]. A plane and a
+    mesh have none; in the table a mesh has its number there.
+    """
     match collider:
         case Sphere():
             size = (collider.radius, 0.0, 0.0)
@@ -84,9 +103,25 @@ def pose(body: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
 
 
 def colliders_of(scene: Scene) -> list[Collider | Ground]:
-    """All of them, in the order of the kernels' table."""
+    """All of them, kind by kind."""
     ground = [] if scene.ground is None else [scene.ground]
-    return [*scene.spheres, *scene.capsules, *scene.boxes, *scene.planes, *ground]
+    return [*scene.spheres, *scene.capsules, *scene.boxes, *scene.planes, *ground, *scene.meshes]
+
+
+def counts_of(colliders: Sequence[Collider | Ground], response: int) -> tuple[int, ...]:
+    """How many of each kind, in the order of `COLLIDERS`, answer to contact like this; the ground is a plane."""
+    kinds = [next(k for k, kind in enumerate(KINDS) if isinstance(one, kind)) for one in colliders]
+    answer = RESPONSES[response]
+    return tuple(
+        sum(kind == k and one.response == answer for one, kind in zip(colliders, kinds, strict=True))
+        for k in range(len(KINDS))
+    )
+
+
+def repulsion_frequency(colliders: Sequence[Collider | Ground], area_density: float) -> float:
+    """Frequency [rad/s] of cloth of so many kg/m² that all bodies repel at once."""
+    total = sum(one.stiffness for one in colliders if one.response == RESPONSES[REPULSION])
+    return float(np.sqrt(total / area_density))
 
 
 def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Body]:
@@ -95,7 +130,10 @@ def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Bo
 
 
 def body_table(bodies: Sequence[Motion | Ground], start: float, end: float) -> Floats32:
-    """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction."""
+    """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction.
+
+    The order is that of `contact/table.py`, and grips behind it.
+    """
     table = np.zeros((len(bodies), c.BODY_COLUMNS), np.float32)
     for row, body in zip(table, bodies, strict=True):
         row[:] = _still_row(body)
@@ -105,7 +143,10 @@ def body_table(bodies: Sequence[Motion | Ground], start: float, end: float) -> F
             row[c.BODY_TO : c.BODY_TO + 3] = next_center
             row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(axes, next_axes)
             row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
-    return table
+    meshes = [isinstance(body, Mesh) for body in bodies]
+    table[meshes, c.BODY_SIZE] = np.arange(sum(meshes))
+    groups = [RESPONSES.index(body.response) if isinstance(body, Contact) else len(RESPONSES) for body in bodies]
+    return table[np.argsort(groups, kind="stable")]
 
 
 @lru_cache(maxsize=256)  # it is asked for in every frame
@@ -119,6 +160,8 @@ def _still_row(body: Motion | Ground) -> Floats32:
         row[c.BODY_SIZE : c.BODY_SIZE + 3] = size_of(body)
         row[c.BODY_MARGIN], row[c.BODY_FRICTION] = body.margin, body.friction
         row[c.BODY_SWEPT] = body.swept
+        row[c.BODY_RESTITUTION], row[c.BODY_STIFFNESS] = body.restitution, body.stiffness
+        row[c.BODY_TRIANGLES] = meets_triangles(body)
     return row
 
 
@@ -134,6 +177,8 @@ def distance(body: Body, points: Floats) -> Floats:
         case Box():
             beyond = np.abs(local) - body.size
             away = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+        case Mesh():
+            away = distances_of(body.collider).at(local)
         case _:
             away = local[:, 1]
     return away
@@ -157,6 +202,11 @@ def first_hit(bodies: Sequence[Body], origin: Floats, direction: Floats) -> floa
         if not gone < 1e6:
             break
     return np.inf
+
+
+def meets_triangles(collider: Collider | Ground) -> bool:
+    """Whether it keeps out whole triangles and not only particles."""
+    return isinstance(collider, Round) and collider.against == "triangles"
 
 
 def is_still(body: Motion | Ground) -> bool:

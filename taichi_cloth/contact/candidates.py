@@ -215,7 +215,7 @@ def list_candidates(cloth: ti.template(), stages: ti.template(), now: ti.templat
     on = cloth.near.stale[None]
     reach = (1.0 + AIR) * thickness
     side = reach
-    if ti.static(stages.by_triangles):
+    if ti.static(stages.self_triangles):
         reach = ti.max(reach, thickness + AIR_OF_EDGES * cloth.near.longest[None])
         side = 2.0 * ti.max(reach, cloth.near.longest[None])
     for _ in range(on):
@@ -228,7 +228,7 @@ def list_candidates(cloth: ti.template(), stages: ti.template(), now: ti.templat
     for n in range(on * cloth.near.particle_count[None]):
         cloth.near.listed_at[n] = particle_place(cloth, n)
     sort_into_buckets(cloth.near.points, cloth, particle_box, cloth.near.particle_count[None], side, on)
-    if ti.static(stages.by_triangles):
+    if ti.static(stages.self_triangles):
         sort_into_buckets(cloth.near.sides, cloth, edge_box, cloth.near.edge_count[None], side, on)
         visit_corners(cloth, now, list_corner, 0, on)
         visit_edges(cloth, now, list_crossing, 0, on)

@@ -103,7 +103,7 @@ def part_edges(cloth: ti.template(), now: ti.template(), n: int, m: int, move: i
 
 @ti.func
 def part_all(cloth: ti.template(), stages: ti.template(), now: ti.template(), move: int):
-    if ti.static(stages.by_triangles):
+    if ti.static(stages.self_triangles):
         for_candidates(cloth, now, cloth.near.corners, visit_corners, part_triangle, move)
         for_candidates(cloth, now, cloth.near.crossings, visit_edges, part_edges, move)
     else:

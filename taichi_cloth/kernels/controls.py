@@ -26,15 +26,20 @@ DAMPING_TIME = 19  # [s] a spring's dashpot is this times its stiffness
 MOST_STRAIN = 20  # of the strain limit
 TETHER_SLACK = 21  # how long a tether may be, as a multiple of the flat sheet's distance
 THICKNESS, SELF_FRICTION = 22, 23  # [m] of the cloth, and its friction on itself
-COUNT = 24
+AREA_DENSITY = 24  # [kg/m²]
+COUNT = 25
 
 # Columns of a row of the table of colliders.
 BODY_FROM, BODY_TO = 0, 3  # [m] its middle at both ends of the frame
 BODY_TURN = 6  # about this vector, by its length [radians], it turns in the frame
 BODY_AXES = 9  # 9…17: 3×3, row by row; its own axes at the start of the frame are the columns
-BODY_SIZE = 18  # 18…20 [m]
+BODY_SIZE = 18  # 18…20 [m]; of a mesh its number among them
 BODY_MARGIN, BODY_FRICTION = 21, 22
-BODY_SWEPT, BODY_COLUMNS = 23, 24  # whether the ways are tested too
+BODY_SWEPT = 23  # whether the ways are tested too
+BODY_TRIANGLES = 24  # whether triangles are
+BODY_RESTITUTION = 25  # share of a velocity that is turned round
+BODY_STIFFNESS = 26  # [N/m³] of a force that repels
+BODY_COLUMNS = 27
 
 # Turns a second of the three gust waves: periods of 1.3 to 3.1 s in no simple ratio, so that no gust repeats soon.
 GUST_RATES = (0.43, 0.77, 0.32)

@@ -5,7 +5,7 @@ import taichi.math as tm
 
 from .controls import BODY_FROM, BODY_TO, BODY_TURN, GRAB_FROM, GRAB_TO
 from .layout import place_of, put_at
-from .poses import axes_at, center_at, vector_at
+from .poses import posed, vector_at
 
 
 @ti.func
@@ -25,10 +25,11 @@ def lead_held(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
     if ti.static(stages.grips):
         for n in range(cloth.grips.count[None]):
             row = ti.static(stages.bodies) + cloth.grips.body[n]
-            away = axes_at(now.bodies, row, share) @ cloth.grips.local[n]
+            center, axes = posed(now.bodies, row, share)
+            away = axes @ cloth.grips.local[n]
             travel = vector_at(now.bodies, row, BODY_TO) - vector_at(now.bodies, row, BODY_FROM)
             velocity = (travel + vector_at(now.bodies, row, BODY_TURN).cross(away)) / seconds
-            lead(cloth, stages, cloth.grips.place[n], center_at(now.bodies, row, share) + away, velocity)
+            lead(cloth, stages, cloth.grips.place[n], center + away, velocity)
     controls = ti.static(now.controls)
     held = now.held
     if held >= 0:

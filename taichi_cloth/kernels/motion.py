@@ -32,6 +32,15 @@ def displace(cloth: ti.template(), stages: ti.template(), i: int, move, h):
 
 
 @ti.func
+def strike(cloth: ti.template(), stages: ti.template(), i: int, gained, h):
+    """Changes a particle's velocity [m/s] and leaves it where it is."""
+    if ti.static(stages.own_velocity):
+        cloth.velocity[i] = cloth.velocity[i] + gained
+    else:
+        cloth.x_prev[i] = cloth.x_prev[i] - gained * h
+
+
+@ti.func
 def put_right(cloth: ti.template(), stages: ti.template(), now: ti.template(), i: int, move):
     """Moves a particle that is where it cannot be."""
     if ti.static(now.pushes):

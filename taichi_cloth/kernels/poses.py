@@ -23,14 +23,9 @@ def turned_by(vector: tm.vec3):
 
 
 @ti.func
-def center_at(table: ti.template(), row: int, share: float) -> tm.vec3:
-    """Its middle [m] after a share of the frame: it goes straight on."""
-    start = vector_at(table, row, BODY_FROM)
-    return start + (vector_at(table, row, BODY_TO) - start) * share
-
-
-@ti.func
-def axes_at(table: ti.template(), row: int, share: float):
-    """Its own axes as the columns of a 3×3 matrix: it turns about one axis."""
+def posed(table: ti.template(), row: int, share: float):
+    """Its middle [m] and its axes after a share of the frame, in which it goes straight on and turns about one axis."""
     start = ti.Matrix([[table[row, BODY_AXES + 3 * r + c] for c in ti.static(range(3))] for r in ti.static(range(3))])
-    return turned_by(vector_at(table, row, BODY_TURN) * share) @ start
+    travel = vector_at(table, row, BODY_TO) - vector_at(table, row, BODY_FROM)
+    center = vector_at(table, row, BODY_FROM) + travel * share
+    return center, turned_by(vector_at(table, row, BODY_TURN) * share) @ start

@@ -1,4 +1,4 @@
-"""The shipped scenes: one TOML file each, named by its stem."""
+"""What is shipped: scenes, one TOML file each, and meshes, one OBJ file each, named by their stems."""
 
 from __future__ import annotations
 
@@ -20,13 +20,28 @@ def scene_names() -> list[str]:
     return sorted(path.stem for path in (asset_folder() / "scenes").glob("*.toml"))
 
 
+def mesh_names() -> list[str]:
+    """Names of all shipped meshes, sorted."""
+    return sorted(path.stem for path in (asset_folder() / "meshes").glob("*.obj"))
+
+
+def is_file_name(text: str) -> bool:
+    """Whether it is written as a path, and not as the name of something shipped."""
+    return text.endswith((".toml", ".obj")) or "/" in text or "\\" in text
+
+
 def scene_path(name_or_path: str | Path) -> Path:
     """The file of a shipped scene, or the path as given. Raises SceneError for a name that is none."""
     text = str(name_or_path)
-    if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or "\\" in text:
+    if isinstance(name_or_path, Path) or is_file_name(text):
         return Path(text)
     names = scene_names()
     if text not in names:
         reason = f"no such scene: {', '.join(names)}, or the path of a TOML file"
         raise SceneError(text or "scene", "", reason, nearest(text, names))
     return asset_folder() / "scenes" / f"{text}.toml"
+
+
+def mesh_path(file: str, folder: str) -> Path:
+    """The OBJ file of a shipped mesh, or a path as a scene file in `folder` gives it."""
+    return Path(folder) / file if is_file_name(file) else asset_folder() / "meshes" / f"{file}.obj"

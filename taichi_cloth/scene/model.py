@@ -166,6 +166,29 @@ class Wind:
     air_density: float = _key(1.225, "density of the air", "kg/m³", low=0.0, high=100.0)
 
 
+# What a body does to cloth within its margin: moves it out, turns its velocity round, or pushes with a force.
+RESPONSES = ("projection", "reflection", "repulsion")
+PROJECTION, REFLECTION, REPULSION = range(3)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """How a body keeps cloth away. `swept` and triangles are for projection."""
+
+    margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
+    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
+    swept: bool = _key(False, "stops what would be through it or past it within a substep")
+    response: str = _key(
+        "projection",
+        "projection moves cloth out to the margin, reflection turns its velocity round, repulsion pushes with a force",
+        choices=RESPONSES,
+    )
+    restitution: float = _key(0.5, "of reflection: share of the speed that is left", low=0.0, high=1.0)
+    stiffness: float = _key(
+        2000.0, "of repulsion: pressure for each metre within the margin", "N/m³", low=0.0, high=1e9
+    )
+
+
 @dataclass(frozen=True)
 class Motion:
     """How a body goes: its middle is at center + sway·sin(2π·t/period + phase), and where `path` leads.
@@ -193,17 +216,23 @@ class Grip(Motion):
 
 
 @dataclass(frozen=True)
-class Collider(Motion):
+class Collider(Motion, Contact):
     """A body the cloth cannot enter; before all else it is turned by `rotation`."""
 
     rotation: Vec3 = _key((0.0, 0.0, 0.0), "turned about x, then y, then z", "degrees", low=-360.0, high=360.0)
-    margin: float = _key(0.02, "cloth is kept this far off the surface", "m", low=0.0, high=10.0)
-    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
-    swept: bool = _key(False, "stops what would be through it or past it within a substep")
 
 
 @dataclass(frozen=True)
-class Sphere(Collider):
+class Round(Collider):
+    """A body whose surface is everywhere as far from a point or a line."""
+
+    against: str = _key(
+        "particles", "what it keeps out; triangles: a body smaller than a cell too", choices=("particles", "triangles")
+    )
+
+
+@dataclass(frozen=True)
+class Sphere(Round):
     """A ball."""
 
     radius: float = _key(0.5, "radius as drawn", "m", low=0.0, high=1000.0, above_low=True, slider=(0.05, 1.5))
@@ -212,7 +241,7 @@ class Sphere(Collider):
 
 
 @dataclass(frozen=True)
-class Capsule(Collider):
+class Capsule(Round):
     """A round bar with round ends, upright unless it is turned."""
 
     length: float = _key(1.0, "between the middles of its round ends", "m", low=0.0, high=1000.0)
@@ -236,13 +265,20 @@ class Plane(Collider):
 
 
 @dataclass(frozen=True)
-class Ground:
+class Mesh(Collider):
+    """A solid with a closed surface of triangles, around the middle of the box that holds it."""
+
+    file: str = _key("bust", "a shipped mesh by name, or an OBJ file: its path from the folder of the scene file")
+    scale: float = _key(1.0, "how many metres one unit of the file is", "m", low=0.0, high=1e6, above_low=True)
+    resolution: int = _key(64, "cells along its longest side in which distances to it are kept", low=4, high=256)
+    folder: str = field(default="", metadata={"derived": "of the scene file, for a mesh that is not shipped"})
+
+
+@dataclass(frozen=True)
+class Ground(Contact):
     """A level floor."""
 
     height: float = _key(0.0, "where the floor lies", "m", low=-1e5, high=1e5)
-    margin: float = _key(0.02, "cloth is kept this far above it", "m", low=0.0, high=10.0)
-    friction: float = _key(0.4, "Coulomb coefficient", low=0.0, high=1e6)
-    swept: bool = _key(False, "stops what would be through it within a substep")
 
 
 @dataclass(frozen=True)
@@ -302,6 +338,7 @@ class Scene:
     capsules: tuple[Capsule, ...] = ()
     boxes: tuple[Box, ...] = ()
     planes: tuple[Plane, ...] = ()
+    meshes: tuple[Mesh, ...] = ()
     ground: Ground | None = None
     self_collision: SelfCollision | None = None
     camera: Camera = field(default_factory=Camera)
@@ -309,7 +346,13 @@ class Scene:
     name: str = field(default="scene", metadata={"derived": "the file's stem"})
 
 
-COLLIDERS = ("spheres", "capsules", "boxes", "planes")  # sections of `Scene`, in the order of the kernels' table
+COLLIDERS = (
+    "spheres",
+    "capsules",
+    "boxes",
+    "planes",
+    "meshes",
+)  # sections of `Scene`, in the order of the kernels' table
 
 
 class Part(NamedTuple):

@@ -8,8 +8,21 @@ from pathlib import Path
 from typing import Any
 
 from .errors import SceneError, nearest, shown
-from .library import scene_path
-from .model import USUAL, Part, Scene, hints_of, keys_of, parts
+from .library import is_file_name, mesh_names, scene_path
+from .model import (
+    COLLIDERS,
+    PROJECTION,
+    RESPONSES,
+    USUAL,
+    Contact,
+    Mesh,
+    Part,
+    Round,
+    Scene,
+    hints_of,
+    keys_of,
+    parts,
+)
 from .overrides import apply_override, override_places
 from .presets import FILLED, load_preset, preset_keys
 from .toml import parse_toml
@@ -33,7 +46,7 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
     """
     path, file = scene_path(name_or_path), str(name_or_path)
     data = _parse(path)
-    scene = _scene(data, file, path.stem)  # the file must be right without its overrides, too
+    scene = _scene(data, file, path)  # the file must be right without its overrides, too
     if not overrides:
         return scene
     file += " (override)"
@@ -43,7 +56,7 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
         for section, names in aside[key].items():
             for name in names:
                 data.get(section, {}).pop(name, None)
-    return _scene(data, file, path.stem)
+    return _scene(data, file, path)
 
 
 def check_scene(scene: Scene) -> Scene:
@@ -58,13 +71,17 @@ def check_scene(scene: Scene) -> Scene:
             data[part.name] = [_table(part, one) for one in given] if isinstance(given, (list, tuple)) else given
         elif given is not None or not part.optional:
             data[part.name] = _table(part, given)
-    checked = _consistent(_sections(data, scene.name, scene.name), scene.name)
+    checked = _sections(data, scene.name, scene.name)
+    found = tuple(replace(mesh, folder=given.folder) for mesh, given in zip(checked.meshes, scene.meshes, strict=True))
+    checked = _consistent(replace(checked, meshes=found), scene.name)
     return scene if checked == scene else checked
 
 
 def _table(part: Part, section: Any) -> Any:
     """A section as the reader finds it in a file."""
-    return vars(section) if isinstance(section, part.section) else section
+    if not isinstance(section, part.section):
+        return section
+    return {name: getattr(section, name) for name in keys_of(part.section)}
 
 
 def _set_aside(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ...]]:
@@ -99,9 +116,10 @@ def _parse(path: Path) -> dict[str, Any]:
     raise SceneError(file, "", reason)
 
 
-def _scene(data: dict[str, Any], file: str, name: str) -> Scene:
-    """A whole scene from parsed TOML."""
-    return _consistent(_with_preset(_with_usual(_sections(data, file, name), data), data, file), file)
+def _scene(data: dict[str, Any], file: str, path: Path) -> Scene:
+    """A whole scene from the parsed TOML of a path. Messages call it `file`."""
+    scene = _with_preset(_with_usual(_sections(data, file, path.stem), data), data, file)
+    return _consistent(_with_meshes(scene, path.parent, file), file)
 
 
 def _sections(data: dict[str, Any], file: str, name: str) -> Scene:
@@ -137,6 +155,27 @@ def _with_preset(scene: Scene, data: dict[str, Any], file: str) -> Scene:
     return replace(scene, **filled)
 
 
+def _with_meshes(scene: Scene, folder: Path, file: str) -> Scene:
+    """The scene with meshes that know where their files are, and that are closed surfaces."""
+    return replace(scene, meshes=tuple(_found(mesh, k, folder, file) for k, mesh in enumerate(scene.meshes)))
+
+
+def _found(mesh: Mesh, k: int, folder: Path, file: str) -> Mesh:
+    from ..mesh.solid import check_solid  # NumPy: only for scenes that have one
+
+    where = f"meshes[{k}].file"
+    if is_file_name(mesh.file):
+        mesh = replace(mesh, folder=str(folder))
+    elif mesh.file not in mesh_names():
+        reason = f"{shown(mesh.file)} is no shipped mesh: {', '.join(mesh_names())}, or the path of an OBJ file"
+        raise SceneError(file, where, reason, nearest(mesh.file, mesh_names()))
+    try:
+        check_solid(mesh)
+    except ValueError as error:
+        raise SceneError(file, where, str(error)) from None
+    return mesh
+
+
 def _part(part: Part, data: Any, file: str) -> Any:
     """One section, or the tuple of all its tables."""
     if not part.many:
@@ -164,6 +203,15 @@ def _values(section: type, data: Any, file: str, where: str = "", also: list[str
     return values
 
 
+def _check_response(body: Contact, where: str, file: str) -> None:
+    """Only what is moved out can be stopped on its way, or by its triangles."""
+    if body.response != RESPONSES[PROJECTION]:
+        if body.swept:
+            raise SceneError(file, f"{where}.swept", f"works with projection, not with {body.response}")
+        if isinstance(body, Round) and body.against == "triangles":
+            raise SceneError(file, f"{where}.against", f"triangles are for projection, not for {body.response}")
+
+
 def _consistent(scene: Scene, file: str) -> Scene:
     """What no key can say alone."""
     last = scene.cloth.rows * scene.cloth.columns * scene.cloth.sheets - 1
@@ -175,6 +223,10 @@ def _consistent(scene: Scene, file: str) -> Scene:
             if isinstance(pin, int) and not 0 <= pin <= last:
                 reason = f"{shown(pin)} is no particle: indices run from 0 to {last}"
                 raise SceneError(file, f"{place}.pins[{k}]", reason)
+    for name in (*COLLIDERS, "ground"):
+        found = getattr(scene, name)
+        for k, one in enumerate(found if isinstance(found, tuple) else [found] if found else []):
+            _check_response(one, name if one is found else f"{name}[{k}]", file)
     (x, y, z), (tx, ty, tz) = scene.camera.eye, scene.camera.target
     if hypot(x - tx, z - tz) <= 1e-6 * abs(y - ty):
         what = "is the target" if y == ty else "is straight above or below the target, where no side is up"

@@ -17,11 +17,13 @@ from .xpbd import Xpbd
 SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Verlet, Xpbd, Spring, Lines, Rk4, Projective)}
 
 
-def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = None, sheets: int = 1) -> str:
+def path_for(
+    kind: type[Solver], shape: tuple[int, int], asked: str | None = None, *, sheets: int = 1, triangles: bool = False
+) -> str:
     """The layout a solver works on, for a grid of (rows, columns) on the arch that Taichi was started on.
 
-    Raises WrongUse for an unknown one, on a GPU for one that would run there on a single thread, and for strips of
-    several sheets.
+    `triangles`: bodies keep out whole triangles. Raises WrongUse for an unknown one, on a GPU for one that would run
+    there on a single thread, and for strips where they cannot serve: several sheets, and triangles.
     """
     if asked is not None and asked not in kind.paths:
         near = difflib.get_close_matches(asked, kind.paths, 1)
@@ -31,9 +33,11 @@ def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = Non
         if asked not in (None, "gather"):
             raise WrongUse(f"path {asked} is for --arch cpu; a GPU has the path gather")
         return "gather"
-    if sheets > 1:
-        if asked == "lanes":
-            raise WrongUse("path lanes is for one sheet; several have the paths list, gather")
+    if asked == "lanes" and sheets > 1:
+        raise WrongUse("path lanes is for one sheet: list and gather can do several")
+    if asked == "lanes" and triangles:
+        raise WrongUse("path lanes cannot keep bodies from triangles: list and gather can")
+    if sheets > 1 or triangles:
         return asked or "list"
     # Strips of one column or less are mostly empty: then springs one by one are as fast.
     return asked or next(path for path in kind.paths if path != "lanes" or shape[1] >= LANES)

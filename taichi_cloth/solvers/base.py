@@ -14,17 +14,20 @@ from ..kernels.forces import forget_forces
 from ..kernels.layout import load, store
 from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
-from ..scene.model import FRAME_SECONDS
+from ..scene.model import COLLIDERS, FRAME_SECONDS
 from ..state import ClothState, fields, lanes
 from ..state.bonds import bond
+from ..state.distances import Distances
 from ..state.gather import gathering
 from ..state.near import come_near
+from ..state.patches import patch
 from ..state.ties import tie
 from .launches import Launches
 
 # Largest h·ω of a vibration under forces. Symplectic Euler alone is stable up to 2; with constraints beside the forces
 # a compressed strip lies still at 0.7, shakes for ever with one iteration of `xpbd` at 0.9 and with all others at 1.2.
 FORCED = 0.7
+NONE = (0,) * len(COLLIDERS)
 
 
 @dataclass(frozen=True)
@@ -32,17 +35,22 @@ class Stages:
     """The stages a scene names. Part of the compiled kernel: a stage that is False or 0 is not compiled."""
 
     wind: bool = False
-    spheres: int = 0  # how many
+    spheres: int = 0  # how many that push out
     capsules: int = 0
     boxes: int = 0
     planes: int = 0  # and the ground
+    meshes: int = 0
+    reflecting: tuple[int, ...] = NONE  # of each kind of collider that are not in the counts above
+    repelling: tuple[int, ...] = NONE
+    distances: Distances | None = None  # to the meshes
     swept: bool = False  # ways are tested too, of one of them at least
+    triangles: bool = False  # whole triangles are kept out too, by one of them at least
     spring_damping: bool = False
     strain_limit: bool = False
     tethers: bool = False
     grips: bool = False
     self_collision: bool = False
-    by_triangles: bool = False  # between triangles and edges too, not particles alone
+    self_triangles: bool = False  # between triangles and edges too, not particles alone
     bending: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
     constrained: bool = True  # something needs to know where a particle was a substep ago
@@ -50,7 +58,7 @@ class Stages:
     @property
     def bodies(self) -> int:
         """How many colliders there are."""
-        return self.spheres + self.capsules + self.boxes + self.planes
+        return sum(getattr(self, kind) for kind in COLLIDERS) + sum(self.reflecting) + sum(self.repelling)
 
 
 @dataclass(frozen=True)
@@ -182,6 +190,8 @@ class Solver:
             self.work = lanes.take(topology, stiffness, coloured=coloured)
         elif path == "gather":
             self.work = gathering(cloth, topology)
+        if stages.triangles:
+            patch(self.work, topology)
         if stages.tethers:
             tie(self.work, topology)
         if self.stages.bending:

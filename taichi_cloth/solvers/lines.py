@@ -30,6 +30,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
 from ..kernels.chains import begin_frame, forget_chains, solve_chains
 from ..kernels.controls import KEPT
@@ -134,6 +135,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     coast(cloth, kept, h)
     lead_held(cloth, stages, now, end_of(now))
     add_air(cloth, stages, ti.static(now._replace(h=2.0 * now.h)), 0.5 * end_of(now))
+    add_repulsion(cloth, stages, now, end_of(now))
     add_bending(cloth, stages, now.controls, h)
     accelerate(cloth, now.controls, h)
     forget_chains(cloth)

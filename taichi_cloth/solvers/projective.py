@@ -22,6 +22,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
 from ..kernels.conjugate import MOST_PRODUCTS, PARTIAL_SUMS, begin_search, find_way, search_on
 from ..kernels.controls import KEPT, STIFFNESS, row, table
@@ -49,6 +50,7 @@ PRODUCTS_A_LOOK = 8  # of the matrix and a direction, between two looks at how f
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Every particle to y, where it would be without springs, and the held one to the hand."""
     add_air(cloth, stages, now, now.s)
+    add_repulsion(cloth, stages, now, now.s)
     move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
     for i in range(cloth.slot_count[None]):

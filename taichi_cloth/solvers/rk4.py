@@ -11,6 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
@@ -85,6 +86,7 @@ def add_slope(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
     time = ti.select(stage == 0, 0.0, ti.select(stage == 3, 1.0, 0.5))  # of this slope, in substeps
     lead_held(cloth, stages, now, now.s + time)
     add_air(cloth, stages, now, now.s + time)
+    add_repulsion(cloth, stages, now, now.s + time)
     add_spring_forces(cloth, stages, now.controls, now.h)
     rate = -ti.log(now.controls[KEPT]) / now.h
     go_on(cloth, now.controls, rate, 1.0 / 6.0 if outer else 1.0 / 3.0, now.h if stage == 2 else 0.5 * now.h)

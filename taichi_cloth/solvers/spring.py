@@ -7,6 +7,7 @@ Wanner 2003, *Geometric numerical integration illustrated by the Störmer–Verl
 import taichi as ti
 
 from ..contact.push_out import push_out
+from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
@@ -27,6 +28,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """
     lead_held(cloth, stages, now, now.s)  # where it is already: its velocity, for the forces
     add_air(cloth, stages, now, now.s)
+    add_repulsion(cloth, stages, now, now.s)
     add_spring_forces(cloth, stages, now.controls, now.h)
     share, ahead = 1.0, now.h
     if now.s == 0 or now.s == now.substeps:

@@ -10,6 +10,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.push_out import push_out
+from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
@@ -36,6 +37,7 @@ def predict(cloth: ti.template(), controls: ti.template(), h: float):
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """External forces, and every particle goes on as it moved."""
     add_air(cloth, stages, now, now.s)
+    add_repulsion(cloth, stages, now, now.s)
     predict(cloth, now.controls, now.h)
     lead_held(cloth, stages, now, now.s + 1.0)
 

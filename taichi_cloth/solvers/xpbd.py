@@ -5,6 +5,7 @@ with substeps, iterations or grid once the iteration converges (Macklin et al. 2
 import taichi as ti
 
 from ..contact.push_out import push_out
+from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
@@ -18,6 +19,7 @@ from .base import Solver
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     add_air(cloth, stages, now, now.s)
+    add_repulsion(cloth, stages, now, now.s)
     add_bending(cloth, stages, now.controls, now.h)
     move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)  # (1)
     lead_held(cloth, stages, now, now.s + 1.0)

@@ -6,18 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contact.bodies import Body, is_still
-from ..scene.model import Box, Capsule, Plane
+from ..mesh.solid import surface_of
+from ..mesh.surface import smooth_normals
+from ..scene.model import Box, Capsule, Mesh, Plane
 from . import solids
 
 Floats = NDArray[np.float32]
 Soup = tuple[Floats, Floats, Floats]  # positions, normals and colours of its corners, each (3·T, 3)
 
-BLOCK, BAR, SLOPE = (0.62, 0.48, 0.36), (0.40, 0.36, 0.52), (0.74, 0.76, 0.72)
+BLOCK, BAR, SLOPE, SOLID = (0.62, 0.48, 0.36), (0.40, 0.36, 0.52), (0.74, 0.76, 0.72), (0.80, 0.77, 0.70)
 
 
 def split(bodies: list[Body]) -> tuple[list[Body], list[int]]:
     """Those that never move, and the numbers of those that do. Spheres and the ground are drawn by other means."""
-    drawn = [k for k, body in enumerate(bodies) if isinstance(body.collider, (Capsule, Box, Plane))]
+    drawn = [k for k, body in enumerate(bodies) if isinstance(body.collider, (Capsule, Box, Plane, Mesh))]
     still = [bodies[k] for k in drawn if is_still(bodies[k].collider)]
     return still, [k for k in drawn if not is_still(bodies[k].collider)]
 
@@ -30,6 +32,9 @@ def soup(body: Body) -> Soup:
         case Plane():
             slab = body.collider.drawn * np.array([1.0, 0.01, 1.0])
             return coloured(*solids.box(np.array([0.0, -slab[1] / 2, 0.0]), slab), SLOPE)
+        case Mesh():
+            surface = surface_of(body.collider)
+            return coloured(surface.corners.reshape(-1, 3), smooth_normals(surface).reshape(-1, 3), SOLID)
         case _:
             return coloured(*solids.box(np.zeros(3), 2 * body.size), BLOCK)
 

@@ -25,7 +25,7 @@ from taichi_cloth.solvers import SOLVERS
 SEED = Case("curtain", "verlet", 5, 7, 2, 3, "list")
 SHEET = Case("sheet", "spring", 5, 7, 1, 1, "list")
 NOT_A_PATH = Case("curtain", "verlet", 5, 7, 2, 3, "tapestry")
-STAGES = [Case("curtain", "verlet", 5, 7, 2, 3, "list", change) for change in ("", "-wind", "+limit")]
+STAGES = [Case("curtain", "verlet", 5, 7, 2, 3, "list", change) for change in ("", "-wind", "+limit", "=reflection")]
 
 Measured = tuple[list[Row], list[StageRow], dict[str, str]]
 
@@ -69,9 +69,11 @@ def test_a_row_has_every_number_and_all_are_finite(measured: Measured) -> None:
 
 def test_stages_are_compared_with_all_of_them(measured: Measured) -> None:
     stages = measured[1]
-    assert [stage.change for stage in stages] == ["", "-wind", "+limit"]
+    assert [stage.change for stage in stages] == ["", "-wind", "+limit", "=reflection"]
     assert stages[0].more_ms == 0
     assert all(stage.median_ms > 0 and stage.cold_s > 0 for stage in stages)
+    assert all(stage.frames_per_second == pytest.approx(1e3 / stage.median_ms) for stage in stages)
+    assert stages[0].penetration == 0 < stages[3].penetration
     assert stages[1].more_ms == pytest.approx(stages[1].median_ms - stages[0].median_ms)
 
 
@@ -86,6 +88,7 @@ def test_without_a_compiler_the_floor_is_a_dash_and_the_reason_a_line(
     assert " ".join(report.HEADINGS).split() in [line.split() for line in lines[:2]]
     assert any(line.lstrip().startswith("without wind") for line in lines)
     assert any(line.lstrip().startswith("with limit") for line in lines)
+    assert any(line.lstrip().startswith("ball with reflection") for line in lines)
     assert " cores · Python 3." in lines[-1]
     assert "Taichi 1." in lines[-1]
 
@@ -173,6 +176,7 @@ def test_every_solver_and_path_is_among_the_cases() -> None:
     assert {case.solver for case in cases.only(cases.all_cases(), "spring")} == {"spring"}
     changes = [case.change for case in cases.stage_cases()]
     assert changes[:7] == ["", "-wind", "-sphere", "-ground", "-shear", "-bend", "+limit"]
+    assert changes[-2:] == ["=reflection", "=repulsion"]
 
 
 def test_stages_are_left_out_and_added() -> None:
@@ -183,6 +187,7 @@ def test_stages_are_left_out_and_added() -> None:
     assert cases.changed(curtain, "-shear").springs.shear == 0
     assert cases.changed(curtain, "-bend").fabric.bend == 0
     assert cases.changed(curtain, "+limit").limit is not None
+    assert [ball.response for ball in cases.changed(curtain, "=repulsion").spheres] == ["repulsion"]
 
 
 def test_a_child_whose_bench_has_ended_is_gone() -> None:

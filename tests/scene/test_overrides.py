@@ -74,7 +74,7 @@ def test_only_the_first_ball_is_changed(write: Write) -> None:
     [
         ({"wind_zz": 1}, "wind_zz: unknown key (did you mean 'wind_z'?)"),
         ({"qqqq": 1}, "qqqq: unknown key; `taichi-cloth check --keys` lists them"),
-        ({"name_or_path": 1}, "name_or_path: unknown key; `taichi-cloth check --keys` lists them"),
+        ({"name_or_path": 1}, "name_or_path: unknown key (did you mean 'mesh_path'?)"),
         ({"a\nb": 1}, "a\\nb: unknown key; `taichi-cloth check --keys` lists them"),
         ({"center": (0, 0, 0)}, "center: could be cloth_center or sphere_center"),
         ({"height": 1}, "height: could be cloth_height or ground_height"),

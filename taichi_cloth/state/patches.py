@@ -1,0 +1,36 @@
+"""Fields of the triangles of a cloth in coloured order, for what moves their corners (`contact/triangles.py`)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from ..mesh.topology import Topology
+from . import fields
+from .pool import attached
+
+COLOURS = 8  # of a grid's triangles: cells of odd and even row and column, and two in each
+
+
+@dataclass(eq=False)
+class Patches:
+    """Triangles of one colour share no particle."""
+
+    corners: Any  # ivec3 (T,)
+    first: Any  # (COLOURS + 1,) first triangle of each colour, and the count of all
+
+
+def patch(work: Any, topology: Topology) -> None:
+    """Gives a cloth its `patches`, filled."""
+    count = work.triangles.shape[0]
+    found = attached(
+        work,
+        "patches",
+        lambda: Patches(ti.Vector.field(3, ti.i32, count), fields.numbers(COLOURS + 1, kind=ti.i32)),
+    )
+    row, column = topology.cells.T % 2
+    colour = 4 * row + 2 * column + np.arange(topology.triangle_count) % 2
+    order = np.argsort(colour, kind="stable")
+    fields.put(found.corners, topology.triangles[order])
+    fields.put(found.first, np.searchsorted(colour[order], np.arange(COLOURS + 1)))
