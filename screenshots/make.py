@@ -27,7 +27,15 @@ from taichi_cloth.view.png import write_png
 from taichi_cloth.view.raster import Raster
 
 HERE = Path(__file__).parent
-STILL_FRAME = {"drape15": 150, "table": 150, "slope": 185, "fast-ball": 57, "veil": 60, "poles": 210, "responses": 240}  # the moment shown, in frames of 1/60 s
+STILL_FRAME = {
+    "drape15": 150,
+    "table": 150,
+    "slope": 185,
+    "fast-ball": 57,
+    "veil": 60,
+    "poles": 210,
+    "responses": 240,
+}  # the moment shown, in frames of 1/60 s
 DEFAULT_STILL_FRAME = 85
 PULL = (330, 450)  # first and last frame of the pull in the animation
 
