@@ -26,7 +26,7 @@ FLOORS = [
     {"view"},
     {"runtime"},
     {"bench"},
-    {"validate", "accuracy"},
+    {"validate", "accuracy", "stress"},
     {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "progress", "scene", "mesh", "interact", "measure"}

@@ -26,6 +26,7 @@ def topology_of(scene: Scene, section: str) -> Topology:
         directions=[k > 0 for k in _constants(scene, section)],
         diagonals=scene.cloth.diagonals,
         lumping=scene.cloth.lumping,
+        weight=scene.cloth.weight,
         bending=scene.fabric.bending if section == "fabric" else 0.0,
     )
 
