@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import state
 from .contact.bodies import Body, bodies_at, body_table, colliders_of, penetration
+from .contact.release import Release
 from .errors import WrongUse
 from .hand import Hand
 from .kernels import controls as c
@@ -66,6 +67,7 @@ class Simulation:
         self._open(scene)
         self._inverse_mass = state.inverse_mass(self.topology)
         self._hand: Hand | None = None
+        self._letting_out = Release(self._stages.bodies)
         self.frame = 0
 
     def _open(self, scene: Scene) -> None:
@@ -98,6 +100,7 @@ class Simulation:
         self.cloth.put(self.topology.start, self.topology.start, self._inverse_mass)
         self.solver.set_velocities(np.zeros_like(self.topology.start), self._substep)
         self._hand = None
+        self._letting_out.ask()
         self.frame = 0
 
     def place(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
@@ -112,6 +115,7 @@ class Simulation:
         self.release()
         self.cloth.put(x, x, self._inverse_mass)
         self.solver.set_velocities(v, self._substep)
+        self._letting_out.ask()
 
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
@@ -143,6 +147,8 @@ class Simulation:
             return
         checked = check_live(self._keys[self._key(name)], value)
         before = self._substep
+        if name == "sphere_radius" and checked > self._live[name]:
+            self._letting_out.ask(0)
         self._live[name] = checked
         if self._substep != before:
             self.solver.change_substep(before, self._substep)
@@ -309,6 +315,7 @@ class Simulation:
         self.cloth.put(saved["x"], saved["x_prev"], saved["inverse_mass"])
         put(self.cloth.velocity, saved["velocity"])
         self.frame = int(saved["frame"])
+        self._letting_out.depth[:] = saved["release"]
         self._live = {
             name: type(key.value)(value) for (name, key), value in zip(self._keys.items(), saved["live"], strict=True)
         }
@@ -326,6 +333,7 @@ class Simulation:
             "inverse_mass": self.cloth.taken(self.cloth.inverse_mass),
             "velocity": self.cloth.taken(self.cloth.velocity),
             "frame": np.array(self.frame),
+            "release": self._letting_out.depth.copy(),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
             "held": np.array(-1 if self._hand is None else self._hand.particle),
@@ -338,14 +346,20 @@ class Simulation:
 
     def _input(self) -> FrameInput:
         start, end = self.seconds, self.seconds + FRAME_SECONDS
+        colliders = self._colliders()
+        bodies = body_table(colliders, start, end)
+        bodies[:, c.BODY_RELEASE] = self._letting_out.rates(colliders, self._free_positions, start, end)
         return FrameInput(
             substeps=self.substeps,
             iterations=int(self._live["iterations"]),
             h=self._substep,
             held=-1 if self._hand is None else self._hand.particle,
             controls=self._controls(),
-            bodies=body_table(self._colliders(), start, end),
+            bodies=bodies,
         )
+
+    def _free_positions(self) -> Floats:
+        return self.positions()[~self.topology.pinned]
 
     def _controls(self) -> NDArray[np.float32]:
         controls = np.zeros(c.COUNT, np.float32)

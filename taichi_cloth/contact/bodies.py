@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ from ..scene.model import Box, Capsule, Collider, Ground, Scene, Sphere
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
+
+LEAP = 340.0  # [m/s] a path that asks for more is no way: the body is at once elsewhere
 
 MARCH_STEPS, MARCH_NEAR = 200, 1e-5  # of a ray that goes on by its distance to the nearest surface [m]
 
@@ -100,11 +103,25 @@ def body_table(colliders: Sequence[Collider | Ground], start: float, end: float)
         row[:] = _still_row(collider)
         if not is_still(collider):
             (center, axes), (next_center, next_axes) = pose(collider, start), pose(collider, end)
+            if leaps(collider, start, end):
+                center, axes = next_center, next_axes
             row[c.BODY_FROM : c.BODY_FROM + 3] = center
             row[c.BODY_TO : c.BODY_TO + 3] = next_center
             row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(axes, next_axes)
             row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
     return table
+
+
+def leaps(collider: Collider | Ground, start: float, end: float) -> bool:
+    """Whether it is at once elsewhere within a frame, as its path says."""
+    return not isinstance(collider, Ground) and any(first < end and start < last for first, last in _leaps(collider))
+
+
+@lru_cache(maxsize=256)  # it is asked for in every frame
+def _leaps(collider: Collider) -> tuple[tuple[float, float], ...]:
+    """From when to when [s]."""
+    legs = pairwise(np.array([row[:4] for row in collider.path]))
+    return tuple((a[0], b[0]) for a, b in legs if np.linalg.norm(b[1:] - a[1:]) > LEAP * (b[0] - a[0]))
 
 
 @lru_cache(maxsize=256)  # it is asked for in every frame

@@ -1,6 +1,8 @@
 """Keeps particles out of the scene's colliders by moving them to the surface, with friction.
 
-A body that is `swept` also stops what would be through it or past it by the end of a substep.
+A body that is `swept` also stops what would be through it or past it by the end of a substep. One that has appeared
+around particles lets them out slowly, without the velocity that their springs give them meanwhile: at once would be at
+the speed of a shot.
 """
 
 from typing import Any
@@ -13,6 +15,7 @@ from ..kernels.controls import (
     BODY_FRICTION,
     BODY_FROM,
     BODY_MARGIN,
+    BODY_RELEASE,
     BODY_SIZE,
     BODY_SWEPT,
     BODY_TO,
@@ -20,7 +23,7 @@ from ..kernels.controls import (
 )
 from ..kernels.maths import TINY, friction_slide
 from ..kernels.motion import put_right
-from ..kernels.places import choose, cross, dot, spread, times
+from ..kernels.places import choose, cross, dot, length, spread, times
 from .shapes import SHAPES, back, into
 from .sweeps import MEETINGS
 
@@ -49,6 +52,19 @@ def turned_by(vector: tm.vec3):
 
 
 @ti.func
+def before(cloth: ti.template(), i: int, center: tm.vec3):
+    """Where a particle was from a body's middle when the substep began [m]."""
+    return cloth.x_prev[i] - spread(center, cloth.x_prev[i])
+
+
+@ti.func
+def held_back(push, needed, way):
+    """As much of a push as takes a particle no farther than `way` [m] out, that needed this one a substep ago."""
+    later = ti.max(length(needed) - way, 0.0)
+    return times(push, ti.max(1.0 - later / ti.max(length(push), TINY), 0.0))
+
+
+@ti.func
 def push_out(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Moves every free particle out of the scene's colliders, one collider after another."""
     for k in ti.static(range(len(KINDS))):
@@ -71,6 +87,7 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
     start = ti.Matrix([[table[s, BODY_AXES + 3 * r + c] for c in ti.static(range(3))] for r in ti.static(range(3))])
     axes = turned_by(turn * reached) @ start
     size, margin, friction = vector_at(table, s, BODY_SIZE), table[s, BODY_MARGIN], table[s, BODY_FRICTION]
+    rate = table[s, BODY_RELEASE]
     share = now.lasts / now.substeps
     center_before, axes_before = center - travel * share, turned_by(turn * (reached - share)) @ start
     for i in range(cloth.slot_count[None]):
@@ -79,15 +96,22 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
         push = out_of(axes, size, margin, away)
         if ti.static(stages.swept):  # noqa: SIM102 (of the two only this one is known while compiling)
             if table[s, BODY_SWEPT] > 0.0:
-                begun = into(axes_before, cloth.x_prev[i] - spread(center_before, x))
+                begun = into(axes_before, before(cloth, i, center_before))
                 way = into(axes, away) - begun
                 time, normal = ti.static(MEETINGS[KINDS[k]])(size, margin - THIN, begun, way)
                 along = way - times(normal, dot(normal, way))  # at the surface it can only go on along it
                 stopped = back(axes, begun + times(way, time) + times(along, 1.0 - time))
                 push = choose(time <= 1.0, stopped - away + out_of(axes, size, margin, stopped), push)
+        if rate > 0.0:
+            push = held_back(push, out_of(axes_before, size, margin, before(cloth, i, center_before)), rate * now.h)
         move = push
         if ti.static(now.pushes) and friction > 0.0:
             surface = spread(travel * share, x) + cross(spread(turn * share, x), away + push)
             move += friction_slide(push, x + push - cloth.x_prev[i] - surface, friction)
         free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
         put_right(cloth, stages, now, i, times(move, free))
+        if ti.static(stages.own_velocity and now.pushes):  # noqa: SIM102 (as above)
+            if rate > 0.0:
+                needed = out_of(axes_before, size, margin, before(cloth, i, center_before))
+                slow = times(needed, free * rate / ti.max(length(needed), TINY))
+                cloth.velocity[i] = choose(length(needed) > rate * now.h, slow, cloth.velocity[i])

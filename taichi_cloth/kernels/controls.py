@@ -33,7 +33,9 @@ BODY_TURN = 6  # about this vector, by its length [radians], it turns in the fra
 BODY_AXES = 9  # 9…17: 3×3, row by row; its own axes at the start of the frame are the columns
 BODY_SIZE = 18  # 18…20 [m]
 BODY_MARGIN, BODY_FRICTION = 21, 22
-BODY_SWEPT, BODY_COLUMNS = 23, 24  # whether the ways are tested too
+BODY_SWEPT = 23  # whether the ways are tested too
+BODY_RELEASE = 24  # [m/s] no faster it lets out what it held when a substep began; 0 for no bound
+BODY_COLUMNS = 25
 
 # Turns a second of the three gust waves: periods of 1.3 to 3.1 s in no simple ratio, so that no gust repeats soon.
 GUST_RATES = (0.43, 0.77, 0.32)
