@@ -400,7 +400,7 @@ def run_stress(args: argparse.Namespace) -> int:
         check_free(path, force=args.force)
     if args.pictures.exists() and not args.pictures.is_dir():
         raise OutputInUse(f"{args.pictures} is a file, not a folder")
-    pairs = chosen(args.only, args.solver)
+    pairs = chosen(args.only, args.solver, long=args.long)
     with steps_progress(len(pairs)) as on_step:
         results = running.run_all(pairs, args.starts, args.pictures, on_step)
     report.print_report(results)

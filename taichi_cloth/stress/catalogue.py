@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 from ..errors import WrongUse
 from . import changes, loads, sizes, springs, starts, touching
@@ -66,12 +67,19 @@ CASES = (
 )
 
 
-def chosen(only: str | None, setting: str | None) -> list[tuple[Case, Setting]]:
+LONG_FRAMES = 1_000_000
+
+
+def chosen(only: str | None, setting: str | None, *, long: bool = False) -> list[tuple[Case, Setting]]:
     """Cases, by number or name, with each setting or with one: by setting, so that kernels are used again.
 
-    Raises WrongUse for none.
+    `long` makes a million frames of the long run. Raises WrongUse for no case, and for a long run of another.
     """
     cases = [case for case in CASES if only is None or only in (str(case.number), case.name)]
     if not cases:
         raise WrongUse(f"no case {only!r}: {', '.join(f'{case.number} {case.name}' for case in CASES)}")
+    if long:
+        if [case.number for case in cases] != [32]:
+            raise WrongUse("--long is about the long run: it goes with --only 32")
+        cases = [replace(case, run=partial(springs.long_run, frames=LONG_FRAMES)) for case in cases]
     return [(case, SETTINGS[name]) for name in SETTINGS if setting in (None, name) for case in cases]

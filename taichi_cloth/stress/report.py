@@ -12,7 +12,6 @@ from rich.table import Table
 
 from ..bench.report import machine, markdown_table, wide_console
 from ..files import whole_file
-from .catalogue import CASES, Case
 from .running import Outcome, Result, by_setting
 from .setting import CELLS, ROBUST, SETTINGS
 
@@ -21,16 +20,6 @@ LEGEND = (
     "Worst of all starts. Energy: above all that was given, of it · strain of a thread · speed [m/s] · in body: depth\n"
     "of the deepest free particle [mm] · besides: what the case asks for, and its bound"
 )
-
-
-def case_of(result: Result) -> Case:
-    [case] = [case for case in CASES if case.number == result.case]
-    return case
-
-
-def named(result: Result) -> str:
-    case = case_of(result)
-    return f"{case.number} {case.name}"
 
 
 def figures(outcomes: Sequence[Outcome]) -> str:
@@ -50,38 +39,37 @@ def cells(result: Result) -> tuple[str, ...]:
     """A row of the table."""
     some = result.outcomes
     frames = max(outcome.frames for outcome in some)
-    least = min(outcome.frames for outcome in some if not outcome.failure) if not all(o.failure for o in some) else 0
-    cut = any(outcome.cut for outcome in some)
+    least = min((outcome.frames for outcome in some if outcome.cut), default=0)
     total = sum(outcome.frames for outcome in some)
     energy = max(outcome.energy for outcome in some)
     return (
-        named(result),
+        result.name,
         result.setting,
         f"{len(some) - len(result.failed)}/{len(some)}",
         f"{energy:+.1%}" if abs(energy) < 100 else f"{energy:+.0e}",
         f"{max(outcome.strain for outcome in some):.2g}",
         f"{max(outcome.speed for outcome in some):.3g}",
         f"{1e3 * max(outcome.penetration for outcome in some):.2g}",
-        f"{least}+" if cut else str(frames),
+        f"{least}+" if least else str(frames),
         f"{sum(outcome.ms * outcome.frames for outcome in some) / max(total, 1):.2f}",
         figures(some),
     )
 
 
-def failures(results: Sequence[Result]) -> list[str]:
-    """A line for each case and setting that fails: how many starts, what broke first, and why."""
+def failures(results: Sequence[Result], *, pictures: bool = True) -> list[str]:
+    """A line for each case and setting that fails: which starts, what broke first, why, and its picture."""
     lines = []
     for result in results:
         if result.failed:
             first = result.failed[0]
             assert first.failure is not None
-            why = case_of(result).beyond.get(result.setting, "it should not")
+            why = result.reason or "it should not"
             broke = f"{first.failure.what} {first.failure.value:.3g}, not {first.failure.bound:.3g}"
             who = ", ".join(str(outcome.start) for outcome in result.failed)
             lines.append(
-                f"{named(result)} fails with {result.setting} (starts {who}): {broke}"
+                f"{result.name} fails with {result.setting} (starts {who}): {broke}"
                 f" in frame {first.failure.frame} of start {first.start}; {why}"
-                + (f"; {first.picture}" if first.picture else "")
+                + (f"; {first.picture}" if first.picture and pictures else "")
             )
     return lines
 
@@ -98,10 +86,9 @@ def matrix(results: Sequence[Result]) -> list[list[str]]:
     """A line for each case: starts alive with each setting, in bold where one is not."""
     settings = [setting for setting, _ in by_setting(results)]
     lines = [["case", "what", *settings]]
-    for number in dict.fromkeys(result.case for result in results):
-        some = {result.setting: result for result in results if result.case == number}
-        case = case_of(next(iter(some.values())))
-        line = [f"{case.number} {case.name}", case.parameters]
+    for name in dict.fromkeys(result.name for result in results):
+        some = {result.setting: result for result in results if result.name == name}
+        line = [name, next(iter(some.values())).case.parameters]
         for setting in settings:
             share = cells(some[setting])[2] if setting in some else ""
             line.append(share if setting not in some or some[setting].alive else f"**{share}**")
@@ -124,11 +111,13 @@ def print_report(results: Sequence[Result]) -> None:
 def write_json(path: Path, results: Sequence[Result]) -> None:
     """All there is. Raises OSError."""
     rows = [
-        asdict(result)
-        | {
-            "name": case_of(result).name,
+        {
+            "case": result.case.number,
+            "name": result.case.name,
+            "setting": result.setting,
             "alive": result.alive,
-            "reason": case_of(result).beyond.get(result.setting, ""),
+            "reason": result.reason,
+            "starts": [asdict(outcome) for outcome in result.outcomes],
         }
         for result in results
     ]
@@ -148,7 +137,7 @@ def robust_words() -> str:
 
 def write_markdown(path: Path, results: Sequence[Result]) -> None:
     """The page about stability: what alive means, who is, and why some are not. Raises OSError."""
-    small = ", ".join(f"`{s.name}`" for s in SETTINGS.values() if s.cells < CELLS)
+    small = " and ".join(f"{s.cells} with `{s.name}`" for s in SETTINGS.values() if s.cells < CELLS)
     starts = max(len(result.outcomes) for result in results)
     lines = [
         "# Stability: what survives, and what does not",
@@ -160,7 +149,12 @@ def write_markdown(path: Path, results: Sequence[Result]) -> None:
     ]
     lines += PAGE.format(robust=robust_words(), cells=CELLS, small=small, starts=starts).splitlines()
     lines += ["", "## Starts alive", "", *markdown_table(matrix(results))]
-    lines += ["", "## What fails, and why", "", *(f"- {line}" for line in failures(results) or ["nothing"])]
+    lines += [
+        "",
+        "## What fails, and why",
+        "",
+        *(f"- {line}" for line in failures(results, pictures=False) or ["nothing"]),
+    ]
     lines += ["", "## All rows", "", LEGEND.replace("\n", " "), ""]
     lines += markdown_table([HEADINGS, *(cells(result) for result in results)])
     with whole_file(path) as file:
@@ -172,9 +166,8 @@ PAGE = """\
 setting that is recommended for hard scenes, `robust`: {robust}. {starts} starts each, no two alike; they take the
 variants of a case in turn. `taichi-cloth stress --only yank --solver lines` runs one of them.
 
-Unless a case says otherwise the sheet is 1 m by 1 m of 0.2 kg/m², {cells} × {cells} cells (half of that a side with
-{small}), 1000 N/m along threads and diagonals, 1.57e-5 N·m of bending, damped at 2/s, hung by two corners or its top
-edge.
+Unless a case says otherwise the sheet is 1 m by 1 m of 0.2 kg/m², {cells} × {cells} cells ({small}), 1000 N/m along
+threads and diagonals, 1.57e-5 N·m of bending, damped at 2/s, hung by two corners or its top edge.
 
 **Alive** means, after every frame: all places and velocities are finite; pins are where they were put, to the last
 bit; no particle is farther than two sides from all that holds, carries or throws it; energy is no more than at the

@@ -11,10 +11,10 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from .. import runtime
-from .catalogue import CASES, Case
+from .catalogue import Case
 from .picture import picture
-from .setting import SETTINGS, Setting
-from .trial import Figure, OutOfTime, Trial
+from .setting import Setting
+from .trial import Figure, OutOfTime, Trial, close
 from .watch import Broken
 
 CORES = os.cpu_count() or 1
@@ -51,13 +51,23 @@ class Outcome:
 class Result:
     """All starts of a case with a setting."""
 
-    case: int
+    case: Case
     setting: str
     outcomes: list[Outcome] = field(default_factory=list)
 
     @property
     def failed(self) -> list[Outcome]:
         return [outcome for outcome in self.outcomes if outcome.failure]
+
+    @property
+    def name(self) -> str:
+        """Number and name of the case."""
+        return f"{self.case.number} {self.case.name}"
+
+    @property
+    def reason(self) -> str:
+        """Why it fails, where that is known."""
+        return self.case.beyond.get(self.setting, "") if self.failed else ""
 
     @property
     def alive(self) -> bool:
@@ -94,15 +104,13 @@ def run_start(case: Case, setting: Setting, number: int, pictures: Path | None) 
 
 def run_case(case: Case, setting: Setting, starts: int, pictures: Path | None) -> Result:
     """Every start. A picture shows the first that fails."""
-    result = Result(case.number, setting.name)
-    for number in range(starts):
-        result.outcomes.append(run_start(case, setting, number, None if result.failed else pictures))
+    result = Result(case, setting.name)
+    try:
+        for number in range(starts):
+            result.outcomes.append(run_start(case, setting, number, None if result.failed else pictures))
+    finally:
+        close()
     return result
-
-
-def _run_by_name(number: int, setting: str, starts: int, pictures: Path | None) -> Result:
-    [case] = [case for case in CASES if case.number == number]
-    return run_case(case, SETTINGS[setting], starts, pictures)
 
 
 def run_all(
@@ -118,8 +126,7 @@ def run_all(
     with ProcessPoolExecutor(CORES, get_context("spawn"), partial(runtime.start, "cpu")) as pool:
         try:
             waiting = {
-                pool.submit(_run_by_name, case.number, setting.name, starts, pictures): k
-                for k, (case, setting) in enumerate(pairs)
+                pool.submit(run_case, case, setting, starts, pictures): k for k, (case, setting) in enumerate(pairs)
             }
             for done in as_completed(waiting):
                 case, setting = pairs[waiting[done]]

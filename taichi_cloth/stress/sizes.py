@@ -28,12 +28,12 @@ def degenerate(trial: Trial) -> None:
         trial.run(1.0)
         return
     x = trial.open(sheet(trial.cells))
-    places = grid_of(trial, x.copy())
+    places, middle = grid_of(trial, x.copy()), trial.cells // 2
     if kind == "points":
-        places[5, 5] = places[5, 6]
-        places[9, 9] = places[10, 10]
+        places[middle, middle] = places[middle, middle + 1]
+        places[middle - 2, middle] = places[middle - 1, middle + 1]
     else:
-        places[8:12] = places[8]
+        places[middle : middle + 3] = places[middle]
     trial.start(places.reshape(-1, 3))
     trial.settle()
 

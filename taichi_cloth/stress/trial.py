@@ -26,7 +26,7 @@ CALM_SPEED = 0.1  # [m/s]
 REST_SECONDS, REST_DAMPING = 4.0, 4.0  # [s], [1/s] that bring a cloth to rest
 SHAKE = 0.02  # [m/s] of the velocities that make starts differ
 SHIFT = 0.01  # [m] of the places, where nothing is pinned
-MOST_STEPS = 1_000_000 * 1089  # substeps times particles, of a run
+MOST_STEPS = 400_000 * 1089  # substeps times particles, of a run
 
 
 class OutOfTime(Exception):
@@ -100,6 +100,7 @@ class Trial:
         before = self.energy()
         change()
         self.watch.given(self.energy() - before)
+        self.watch.look_at_colliders()
 
     def energy(self) -> float:
         return self.watch.energy(self.simulation.positions(), self.simulation.velocities())

@@ -206,6 +206,10 @@ class Watch:
 
     # -- colliders -------------------------------------------------------------------------------------
 
+    def look_at_colliders(self) -> None:
+        """One may be elsewhere, or larger."""
+        self._deep = self._touches(self._simulation.positions()) < -DEEP
+
     def _free(self) -> NDArray[np.bool_]:
         free = ~self._simulation.topology.pinned
         if self._simulation.grabbed is not None:
