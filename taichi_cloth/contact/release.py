@@ -22,6 +22,7 @@ class Release:
 
     def __init__(self, count: int) -> None:
         self.depth = np.full(count, HELD)
+        self._unbound = np.zeros(count, np.float32)
 
     def ask(self, row: int | slice = slice(None)) -> None:
         """A collider, or all, may hold something from now on."""
@@ -34,8 +35,10 @@ class Release:
 
         `points` tells the places of the particles that can move [m], (N, 3); called where it matters only.
         """
-        leapt = np.array([leaps(collider, start, end) for collider in colliders], bool)
-        self.depth[leapt] = HELD
+        leapt = [leaps(collider, start, end) for collider in colliders]
+        if not any(leapt) and np.isinf(self.depth).all():  # as in nearly every frame
+            return self._unbound
+        self.depth[np.array(leapt)] = HELD
         asked = np.isfinite(self.depth)
         places = points() if asked.any() else np.zeros((0, 3))
         for row, collider in enumerate(colliders):

@@ -64,10 +64,13 @@ def test_a_collider_is_asked_until_it_holds_nothing() -> None:
 
 def inside(solver: str) -> Scene:
     """A ball around all of a sheet."""
-    ball = Sphere(center=(0.0, 0.0, -0.02), radius=0.4, margin=0.01)
-    cloth = Cloth(rows=9, columns=9, width=0.4, height=0.4, center=(0.0, 0.0, 0.0), pins=())
+    ball = Sphere(center=(0.0, 0.0, -0.02), radius=0.25, margin=0.01)
+    cloth = Cloth(rows=9, columns=9, width=0.3, height=0.3, center=(0.0, 0.0, 0.0), pins=())
     choice = Solver(solver, *USUAL[solver], damping=2.0)
     return Scene(cloth=cloth, spheres=(ball,), forces=Forces(gravity=0.0), solver=choice)
+
+
+SNAP = 50 * RATE  # [m/s] springs that were opened draw together again
 
 
 def fastest(simulation: Simulation, frames: int) -> float:
@@ -82,17 +85,18 @@ def fastest(simulation: Simulation, frames: int) -> float:
 @pytest.mark.parametrize("solver", ["verlet", "xpbd"])
 def test_a_cloth_within_a_ball_comes_out_slowly(solver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Simulation(inside(solver)) as simulation:
-        assert fastest(simulation, 10) < 20 * RATE
+        assert fastest(simulation, 10) < SNAP
         simulation.save(tmp_path / "held.npz")
-        assert fastest(simulation, 170) < 20 * RATE
+        assert fastest(simulation, 20) < SNAP
         later = simulation.positions()
+        assert fastest(simulation, 150) < SNAP
         assert simulation.measure().penetration == 0
         simulation.load(tmp_path / "held.npz")
-        fastest(simulation, 170)
+        fastest(simulation, 20)
         assert (simulation.positions() == later).all()
         monkeypatch.setattr("taichi_cloth.contact.release.HELD", np.inf)
         simulation.reset()
-        assert fastest(simulation, 10) > 500 * RATE  # at once
+        assert fastest(simulation, 10) > 10 * SNAP  # at once
 
 
 def test_a_ball_that_grows_into_the_cloth_or_leaps_into_it() -> None:
@@ -106,5 +110,5 @@ def test_a_ball_that_grows_into_the_cloth_or_leaps_into_it() -> None:
             assert fastest(simulation, 28) < RATE
             if ball is beside:
                 simulation.set("sphere_radius", 0.12)
-            assert fastest(simulation, 50) < 20 * RATE
+            assert fastest(simulation, 50) < SNAP
             assert np.abs(simulation.positions()[:, 2]).max() > 0.04  # it was moved out
