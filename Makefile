@@ -1,6 +1,6 @@
 # Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test bounds long lint venv wheel screenshots bench validate errors neighbours peers clean
+.PHONY: help run test bounds long lint venv wheel screenshots bench validate stress errors neighbours peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -23,6 +23,7 @@ help:
 	@echo "make lint   ruff and mypy"
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
 	@echo "make validate  how far every solver is from known answers; writes docs/validation.md and docs/scenes.md (10 minutes)"
+	@echo "make stress  40 cases that break cloth, every solver; writes docs/stability.md (half an hour)"
 	@echo "make errors  time beside error: the table that --target-error reads, its pictures, docs/scene_errors.md (half an hour)"
 	@echo "make neighbours  how long self-collision's search takes, beside brute force, an octree and a k-d tree"
 	@echo "make peers  the same cloth in other programs, installed into environments of their own"
@@ -54,6 +55,9 @@ bench: .venv/ready
 validate: .venv/ready
 	$(BIN)/taichi-cloth validate --markdown docs/validation.md --force
 	$(BIN)/taichi-cloth ablate $(SCENES) --markdown docs/scenes.md --force
+
+stress: .venv/ready
+	$(BIN)/taichi-cloth stress --markdown docs/stability.md --force
 
 errors: .venv/ready
 	$(BIN)/taichi-cloth bench --error --full --csv assets/error.csv --plot docs/pictures --force

@@ -139,6 +139,18 @@ def build_parser() -> Parser:
     validate.add_argument("--markdown", type=Path, metavar="FILE", help="write the table for a document")
     validate.add_argument("--force", action="store_true", help="replace FILE")
 
+    stress = command("stress", run_stress, "run 40 cases that break cloth", "stress --only yank --solver lines")
+    stress.add_argument("--only", metavar="CASE", help="one case, by its number or name")
+    stress.add_argument("--solver", choices=(*SOLVER_NAMES, "robust"), metavar="NAME", help="one solver, or robust")
+    stress.add_argument("--starts", type=count, default=10, metavar="N", help="starts of each case")
+    stress.add_argument("--long", action="store_true", help="with --only 32: a million frames")
+    stress.add_argument("--json", type=Path, metavar="FILE", help="write every start, with what broke")
+    stress.add_argument("--markdown", type=Path, metavar="FILE", help="write the page for a document")
+    stress.add_argument(
+        "--pictures", type=Path, default=Path("out/stress"), metavar="DIR", help="folder for frames that failed"
+    )
+    stress.add_argument("--force", action="store_true", help="replace FILE")
+
     ablate = command("ablate", run_ablate, "what each stage of a scene costs, and what it changes", "ablate curtain")
     ablate.add_argument("scenes", nargs="+", metavar="SCENE", help="shipped scenes or TOML files")
     ablate.add_argument("--frames", type=count, default=120, metavar="N", help="frames to compare at most")
@@ -374,6 +386,28 @@ def run_validate(args: argparse.Namespace) -> int:
     if args.markdown:
         report.write_markdown(args.markdown, results)
     return 1 if any(result.broken for result in results) else 0
+
+
+def run_stress(args: argparse.Namespace) -> int:
+    from .bench.report import check_free
+    from .progress import steps_progress
+    from .stress import report, running
+    from .stress.catalogue import chosen
+    from .stress.setting import ROBUST
+
+    for path in filter(None, (args.json, args.markdown)):
+        check_free(path, force=args.force)
+    if args.pictures.exists() and not args.pictures.is_dir():
+        raise OutputInUse(f"{args.pictures} is a file, not a folder")
+    pairs = chosen(args.only, args.solver, long=args.long)
+    with steps_progress(len(pairs)) as on_step:
+        results = running.run_all(pairs, args.starts, args.pictures, on_step)
+    report.print_report(results)
+    if args.json:
+        report.write_json(args.json, results)
+    if args.markdown:
+        report.write_markdown(args.markdown, results)
+    return 0 if all(result.alive for result in results if result.setting == ROBUST.name) else 1
 
 
 def run_ablate(args: argparse.Namespace) -> int:

@@ -24,6 +24,7 @@ from .contact.bodies import (
     repulsion_frequency,
 )
 from .contact.crossings import crossings
+from .contact.release import Release
 from .errors import WrongUse
 from .hand import Hand
 from .kernels import controls as c
@@ -102,6 +103,7 @@ class Simulation:
         self._open(scene)
         self._inverse_mass = state.inverse_mass(self.topology)
         self._hand: Hand | None = None
+        self._letting_out = Release(self._stages.bodies)
         self.frame = 0
 
     def _open(self, scene: Scene) -> None:
@@ -140,6 +142,7 @@ class Simulation:
         self.cloth.put(self.topology.start, self.topology.start, self._inverse_mass)
         self.solver.set_velocities(np.zeros_like(self.topology.start), self._substep)
         self._hand = None
+        self._letting_out.ask()
         self.frame = 0
 
     def place(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
@@ -155,6 +158,7 @@ class Simulation:
         self.release()
         self.cloth.put(x, x, self._inverse_mass)
         self.solver.set_velocities(v, self._substep)
+        self._letting_out.ask()
 
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
@@ -189,6 +193,8 @@ class Simulation:
             return
         checked = check_live(self._keys[self._key(name)], value)
         before = self._substep
+        if name == "sphere_radius" and checked > self._live[name]:
+            self._letting_out.ask(0)
         self._live[name] = checked
         if self._substep != before:
             self.solver.change_substep(before, self._substep)
@@ -384,9 +390,12 @@ class Simulation:
                 _places(saved[name], name, saved[name].shape)
             if saved["frame"] < 0:
                 raise ValueError(f"there is no frame {saved['frame']}")
+            if np.isnan(saved["release"]).any():
+                raise ValueError("release is no number")
         except ValueError as error:
             raise ValueError(f"{path}: damaged: {error}") from None
         self._live, self._hand = live, hand
+        self._letting_out.depth[:] = saved["release"]
         self._wind_on = bool(saved["wind_on"])
         self.frame = int(saved["frame"])
         self.cloth.put(saved["x"], saved["x_prev"], self._inverse_masses())
@@ -411,6 +420,7 @@ class Simulation:
             "x_prev": self.cloth.taken(self.cloth.x_prev),
             "velocity": self.cloth.taken(self.cloth.velocity),
             "frame": np.array(self.frame, np.int64),
+            "release": self._letting_out.depth.copy(),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
             "held": np.array(-1 if self._hand is None else self._hand.particle, np.int64),
@@ -423,14 +433,19 @@ class Simulation:
 
     def _input(self) -> FrameInput:
         start, end = self.seconds, self.seconds + FRAME_SECONDS
+        colliders = self._colliders()
+        rates = self._letting_out.rates(colliders, self._free_positions, start, end)
         return FrameInput(
             substeps=self.substeps,
             iterations=int(self._live["iterations"]),
             h=self._substep,
             held=-1 if self._hand is None else self._hand.particle,
             controls=self._controls(),
-            bodies=body_table([*self._colliders(), *self.scene.grips], start, end),
+            bodies=body_table([*colliders, *self.scene.grips], start, end, rates),
         )
+
+    def _free_positions(self) -> Floats:
+        return self.positions()[~self.topology.pinned]
 
     def _controls(self) -> NDArray[np.float32]:
         controls = np.zeros(c.COUNT, np.float32)

@@ -26,7 +26,7 @@ FLOORS = [
     {"view"},
     {"kernel_cache", "runtime"},
     {"bench"},
-    {"validate", "accuracy"},
+    {"validate", "accuracy", "stress"},
     {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "lock", "progress", "scene", "mesh", "interact", "measure"}

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 
 KINDS: tuple[tuple[type, ...], ...] = ((Sphere,), (Capsule,), (Box,), (Plane, Ground), (Mesh,))  # as `COLLIDERS`
+LEAP = 340.0  # [m/s] a path that asks for more is no way: the body is at once elsewhere
 
 MARCH_STEPS, MARCH_NEAR = 200, 1e-5  # of a ray that goes on by its distance to the nearest surface [m]
 
@@ -129,24 +131,40 @@ def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Bo
     return [Body(collider, *pose(collider, seconds), size_of(collider)) for collider in colliders]
 
 
-def body_table(bodies: Sequence[Motion | Ground], start: float, end: float) -> Floats32:
+def body_table(bodies: Sequence[Motion | Ground], start: float, end: float, rates: Floats32 | float = 0.0) -> Floats32:
     """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction.
 
-    The order is that of `contact/table.py`, and grips behind it.
+    The order is that of `contact/table.py`, and grips behind it. `rates`: how fast each of the first ones, which are
+    colliders, lets out what it holds [m/s], 0 for no bound (`release.py`).
     """
     table = np.zeros((len(bodies), c.BODY_COLUMNS), np.float32)
     for row, body in zip(table, bodies, strict=True):
         row[:] = _still_row(body)
         if not is_still(body):
             (center, axes), (next_center, next_axes) = pose(body, start), pose(body, end)
+            if leaps(body, start, end):
+                center, axes = next_center, next_axes
             row[c.BODY_FROM : c.BODY_FROM + 3] = center
             row[c.BODY_TO : c.BODY_TO + 3] = next_center
             row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(axes, next_axes)
             row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
+    table[: np.size(rates), c.BODY_RELEASE] = rates
     meshes = [isinstance(body, Mesh) for body in bodies]
     table[meshes, c.BODY_SIZE] = np.arange(sum(meshes))
     groups = [RESPONSES.index(body.response) if isinstance(body, Contact) else len(RESPONSES) for body in bodies]
     return table[np.argsort(groups, kind="stable")]
+
+
+def leaps(body: Motion | Ground, start: float, end: float) -> bool:
+    """Whether it is at once elsewhere within a frame, as its path says."""
+    return not isinstance(body, Ground) and any(first < end and start < last for first, last in _leaps(body))
+
+
+@lru_cache(maxsize=256)  # it is asked for in every frame
+def _leaps(body: Motion) -> tuple[tuple[float, float], ...]:
+    """From when to when [s]."""
+    legs = pairwise(np.array([row[:4] for row in body.path]))
+    return tuple((a[0], b[0]) for a, b in legs if np.linalg.norm(b[1:] - a[1:]) > LEAP * (b[0] - a[0]))
 
 
 @lru_cache(maxsize=256)  # it is asked for in every frame

@@ -29,6 +29,7 @@ def topology_of(scene: Scene, section: str) -> Topology:
         directions=[k > 0 for k in _constants(scene, section)],
         diagonals=cloth.diagonals,
         lumping=cloth.lumping,
+        weight=cloth.weight,
         bending=scene.fabric.bending if section == "fabric" else 0.0,
     )
     if cloth.sheets == 1:

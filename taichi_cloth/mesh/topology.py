@@ -31,7 +31,7 @@ class Topology:
 
     start: NDArray[np.float64]  # [m] (N, 3) where every particle is before the first frame
     flat: NDArray[np.float64]  # [m] (N, 3) where it is on the sheet as it was cut; other sheets lie far from it
-    mass: NDArray[np.float64]  # [kg] (N,) a third of the area of every triangle around it
+    mass: NDArray[np.float64]  # [kg] (N,) a third of every triangle around it, and what is sewn on
     pinned: NDArray[np.bool_]  # (N,)
     ends: NDArray[np.int32]  # (E, 2) the two particles of a spring
     rest: NDArray[np.float64]  # [m] (E,) its rest length
@@ -100,13 +100,15 @@ def sheet(
     directions: Sequence[bool],
     diagonals: int = 2,
     lumping: str = "area",
+    weight: float = 0.0,
     bending: float = 0.0,
 ) -> Topology:
     """A rectangular sheet; lengths in m, angles in degrees, area density in kg/m², bending stiffness in N·m.
 
     `directions` tells which of `grid.DIRECTIONS` have springs, and `diagonals` whether a cell has both or only
     the one along which its triangles meet. With `lumping` "area" a particle weighs a third of its triangles and a
-    spring along an edge stands for half a cell; with "equal" all are like those inside. Raises ValueError for a
+    spring along an edge stands for half a cell; with "equal" all are like those inside. Each corner carries a `weight`
+    [kg] besides. Raises ValueError for a
     pin that is no edge, corner or particle.
     """
     flat = grid.flat_positions(rows, columns, width, height)
@@ -129,6 +131,7 @@ def sheet(
     if lumping == "equal":
         mass = np.full(len(flat), area_density * width * height / ((rows - 1) * (columns - 1)))
         along_edge[:] = False
+    mass[grid.corners(rows, columns)] += weight
     return Topology(
         start=start.astype(np.float64),
         flat=flat,

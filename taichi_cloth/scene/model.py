@@ -69,6 +69,7 @@ class Cloth:
         "area: a particle on an edge has half the mass and an edge's springs half the constant; equal: as those inside",
         choices=("area", "equal"),
     )
+    weight: float = _key(0.0, "sewn to each corner", "kg", low=0.0, high=1000.0)
     pins: Pins = _key(
         ("top",), "edges (top, bottom, left, right), corners (top-left, …) or particle indices held in place"
     )

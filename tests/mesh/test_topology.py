@@ -98,6 +98,13 @@ def test_mass_is_area_times_density_and_least_at_corners() -> None:
     assert topology.mass.min() >= inner / 6 * 0.999
 
 
+@pytest.mark.parametrize("lumping", ["area", "equal"])
+def test_a_weight_is_sewn_to_each_corner(lumping: str) -> None:
+    more = make(3, 4, weight=0.5, lumping=lumping).mass - make(3, 4, lumping=lumping).mass
+    assert np.flatnonzero(more).tolist() == [0, 3, 8, 11]
+    assert more[[0, 3, 8, 11]] == pytest.approx(0.5)
+
+
 def test_one_triangle_gives_each_corner_a_third() -> None:
     corners = np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0]], float)
     assert lumped_mass(corners, np.array([[0, 1, 2]], np.int32), 0.5).tolist() == pytest.approx([0.5, 0.5, 0.5])

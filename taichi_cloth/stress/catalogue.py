@@ -1,0 +1,85 @@
+"""All cases, in the order of the report, and why some methods do not survive some."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from ..errors import WrongUse
+from . import changes, loads, sizes, springs, starts, touching
+from .setting import SETTINGS, Setting
+from .trial import Trial
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is done to the cloth. Starts take the variants of `parameters` in turn."""
+
+    number: int
+    name: str
+    parameters: str
+    run: Callable[[Trial], None]
+    beyond: Mapping[str, str] = field(default_factory=dict)  # by setting: why it fails
+
+
+CASES = (
+    Case(1, "stiffness sweep", "1 to 1e9 N/m by decades, from two corners; speed < 20 m/s", springs.stiffness_sweep),
+    Case(2, "stiffness ratio", "springs down the columns ×1e4, ×1e6", springs.stiffness_ratio),
+    Case(3, "mass ratio", "weights on the corners of 10 to 1e4 particles", springs.mass_ratio),
+    Case(4, "frame rates", "240 to 10 pictures a second; the sag alike within 2 %", springs.frame_rates),
+    Case(5, "uneven rates", "pictures 1/144 and 1/20 s apart, a second missed", springs.uneven_rates),
+    Case(6, "paused", "100 pictures at one time; equal bits", springs.paused),
+    Case(7, "pins apart", "×2, ×5, ×10 in 0.1 s, held 1 s, back", loads.pins_apart),
+    Case(8, "pins together", "to 10 %, 0, past each other, and back", loads.pins_together),
+    Case(9, "collapsed start", "all particles but the pins at one point", starts.collapsed),
+    Case(10, "flattened start", "in a line; one half on the other", starts.flattened),
+    Case(11, "random start", "anywhere in a box of 1 m; strain < 5 % at the end", starts.random_start),
+    Case(12, "noise", "places off by 1 mm, by 0.1 m", starts.noise),
+    Case(13, "inverted cells", "every second column changes its place with the next", starts.inverted),
+    Case(14, "twist", "two edges by 720° each, at 144°/s, and back", loads.twist),
+    Case(15, "layers", "10, folded of one strip, and a ball; gap ≥ 2.5 mm", touching.layers),
+    Case(16, "many layers", "50 on a bar; gap ≥ 2.5 mm", touching.many_layers),
+    Case(17, "fast ball", "radius 0.1 m at 5 to 100 m/s; goes through no particle", touching.fast_ball),
+    Case(18, "small fast ball", "radius 1 cm at 20 m/s, cells of 3 cm; told", touching.small_ball),
+    Case(19, "fast cloth", "at 100 m/s against a ball; never faster, none through", touching.fast_cloth),
+    Case(20, "engulfed", "a ball of 1 m around all of it; out at 2 m/s at most", touching.engulfed),
+    Case(21, "teleported ball", "at once within the cloth; out at 2 m/s at most", touching.teleported),
+    Case(22, "ball on a pin", "the pin 5 cm inside; no buzz", touching.ball_on_pin),
+    Case(23, "squeeze", "between two balls that close to 10 cm of overlap", touching.squeeze),
+    Case(24, "degenerate mesh", "points and rows on one another, cells of 1:1e4", sizes.degenerate),
+    Case(25, "tiny grids", "1×1 (refused) to 2×1000", sizes.tiny),
+    Case(26, "gravity", "0, upwards, 1e3, 1e5 m/s², another sign each frame", loads.gravity),
+    Case(27, "gusts", "100 m/s for half a second, five times", loads.gusts),
+    Case(28, "edge-on wind", "2 m/s through edge-on and back; then < 1 mm/s", loads.edge_on_wind),
+    Case(29, "yank", "a grabbed particle goes 10 m in a frame, and back", loads.yank),
+    Case(30, "bad input", "NaN, infinite, negative, unknown; refused by name", changes.bad_input),
+    Case(31, "changes in mid run", "constants ×1e3, /1e3, substeps, gravity, method, radius", changes.mid_run),
+    Case(32, "long run", "10,000 frames hanging (drift < 0.1 mm), swinging undamped", springs.long_run),
+    Case(33, "far away", "100, 1000, 10,000 m from the origin; the sag alike within 1 %", sizes.far_away),
+    Case(34, "pins", "none, all, a hand in every other frame", loads.pins),
+    Case(35, "friction", "0, 1, 10, 1e6 on 30°, 89°; a minute's rest; creep < 1 mm", touching.friction),
+    Case(36, "rotating ball", "radius 0.3 m, 180°/s, μ = 0.4; never faster than the ball", touching.rotating_ball),
+    Case(37, "damping", "0, 1e6, dashpots of 1 s (falls at g), negative (refused)", loads.damping),
+    Case(38, "strain limit", "1 %, 0.1 % under 10 g; held within a tenth", loads.strain_cap),
+    Case(39, "tablecloth", "pulled at 1 m/s over a table; pull < 1.5·μmg", touching.tablecloth),
+    Case(40, "large grid", "1024², one frame; stretch told", sizes.large),
+)
+
+
+LONG_FRAMES = 1_000_000
+
+
+def chosen(only: str | None, setting: str | None, *, long: bool = False) -> list[tuple[Case, Setting]]:
+    """Cases, by number or name, with each setting or with one: by setting, so that kernels are used again.
+
+    `long` makes a million frames of the long run. Raises WrongUse for no case, and for a long run of another.
+    """
+    cases = [case for case in CASES if only is None or only in (str(case.number), case.name)]
+    if not cases:
+        raise WrongUse(f"no case {only!r}: {', '.join(f'{case.number} {case.name}' for case in CASES)}")
+    if long:
+        if [case.number for case in cases] != [32]:
+            raise WrongUse("--long is about the long run: it goes with --only 32")
+        cases = [replace(case, run=partial(springs.long_run, frames=LONG_FRAMES)) for case in cases]
+    return [(case, SETTINGS[name]) for name in SETTINGS if setting in (None, name) for case in cases]

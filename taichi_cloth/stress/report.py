@@ -1,0 +1,180 @@
+"""What came out as a table, as JSON and as Markdown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from rich import box
+from rich.table import Table
+
+from ..bench.report import machine, markdown_table, wide_console
+from ..files import whole_file
+from .running import Outcome, Result, by_setting
+from .setting import CELLS, ROBUST, SETTINGS
+
+HEADINGS = ("case", "solver", "alive", "energy", "strain", "speed", "in body", "frames", "ms", "besides")
+LEGEND = (
+    "Worst of all starts. Energy: above all that was given, of it · strain of a thread · speed [m/s] · in body: depth\n"
+    "of the deepest free particle [mm] · besides: what the case asks for, and its bound"
+)
+
+
+def figures(outcomes: Sequence[Outcome]) -> str:
+    """The worst of each number that a case tells."""
+    worst: dict[str, tuple[float, float]] = {}
+    for outcome in outcomes:
+        for figure in outcome.figures:
+            if figure.what not in worst or figure.value > worst[figure.what][0]:
+                worst[figure.what] = figure.value, figure.bound
+    return "; ".join(
+        f"{what} {value:.2g}" + (f" (≤ {bound:.2g})" if bound < float("inf") else "")
+        for what, (value, bound) in worst.items()
+    )
+
+
+def cells(result: Result) -> tuple[str, ...]:
+    """A row of the table."""
+    some = result.outcomes
+    frames = max(outcome.frames for outcome in some)
+    least = min((outcome.frames for outcome in some if outcome.cut), default=0)
+    total = sum(outcome.frames for outcome in some)
+    energy = max(outcome.energy for outcome in some)
+    return (
+        result.name,
+        result.setting,
+        f"{len(some) - len(result.failed)}/{len(some)}",
+        f"{energy:+.1%}" if abs(energy) < 100 else f"{energy:+.0e}",
+        f"{max(outcome.strain for outcome in some):.2g}",
+        f"{max(outcome.speed for outcome in some):.3g}",
+        f"{1e3 * max(outcome.penetration for outcome in some):.2g}",
+        f"{least}+" if least else str(frames),
+        f"{sum(outcome.ms * outcome.frames for outcome in some) / max(total, 1):.2f}",
+        figures(some),
+    )
+
+
+def failures(results: Sequence[Result], *, pictures: bool = True) -> list[str]:
+    """A line for each case and setting that fails: which starts, what broke first, why, and its picture."""
+    lines = []
+    for result in results:
+        if result.failed:
+            first = result.failed[0]
+            assert first.failure is not None
+            why = result.reason or "it should not"
+            broke = f"{first.failure.what} {first.failure.value:.3g}, not {first.failure.bound:.3g}"
+            who = ", ".join(str(outcome.start) for outcome in result.failed)
+            lines.append(
+                f"{result.name} fails with {result.setting} (starts {who}): {broke}"
+                f" in frame {first.failure.frame} of start {first.start}; {why}"
+                + (f"; {first.picture}" if first.picture and pictures else "")
+            )
+    return lines
+
+
+def count(results: Sequence[Result]) -> str:
+    """The last line: cases alive and failed, by setting."""
+    return " · ".join(
+        f"{setting} {sum(r.alive for r in some)} alive, {sum(not r.alive for r in some)} failed"
+        for setting, some in by_setting(results)
+    )
+
+
+def matrix(results: Sequence[Result]) -> list[list[str]]:
+    """A line for each case: starts alive with each setting, in bold where one is not."""
+    settings = [setting for setting, _ in by_setting(results)]
+    lines = [["case", "what", *settings]]
+    for name in dict.fromkeys(result.name for result in results):
+        some = {result.setting: result for result in results if result.name == name}
+        line = [name, next(iter(some.values())).case.parameters]
+        for setting in settings:
+            share = cells(some[setting])[2] if setting in some else ""
+            line.append(share if setting not in some or some[setting].alive else f"**{share}**")
+        lines.append(line)
+    return lines
+
+
+def print_report(results: Sequence[Result]) -> None:
+    console = wide_console()
+    table = Table(*HEADINGS, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for column in table.columns[2:-1]:
+        column.justify = "right"
+    for result in results:
+        table.add_row(*cells(result))
+    console.print(table)
+    for line in (LEGEND, *failures(results), " · ".join(machine().values()), count(results)):
+        console.print(line, soft_wrap=True)
+
+
+def write_json(path: Path, results: Sequence[Result]) -> None:
+    """All there is. Raises OSError."""
+    rows = [
+        {
+            "case": result.case.number,
+            "name": result.case.name,
+            "setting": result.setting,
+            "alive": result.alive,
+            "reason": result.reason,
+            "starts": [asdict(outcome) for outcome in result.outcomes],
+        }
+        for result in results
+    ]
+    with whole_file(path) as file:
+        file.write(json.dumps({"machine": machine(), "results": rows}, indent=1, ensure_ascii=False).encode())
+
+
+def robust_words() -> str:
+    """The recommended setting, as a scene writes it."""
+    solver, limit = ROBUST.solver, ROBUST.limit
+    words = [f'`[solver] name = "{solver.name}"`, `substeps = {solver.substeps}`, `iterations = {solver.iterations}`']
+    words += [f"`[fabric] damping_time = {ROBUST.damping_time:g}`"] * bool(ROBUST.damping_time)
+    words += [f"`[limit] strain = {limit.strain:g}`"] if limit else []
+    words += ["`swept = true` in every collider"] * ROBUST.swept
+    return ", ".join(words)
+
+
+def write_markdown(path: Path, results: Sequence[Result]) -> None:
+    """The page about stability: what alive means, who is, and why some are not. Raises OSError."""
+    small = " and ".join(f"{s.cells} with `{s.name}`" for s in SETTINGS.values() if s.cells < CELLS)
+    starts = max(len(result.outcomes) for result in results)
+    lines = [
+        "# Stability: what survives, and what does not",
+        "",
+        count(results),
+        "",
+        " · ".join(machine().values()),
+        "",
+    ]
+    lines += PAGE.format(robust=robust_words(), cells=CELLS, small=small, starts=starts).splitlines()
+    lines += ["", "## Starts alive", "", *markdown_table(matrix(results))]
+    lines += [
+        "",
+        "## What fails, and why",
+        "",
+        *(f"- {line}" for line in failures(results, pictures=False) or ["nothing"]),
+    ]
+    lines += ["", "## All rows", "", LEGEND.replace("\n", " "), ""]
+    lines += markdown_table([HEADINGS, *(cells(result) for result in results)])
+    with whole_file(path) as file:
+        file.write("\n".join([*lines, ""]).encode())
+
+
+PAGE = """\
+`make stress` runs 40 cases that break cloth with every solver at its usual substeps and iterations, and with the
+setting that is recommended for hard scenes, `robust`: {robust}. {starts} starts each, no two alike; they take the
+variants of a case in turn. `taichi-cloth stress --only yank --solver lines` runs one of them.
+
+Unless a case says otherwise the sheet is 1 m by 1 m of 0.2 kg/m², {cells} × {cells} cells ({small}), 1000 N/m along
+threads and diagonals, 1.57e-5 N·m of bending, damped at 2/s, hung by two corners or its top edge.
+
+**Alive** means, after every frame: all places and velocities are finite; pins are where they were put, to the last
+bit; no particle is farther than two sides from all that holds, carries or throws it; energy is no more than at the
+start and than was given since, plus 1 % (`taichi_cloth/stress/watch.py` says what counts as given). And 5 seconds
+after the last disturbance no thread is stretched by 1 % more than at rest, and nothing is faster than 0.1 m/s. The
+extra bounds of a case are in its row. One start that fails is a failure.
+
+A run ends early where its frames take so many substeps that it would last for minutes (stiff springs with the
+explicit methods): its frames are then marked with a plus. Colliders are swept in `robust` only. Layers (14 to 16) are
+those of one strip, since a scene has one cloth, and nothing keeps them apart yet."""

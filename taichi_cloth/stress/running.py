@@ -1,0 +1,143 @@
+"""Runs cases, all starts of one with one setting after another, and two of them side by side."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from .. import runtime
+from .catalogue import Case
+from .picture import picture
+from .setting import Setting
+from .trial import Figure, OutOfTime, Trial, close
+from .watch import Broken
+
+CORES = os.cpu_count() or 1
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Which bound broke, when, and by how much."""
+
+    frame: int
+    what: str
+    value: float
+    bound: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One start."""
+
+    start: int
+    failure: Failure | None
+    frames: int
+    cut: bool  # it was as many as its substeps allow
+    ms: float  # of a frame
+    energy: float  # worst, as in `watch.Worst`
+    strain: float
+    speed: float
+    penetration: float
+    figures: list[Figure]
+    picture: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """All starts of a case with a setting."""
+
+    case: Case
+    setting: str
+    outcomes: list[Outcome] = field(default_factory=list)
+
+    @property
+    def failed(self) -> list[Outcome]:
+        return [outcome for outcome in self.outcomes if outcome.failure]
+
+    @property
+    def name(self) -> str:
+        """Number and name of the case."""
+        return f"{self.case.number} {self.case.name}"
+
+    @property
+    def reason(self) -> str:
+        """Why it fails, where that is known."""
+        return self.case.beyond.get(self.setting, "") if self.failed else ""
+
+    @property
+    def alive(self) -> bool:
+        return not self.failed
+
+
+def run_start(case: Case, setting: Setting, number: int, pictures: Path | None) -> Outcome:
+    trial = Trial(setting, number)
+    failure, cut, shown = None, False, ""
+    try:
+        case.run(trial)
+    except Broken as broken:
+        failure = Failure(trial.frame, broken.what, float(broken.value), float(broken.bound))
+        if pictures:
+            path = pictures / f"{case.number:02d}_{case.name.replace(' ', '_')}_{setting.name}_{number}.png"
+            shown = str(path) if picture(trial, path) else ""
+    except OutOfTime:
+        cut = True
+    worst = trial.worst
+    return Outcome(
+        start=number,
+        failure=failure,
+        frames=trial.frame,
+        cut=cut,
+        ms=1e3 * trial.seconds / max(trial.frame - 1, 1),
+        energy=worst.energy,
+        strain=worst.strain,
+        speed=worst.speed,
+        penetration=worst.penetration,
+        figures=trial.figures,
+        picture=shown,
+    )
+
+
+def run_case(case: Case, setting: Setting, starts: int, pictures: Path | None) -> Result:
+    """Every start. A picture shows the first that fails."""
+    result = Result(case, setting.name)
+    try:
+        for number in range(starts):
+            result.outcomes.append(run_start(case, setting, number, None if result.failed else pictures))
+    finally:
+        close()
+    return result
+
+
+def run_all(
+    pairs: Sequence[tuple[Case, Setting]], starts: int, pictures: Path | None, on_step: Callable[[str], None]
+) -> list[Result]:
+    """A result for each pair, in their order. Two or more run in as many processes as there are cores."""
+    if len(pairs) == 1:
+        [(case, setting)] = pairs
+        on_step(f"{case.number} {case.name}, {setting.name}")
+        runtime.start("cpu")
+        return [run_case(case, setting, starts, pictures)]
+    found: dict[int, Result] = {}
+    with ProcessPoolExecutor(CORES, get_context("spawn"), partial(runtime.start, "cpu")) as pool:
+        try:
+            waiting = {
+                pool.submit(run_case, case, setting, starts, pictures): k for k, (case, setting) in enumerate(pairs)
+            }
+            for done in as_completed(waiting):
+                case, setting = pairs[waiting[done]]
+                found[waiting[done]] = done.result()
+                on_step(f"{case.number} {case.name}, {setting.name}")
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [found[k] for k in range(len(pairs))]
+
+
+def by_setting(results: Sequence[Result]) -> Iterator[tuple[str, list[Result]]]:
+    for setting in dict.fromkeys(result.setting for result in results):
+        yield setting, [result for result in results if result.setting == setting]

@@ -1,0 +1,164 @@
+"""The command `stress`: a few cases, what it reports, and that it can fail."""
+
+import json
+from dataclasses import replace
+from functools import partial
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_cloth import cli
+from taichi_cloth.errors import WrongUse
+from taichi_cloth.scene.model import SOLVER_NAMES, Ground, Limit, Solver, Sphere
+from taichi_cloth.stress import catalogue, report
+from taichi_cloth.stress.catalogue import CASES, Case
+from taichi_cloth.stress.running import Outcome, Result, run_case
+from taichi_cloth.stress.scenes import sheet
+from taichi_cloth.stress.setting import ROBUST, SETTINGS, Setting
+from taichi_cloth.stress.springs import long_run
+from taichi_cloth.stress.touching import went_through
+from taichi_cloth.stress.trial import Trial, close
+from taichi_cloth.stress.watch import Broken
+
+SMALL = Setting("xpbd", Solver("xpbd", 10, 2), cells=8)
+QUICK = (2, 4, 5, 6, 8, 12, 30)  # cases that need no kernels but those of a sheet that hangs
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.number in QUICK], ids=lambda case: case.name)
+def test_a_small_sheet_is_alive(case: Case) -> None:
+    result = run_case(case, SMALL, 1, None)
+    assert result.alive, result.failed[0].failure
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("start", [0, 1], ids=["hanging", "swinging"])
+def test_a_hundred_thousand_frames(start: int) -> None:
+    try:
+        long_run(Trial(SETTINGS["robust"], start), frames=100_000)
+    finally:
+        close()
+
+
+def test_there_are_forty_and_reasons_name_settings() -> None:
+    assert [case.number for case in CASES] == list(range(1, 41))
+    assert len({case.name for case in CASES}) == 40
+    assert list(SETTINGS) == [*SOLVER_NAMES, "robust"]
+    assert {name for case in CASES for name in case.beyond} <= set(SETTINGS)
+
+
+def test_chosen() -> None:
+    assert [(c.number, s.name) for c, s in catalogue.chosen("yank", None)] == [(29, name) for name in SETTINGS]
+    assert [(c.number, s.name) for c, s in catalogue.chosen("29", "robust")] == [(29, "robust")]
+    assert len(catalogue.chosen(None, None)) == 40 * 7
+    with pytest.raises(WrongUse, match="no case 'yak': 1 stiffness sweep, 2 "):
+        catalogue.chosen("yak", None)
+    with pytest.raises(WrongUse, match="goes with --only 32"):
+        catalogue.chosen("31", None, long=True)
+    [(case, _)] = catalogue.chosen("32", "lines", long=True)
+    assert isinstance(case.run, partial)
+    assert case.run.keywords == {"frames": 1_000_000}
+
+
+def test_a_setting_keeps_what_is_the_scenes() -> None:
+    scene = sheet(4, spheres=(Sphere(),), ground=Ground(), damping=0.7)
+    robust = Setting("r", Solver("lines", 3, 1, damping=9.0), Limit(0.2), swept=True, damping_time=1e-3).of(scene)
+    assert robust.solver == Solver("lines", 3, 1, damping=0.7)
+    assert robust.limit == Limit(0.2)
+    assert robust.ground is not None
+    assert (robust.ground.swept, robust.spheres[0].swept, robust.fabric.damping_time) == (True, True, 1e-3)
+    own = replace(scene, limit=Limit(0.1), fabric=replace(scene.fabric, damping_time=2e-3))
+    kept = Setting("r", Solver("lines"), Limit(0.2), damping_time=1e-3).of(own)
+    assert (kept.limit, kept.fabric.damping_time) == (Limit(0.1), 2e-3)
+
+
+def breaks(trial: Trial) -> None:
+    trial.open(sheet(8), rest=inf)
+    trial.start()
+    trial.run(0.1)
+    trial.tell("way [m]", 3.0)
+    if trial.number:
+        raise Broken("something", 2.0, 1.0)
+
+
+def broken_case(**beyond: str) -> Case:
+    return Case(1, "test", "nothing", breaks, beyond)
+
+
+def results(tmp_path: Path, **beyond: str) -> list[Result]:
+    return [run_case(broken_case(**beyond), SMALL, 2, tmp_path / "pictures")]
+
+
+def test_the_report(tmp_path: Path) -> None:
+    [result] = found = results(tmp_path, xpbd="it is made to")
+    assert [outcome.failure is None for outcome in result.outcomes] == [True, False]
+    path = tmp_path / "pictures" / "01_test_xpbd_1.png"
+    assert path.read_bytes().startswith(b"\x89PNG")
+    line = f"1 test fails with xpbd (starts 1): something 2, not 1 in frame 6 of start 1; it is made to; {path}"
+    assert report.failures(found) == [line]
+    assert report.count(found) == "xpbd 0 alive, 1 failed"
+    assert report.matrix(found) == [["case", "what", "xpbd"], ["1 test", "nothing", "**1/2**"]]
+    assert report.cells(result)[2] == "1/2"
+    assert report.cells(result)[-1] == "way [m] 3"
+    report.write_json(tmp_path / "o.json", found)
+    [row] = json.loads((tmp_path / "o.json").read_text(encoding="utf-8"))["results"]
+    assert (row["case"], row["alive"], row["reason"]) == (1, False, "it is made to")
+    assert row["starts"][1]["failure"] == {"frame": 6, "what": "something", "value": 2.0, "bound": 1.0}
+    report.write_markdown(tmp_path / "o.md", found)
+    text = (tmp_path / "o.md").read_text(encoding="utf-8")
+    assert "| 1 test | nothing | **1/2** |" in text
+    assert "it is made to" in text
+    assert f'`[solver] name = "{ROBUST.solver.name}"`' in text
+    assert str(path) not in text  # pictures are not part of the document
+
+
+def test_what_goes_through_a_ball() -> None:
+    before = np.array([[0.0, 0.0, 1.0], [0.04, 0.0, 1.0], [0.06, 0.0, 1.0], [0.0, 0.0, 0.2], [0.2, 0.0, 0.1]])
+    after = np.array([[0.0, 0.0, -1.0], [0.04, 0.0, -9.0], [0.06, 0.0, -1.0], [0.0, 0.0, 0.1], [-0.2, 0.0, 0.1]])
+    assert [went_through(b[None], a[None], 0.1) for b, a in zip(before, after, strict=True)] == [1, 1, 0, 0, 0]
+
+
+def test_a_run_that_was_cut_says_so() -> None:
+    outcome = Outcome(0, None, 12, True, 1.0, 0.0, 0.0, 0.0, 0.0, [])
+    assert report.cells(Result(broken_case(), "xpbd", [outcome, replace(outcome, frames=300, cut=False)]))[7] == "12+"
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["stress", "--only", "1", "--starts", "2", "--json", "o.json"]
+    monkeypatch.setattr(catalogue, "CASES", (broken_case(),))
+    monkeypatch.setattr(catalogue, "SETTINGS", {"xpbd": SMALL})
+    assert cli.main(words) == 0  # only the robust setting must survive
+    told = capsys.readouterr().out
+    assert "1 test fails with xpbd (starts 1): something 2, not 1 in frame 6 of start 1; it should not; " in told
+    assert told.rstrip().endswith("xpbd 0 alive, 1 failed")
+    assert list((tmp_path / "out" / "stress").iterdir())
+    assert cli.main(words) == 2
+    assert "o.json exists already: use --force" in capsys.readouterr().err
+    monkeypatch.setattr(catalogue, "SETTINGS", {"robust": replace(SMALL, name="robust")})
+    assert cli.main([*words, "--force"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--only", "41"], "no case '41': 1 stiffness sweep, "),
+        (["--long"], "--long is about the long run: it goes with --only 32"),
+        (["--markdown", "no/where.md"], "no is no folder to write where.md into"),
+    ],
+)
+def test_wrong_use_is_one_line(
+    words: list[str], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["stress", *words]) == 2
+    assert line in capsys.readouterr().err
+
+
+def test_an_unknown_solver_and_a_wrong_number_of_starts(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["--solver", "robst"], ["--starts", "0"]):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["stress", *words])
+        assert ended.value.code == 2
+    assert "did you mean 'robust'?" in capsys.readouterr().err
