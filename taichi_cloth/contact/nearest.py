@@ -8,7 +8,13 @@ import taichi as ti
 import taichi.math as tm
 
 from ..kernels.maths import TINY
-from ..kernels.nearest import shares_at_origin
+from ..kernels.nearest import nearest_on_triangle
+
+
+@ti.func
+def shares_at_origin(a: tm.vec3, b: tm.vec3, c: tm.vec3) -> tm.vec3:
+    """Of the triangle's point nearest to the origin."""
+    return nearest_on_triangle(tm.vec3(0.0), a, b, c)
 
 
 @ti.func

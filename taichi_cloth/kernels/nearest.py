@@ -9,36 +9,35 @@ from .maths import TINY
 
 
 @ti.func
-def shares_at_origin(a: tm.vec3, b: tm.vec3, c: tm.vec3) -> tm.vec3:
-    """Of the triangle's point nearest to the origin: by the region that it lies in (Ericson 2005, *Real-Time Collision
-    Detection*, section 5.1.5).
-    """
-    ab, ac = b - a, c - a
-    a1, a2, b1, b2, c1, c2 = -ab.dot(a), -ac.dot(a), -ab.dot(b), -ac.dot(b), -ab.dot(c), -ac.dot(c)
-    at_a, at_b, at_c = b1 * c2 - c1 * b2, c1 * a2 - a1 * c2, a1 * b2 - b1 * a2  # areas, times the whole one
-    shares = tm.vec3(at_a, at_b, at_c) / ti.max(at_a + at_b + at_c, TINY * TINY)
-    if a1 <= 0.0 and a2 <= 0.0:
-        shares = tm.vec3(1.0, 0.0, 0.0)
-    elif b1 >= 0.0 and b2 <= b1:
-        shares = tm.vec3(0.0, 1.0, 0.0)
-    elif c2 >= 0.0 and c1 <= c2:
-        shares = tm.vec3(0.0, 0.0, 1.0)
-    elif at_c <= 0.0 and a1 >= 0.0 and b1 <= 0.0:
-        t = a1 / (a1 - b1)
-        shares = tm.vec3(1.0 - t, t, 0.0)
-    elif at_b <= 0.0 and a2 >= 0.0 and c2 <= 0.0:
-        t = a2 / (a2 - c2)
-        shares = tm.vec3(1.0 - t, 0.0, t)
-    elif at_a <= 0.0 and b2 >= b1 and c1 >= c2:
-        t = (b2 - b1) / ((b2 - b1) + (c1 - c2))
-        shares = tm.vec3(0.0, 1.0 - t, t)
-    return shares
+def share_along(p: tm.vec3, a: tm.vec3, b: tm.vec3):
+    """Share of the way from a to b at which the segment is nearest to p."""
+    way = b - a
+    return tm.clamp((p - a).dot(way) / ti.max(way.dot(way), TINY * TINY), 0.0, 1.0)
 
 
 @ti.func
 def nearest_on_triangle(p: tm.vec3, a: tm.vec3, b: tm.vec3, c: tm.vec3):
-    """Weights of a, b and c at the point of the triangle that is nearest to p."""
-    return shares_at_origin(a - p, b - p, c - p)
+    """Weights of a, b and c at the point of the triangle that is nearest to p; good for a triangle without area too."""
+    ab, ac, ap = b - a, c - a, p - a
+    d00, d01, d11 = ab.dot(ab), ab.dot(ac), ac.dot(ac)
+    d20, d21 = ap.dot(ab), ap.dot(ac)
+    area = d00 * d11 - d01 * d01
+    v, w = d11 * d20 - d01 * d21, d00 * d21 - d01 * d20
+    weights = tm.vec3(0.0)
+    if area > 1e-9 * d00 * d11 and v >= 0.0 and w >= 0.0 and v + w <= area:
+        weights = tm.vec3(area - v - w, v, w) / area
+    else:  # on its border: the nearest of three segments
+        best = tm.inf
+        for k in ti.static(range(3)):
+            p0, p1 = ti.static(((a, b), (b, c), (c, a))[k])
+            t = share_along(p, p0, p1)
+            away = p0 + (p1 - p0) * t - p
+            if away.dot(away) < best:
+                best = away.dot(away)
+                weights = tm.vec3(0.0)
+                weights[k] = 1.0 - t
+                weights[(k + 1) % 3] = t
+    return weights
 
 
 @ti.func
