@@ -10,7 +10,7 @@ import numpy as np
 from ..mesh.grid import rotation_matrix
 from ..scene import load_scene
 from ..scene.model import FRAME_SECONDS, Forces, Ground, Limit, Wind
-from .scenes import SELF_COLLISION, sheet
+from .scenes import off_itself, sheet
 from .trial import Trial
 
 PULL_SECONDS, HOLD_SECONDS = 0.1, 1.0
@@ -42,7 +42,7 @@ def pins_together(trial: Trial) -> None:
 
 def twist(trial: Trial) -> None:
     """Two edges turn against each other, and back."""
-    x = trial.open(sheet(trial.cells, pins=("left", "right"), **SELF_COLLISION))
+    x = trial.open(sheet(trial.cells, pins=("left", "right"), self_collision=off_itself(1 / trial.cells)))
     trial.start()
     pins = x[trial.simulation.topology.pinned]
     right = pins[:, :1] > 0

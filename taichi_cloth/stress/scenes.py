@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..scene.model import Camera, Cloth, Fabric, Scene, Solver, Springs, Vec3
+from ..scene.model import Camera, Cloth, Fabric, Scene, SelfCollision, Solver, Springs, Vec3
 
 SIDE = 1.0  # [m]
 DENSITY = 0.2  # [kg/m²]
@@ -14,8 +14,12 @@ DAMPING = 2.0  # [1/s]
 CORNERS = ("top-left", "top-right")
 CAMERA = Camera(eye=(1.9, 0.6, 2.9), target=(0.0, -0.15, 0.0))
 
-# Sections of `Scene` that keep the layers of a cloth apart.
-SELF_COLLISION: dict[str, Any] = {}
+THICKNESS = 0.9  # cells, of a cloth that keeps off itself by its particles
+
+
+def off_itself(cell: float) -> SelfCollision:
+    """What keeps the layers of a cloth apart whose cells have sides of so many metres."""
+    return SelfCollision(thickness=THICKNESS * cell)
 
 
 def sheet(

@@ -9,12 +9,11 @@ from math import radians
 import numpy as np
 
 from ..scene.model import FRAME_SECONDS, Box, Capsule, Forces, Ground, Keyframes, Plane, Scene, Sphere
-from .scenes import SELF_COLLISION, sheet
+from .scenes import THICKNESS, off_itself, sheet
 from .trial import Trial
 from .watch import Floats
 
 MARGIN = 0.01  # [m]
-THICKNESS = 5e-3  # [m] of a layer
 EJECTED = 2.0  # [m/s] at most, of what a collider suddenly holds
 
 
@@ -56,8 +55,9 @@ def layers(trial: Trial) -> None:
     cells = 10
     scene, places = folded(10, cells, 1.0)
     ball = Sphere(center=(0.0, 1.4, 0.0), radius=0.3, margin=MARGIN, path=((0.0, 0, 0, 0), (2.0, 0.0, -0.8, 0.0)))
-    trial.open(replace(scene, spheres=(ball,), ground=Ground(height=-0.6, friction=0.4), **SELF_COLLISION), rest=np.inf)
-    stack(trial, cells, places)
+    ground = Ground(height=-0.6, friction=0.4)
+    trial.open(replace(scene, spheres=(ball,), ground=ground, self_collision=off_itself(1.0 / cells)), rest=np.inf)
+    stack(trial, cells, places, 1.0 / cells)
 
 
 def many_layers(trial: Trial) -> None:
@@ -66,11 +66,12 @@ def many_layers(trial: Trial) -> None:
     scene, places = folded(50, cells, 0.2)
     bar = Capsule(center=(0.0, -1.4, 0.0), rotation=(0.0, 0.0, 90.0), length=1.0, radius=0.1, margin=MARGIN)
     ground = Ground(height=-2.0)
-    trial.open(replace(scene, capsules=(bar,), ground=ground, **SELF_COLLISION), far=2.0, rest=np.inf)
-    stack(trial, cells, places)
+    apart = off_itself(0.2 / cells)
+    trial.open(replace(scene, capsules=(bar,), ground=ground, self_collision=apart), far=2.0, rest=np.inf)
+    stack(trial, cells, places, 0.2 / cells)
 
 
-def stack(trial: Trial, cells: int, places: Floats) -> None:
+def stack(trial: Trial, cells: int, places: Floats, cell: float) -> None:
     trial.start(places)
     nearest = np.inf
     for k in range(300):
@@ -78,7 +79,7 @@ def stack(trial: Trial, cells: int, places: Floats) -> None:
         if k % 10 == 9:
             nearest = min(nearest, gap(trial, cells))
     trial.settle()
-    trial.tell("gap missing, of half a thickness", 1 - min(nearest, gap(trial, cells)) / (THICKNESS / 2), 0.0)
+    trial.tell("gap missing, of half a thickness", 1 - min(nearest, gap(trial, cells)) / (THICKNESS * cell / 2), 0.0)
 
 
 # -- fast ----------------------------------------------------------------------------------------------
