@@ -13,7 +13,7 @@ BIN := .venv/bin
 endif
 
 # The shipped scenes, for documents.
-SCENES := curtain drape15 table denim net slope fast-ball fold stack twist
+SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack twist
 
 help:
 	@echo "make run    open the cloth (without a screen: render 240 frames to out/curtain)"
