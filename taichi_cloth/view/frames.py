@@ -168,7 +168,7 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
             write_png(plan.out / "contact_sheet.png", contact_sheet(sheet, SHEET_COLUMNS, factor))
         report.complete = True
     except BaseException:
-        with suppress(OSError):  # a full disk: what there is of it tells of fewer frames, and that it is not complete
+        with suppress(OSError):  # on a full disk the older one stays, which tells of fewer frames
             report.write(plan.out)
         raise
     finally:
