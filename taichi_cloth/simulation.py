@@ -390,12 +390,10 @@ class Simulation:
                 _places(saved[name], name, saved[name].shape)
             if saved["frame"] < 0:
                 raise ValueError(f"there is no frame {saved['frame']}")
-            if np.isnan(saved["release"]).any():
-                raise ValueError("release is no number")
         except ValueError as error:
             raise ValueError(f"{path}: damaged: {error}") from None
         self._live, self._hand = live, hand
-        self._letting_out.depth[:] = saved["release"]
+        self._letting_out.depth[:] = np.where(saved["release"] < 0, np.inf, saved["release"])
         self._wind_on = bool(saved["wind_on"])
         self.frame = int(saved["frame"])
         self.cloth.put(saved["x"], saved["x_prev"], self._inverse_masses())
@@ -420,7 +418,7 @@ class Simulation:
             "x_prev": self.cloth.taken(self.cloth.x_prev),
             "velocity": self.cloth.taken(self.cloth.velocity),
             "frame": np.array(self.frame, np.int64),
-            "release": self._letting_out.depth.copy(),
+            "release": np.where(np.isinf(self._letting_out.depth), -1.0, self._letting_out.depth),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
             "held": np.array(-1 if self._hand is None else self._hand.particle, np.int64),
