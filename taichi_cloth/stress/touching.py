@@ -10,6 +10,7 @@ import numpy as np
 
 from ..scene.model import FRAME_SECONDS, Box, Capsule, Forces, Ground, Keyframes, Plane, Scene, Sphere
 from .scenes import SELF_COLLISION, sheet
+from .setting import CELLS
 from .trial import Trial
 from .watch import Floats
 
@@ -53,7 +54,7 @@ def gap(trial: Trial, cells: int) -> float:
 
 def layers(trial: Trial) -> None:
     """Ten, with a ball that comes down on them."""
-    cells = 10
+    cells = max(4, 10 * trial.cells // CELLS)
     scene, places = folded(10, cells, 1.0)
     ball = Sphere(center=(0.0, 1.4, 0.0), radius=0.3, margin=MARGIN, path=((0.0, 0, 0, 0), (2.0, 0.0, -0.8, 0.0)))
     trial.open(replace(scene, spheres=(ball,), ground=Ground(height=-0.6, friction=0.4), **SELF_COLLISION), rest=np.inf)
@@ -62,7 +63,7 @@ def layers(trial: Trial) -> None:
 
 def many_layers(trial: Trial) -> None:
     """Fifty on a bar."""
-    cells = 4
+    cells = max(2, 4 * trial.cells // CELLS)
     scene, places = folded(50, cells, 0.2)
     bar = Capsule(center=(0.0, -1.4, 0.0), rotation=(0.0, 0.0, 90.0), length=1.0, radius=0.1, margin=MARGIN)
     ground = Ground(height=-2.0)
