@@ -14,6 +14,7 @@ from ..contact.push_out import push_out
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
+from ..kernels.maths import TINY
 from ..kernels.places import choose
 from ..kernels.springs import add_spring_forces, limit_strain
 from ..kernels.tethers import pull_tethers
@@ -24,6 +25,8 @@ from ..state import ClothState
 from ..state.fields import like_places
 from ..state.pool import attached
 from .base import ExplicitSolver, Stages
+
+MOST_DAMPING = 1.0  # of a substep: beyond, an explicit step overshoots
 
 
 @dataclass(eq=False)
@@ -85,7 +88,7 @@ def add_slope(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
     lead_held(cloth, stages, now, now.s + time)
     add_air(cloth, stages, now, now.s + time)
     add_spring_forces(cloth, stages, now.controls, now.h)
-    rate = -ti.log(now.controls[KEPT]) / now.h
+    rate = ti.min(-ti.log(ti.max(now.controls[KEPT], TINY)), MOST_DAMPING) / now.h
     go_on(cloth, now.controls, rate, 1.0 / 6.0 if outer else 1.0 / 3.0, now.h if stage == 2 else 0.5 * now.h)
 
 
