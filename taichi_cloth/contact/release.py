@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..scene.model import Collider, Ground
 from .bodies import Body, Floats, distance, leaps, pose, size_of
 
-RATE = 0.1  # [m/s]
+RATE = 0.05  # [m/s] springs that are opened meanwhile snap back forty times as fast
 HELD, RELEASED = 0.05, 1e-3  # [m] below its margin: from where on one holds a particle, and until when
 
 

@@ -16,6 +16,7 @@ from ..contact.self_collision import keep_apart
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
+from ..kernels.maths import TINY
 from ..kernels.places import choose
 from ..kernels.springs import add_spring_forces, limit_strain
 from ..kernels.tethers import pull_tethers
@@ -26,6 +27,8 @@ from ..state import ClothState
 from ..state.fields import like_places
 from ..state.pool import attached
 from .base import ExplicitSolver, Stages
+
+MOST_DAMPING = 1.0  # of a substep: beyond, an explicit step overshoots
 
 
 @dataclass(eq=False)
@@ -88,7 +91,7 @@ def add_slope(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
     add_air(cloth, stages, now, now.s + time)
     add_repulsion(cloth, stages, now, now.s + time)
     add_spring_forces(cloth, stages, now.controls, now.h)
-    rate = -ti.log(now.controls[KEPT]) / now.h
+    rate = ti.min(-ti.log(ti.max(now.controls[KEPT], TINY)), MOST_DAMPING) / now.h
     go_on(cloth, now.controls, rate, 1.0 / 6.0 if outer else 1.0 / 3.0, now.h if stage == 2 else 0.5 * now.h)
 
 

@@ -163,7 +163,8 @@ def write_markdown(path: Path, results: Sequence[Result]) -> None:
 
 PAGE = """\
 `make stress` runs 40 cases that break cloth with every solver at its usual substeps and iterations, and with the
-setting that is recommended for hard scenes, `robust`: {robust}. {starts} starts each, no two alike; they take the
+setting that is recommended for hard scenes, `robust`: {robust}.
+{starts} starts each (the command makes ten unless it is told otherwise), no two alike; they take the
 variants of a case in turn. `taichi-cloth stress --only yank --solver lines` runs one of them.
 
 Unless a case says otherwise the sheet is 1 m by 1 m of 0.2 kg/m², {cells} × {cells} cells ({small}), 1000 N/m along

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 from .. import runtime
@@ -134,6 +134,8 @@ def run_all(
                 on_step(f"{case.number} {case.name}, {setting.name}")
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for child in active_children():  # a case may have minutes to go
+                child.terminate()
             raise
     return [found[k] for k in range(len(pairs))]
 

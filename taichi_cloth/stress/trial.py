@@ -21,7 +21,7 @@ Value = TypeVar("Value")
 
 CALM_SECONDS = 5.0  # after a disturbance, to be still again
 CALM_FRAMES = 15  # that must all be still, at the end
-CALM_STRAIN = 0.01  # above that of the cloth at rest
+CALM_STRAIN = 0.01  # above that of the cloth at rest, and of it where that is more than the length
 CALM_SPEED = 0.1  # [m/s]
 REST_SECONDS, REST_DAMPING = 4.0, 4.0  # [s], [1/s] that bring a cloth to rest
 SHAKE = 0.02  # [m/s] of the velocities that make starts differ
@@ -77,7 +77,11 @@ class Trial:
         """
         own = self.setting.of(scene)
         rest = own if rest is None else rest if isinstance(rest, float) else self.setting.of(rest)
-        self.most_strain = rest if isinstance(rest, float) else strain_at_rest(rest) + CALM_STRAIN
+        if isinstance(rest, float):
+            self.most_strain = rest
+        else:
+            still = strain_at_rest(rest)
+            self.most_strain = still + CALM_STRAIN * max(1.0, still)
         self.simulation = opened(own)
         self.watch = Watch(self.simulation, self.worst, far)
         return self.simulation.topology.start.copy()

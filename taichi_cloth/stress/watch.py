@@ -145,16 +145,6 @@ class Watch:
             self._constants_of, self._both_constants = key, (full, acting)
         return self._both_constants
 
-    def pull_on_pins(self) -> Floats:
-        """Force that holds the pins against the springs [N]: of the last frame."""
-        a, b = self._ends
-        gap = self._x[b] - self._x[a]
-        constant = self._stiffness * float(self._simulation.get("stiffness"))
-        force = gap * (constant * (1 - self._rest / np.maximum(self._lengths, 1e-12)))[:, None]
-        pinned = self._simulation.topology.pinned
-        total: Floats = force[pinned[b]].sum(axis=0) - force[pinned[a]].sum(axis=0)
-        return total
-
     def look(self, *, driven: bool = False) -> None:
         """Takes in the frame that was just run; `driven`: by a hand or by pins. Raises Broken."""
         simulation, topology, worst = self._simulation, self._simulation.topology, self.worst

@@ -106,6 +106,13 @@ def test_spring_is_of_first_order_where_forces_depend_on_velocity() -> None:
     assert 1.7 < (errors[0] / errors[2]) ** 0.5 < 2.5
 
 
+@pytest.mark.parametrize("solver", ["spring", "rk4"])
+def test_no_damping_is_too_much(solver: str) -> None:
+    """At 1e6/s nothing is left of a velocity, not even a number of float32; the sheet creeps as it does at 1e3/s."""
+    moves = moved(soft(solver, damping=1e6), 20) - moved(soft(solver, damping=1e3), 20)
+    assert np.abs(moves).max() < 5e-3
+
+
 def test_a_held_particle_stands_in_every_slope_where_the_hand_is() -> None:
     """It drags its neighbours by the hand's path and not by jumps: twice the substeps change next to nothing."""
     ends = []
