@@ -23,7 +23,7 @@ class LiveKey:
 
     @property
     def label(self) -> str:
-        first, *words = self.name.split("_")
+        first, *words = self.name.removeprefix("self_collision_").split("_")  # a slider leaves room for 17 letters
         return " ".join([first.capitalize(), *(word.upper() if len(word) == 1 else word for word in words)])
 
     @property
