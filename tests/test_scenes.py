@@ -196,6 +196,9 @@ def test_no_slider_at_its_end_and_no_wild_hand_blows_a_scene_up(name: str, end: 
         assert np.abs(simulation.positions()).max() < 200  # a cloth without pins may have been thrown far
         # It had been stretched a thousandfold. Where it lies in folds now, drape15 with its 1×5 keeps 0.25 to 0.59
         # in some spring, whatever the hand did (six runs), and longer waiting does not change that. Nor does it untie
-        # the knots of a cloth that keeps off itself.
-        tied = name == "drape15" or scene.self_collision is not None
-        assert simulation.measure().max_strain < (1.0 if tied else 0.5)
+        # the knots of a cloth that keeps off itself: there the sheet has its length again but for them.
+        measures = simulation.measure()
+        if scene.self_collision is not None:
+            assert measures.mean_strain < 0.05
+        else:
+            assert measures.max_strain < (1.0 if name == "drape15" else 0.5)
