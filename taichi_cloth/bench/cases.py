@@ -35,9 +35,8 @@ class Case:
     substeps: int = USUAL["verlet"][0]
     iterations: int = USUAL["verlet"][1]
     path: str | None = None  # None: the one that the grid decides for
-    change: str = (
-        "-ground"  # a stage left out (-wind) or added (+limit), another response (=repulsion); demos have no ground
-    )
+    # A stage left out (-wind) or added (+limit), another response of the ball (=repulsion). The demos have no ground.
+    change: str = "-ground"
 
     @property
     def name(self) -> str:

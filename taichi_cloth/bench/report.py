@@ -7,7 +7,7 @@ import io
 import json
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
@@ -129,6 +129,21 @@ def wide_console() -> Console:
     if not console.is_terminal:
         console.width = LOG_WIDTH
     return console
+
+
+def print_table(
+    headings: Sequence[str], lines: Iterable[Sequence[str]], figures: slice, notes: Iterable[str] = ()
+) -> None:
+    """A table whose columns `figures` are numbers, and what is to be said below it."""
+    console = wide_console()
+    table = Table(*headings, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for column in table.columns[figures]:
+        column.justify = "right"
+    for line in lines:
+        table.add_row(*line)
+    console.print(table)
+    for note in notes:
+        console.print(note, soft_wrap=True)
 
 
 def print_report(rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[str, str]) -> None:

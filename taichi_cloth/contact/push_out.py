@@ -74,7 +74,7 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
     size, margin, friction = vector_at(table, s, BODY_SIZE), table[s, BODY_MARGIN], table[s, BODY_FRICTION]
     rate = table[s, BODY_RELEASE]
     center_before, axes_before = center, axes
-    if ti.static(int(stages.swept)) == 1 or rate > 0.0:
+    if ti.static(stages.swept) or rate > 0.0:
         center_before, axes_before = posed(table, s, reached - share)
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]

@@ -6,10 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich import box
-from rich.table import Table
-
-from ..bench.report import machine, markdown_table, wide_console
+from ..bench.report import machine, markdown_table, print_table
 from ..files import whole_file
 from .row import EXCELLENT, PASS, SHORT, Result
 
@@ -75,15 +72,8 @@ def matrix(results: Sequence[Result]) -> list[list[str]]:
 
 
 def print_report(results: Sequence[Result]) -> None:
-    console = wide_console()
-    table = Table(*HEADINGS, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    for column in table.columns[3:6]:
-        column.justify = "right"
-    for result in results:
-        table.add_row(*cells(result))
-    console.print(table)
-    for line in (*reasons(results), " · ".join(machine().values()), count(results)):
-        console.print(line, soft_wrap=True)
+    notes = (*reasons(results), " · ".join(machine().values()), count(results))
+    print_table(HEADINGS, map(cells, results), slice(3, 6), notes)
 
 
 def write_json(path: Path, results: Sequence[Result]) -> None:

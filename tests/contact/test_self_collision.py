@@ -91,7 +91,7 @@ def test_friction_stops_what_slides_along_a_contact() -> None:
     assert speeds[0.5] == pytest.approx(0.0, abs=0.02)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**31), st.floats(0.2, 3.0))
 def test_the_hash_finds_the_pairs_of_brute_force(seed: int, spread: float) -> None:
     """By depths, which are summed in 4096ths of the thickness. Some draws have more pairs than the list has rows."""
@@ -203,7 +203,7 @@ def brute_crossings(x: Floats, edges: NDArray[np.int32], triangles: NDArray[np.i
     return count
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 2**31))
 def test_crossings_are_those_of_brute_force(seed: int) -> None:
     """A crumpled net of edges no longer than at rest."""

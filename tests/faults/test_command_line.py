@@ -17,6 +17,7 @@ from taichi_cloth import cli, runtime
 from taichi_cloth.bench import children
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene.overrides import override_places
+from taichi_cloth.stress import running
 from taichi_cloth.view import display
 
 STOPPED = "stopped where the run would begin"
@@ -96,6 +97,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Any:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(runtime, "start", stop)
         patched.setattr(children, "bench", stop)
+        patched.setattr(running, "run_all", stop)
         patched.setattr(display, "window_obstacle", lambda: "no window in this test")
         yield folder
 
@@ -105,6 +107,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Any:
 @example(["check", "two\nlines.toml"])
 @example(["validate", "--only", "two\nlines"])
 @example(["bench", "--csv", "no folder/file.csv"])
+@example(["stress"])
 @example(["render", "curtain", "--set", "rows=2048", "--set", "columns=2048"])
 def test_no_words_make_a_traceback(folder: Path, words: list[str]) -> None:
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", "backslashreplace") for _ in range(2))

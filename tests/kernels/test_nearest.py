@@ -56,7 +56,7 @@ def test_the_nearest_point_of_a_right_triangle(p: tuple[float, ...], weights: tu
 GRID = np.array([(1 - u - v, u, v) for u in np.linspace(0, 1, 41) for v in np.linspace(0, 1, 41) if u + v <= 1 + 1e-9])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(POINTS)
 def test_no_point_of_a_triangle_is_nearer(points: Floats) -> None:
     weights = triangle_weights(points)
@@ -67,7 +67,7 @@ def test_no_point_of_a_triangle_is_nearer(points: Floats) -> None:
     assert found <= best + 2e-3  # slivers: an area of 1e-9 of its sides' counts as none
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(POINTS)
 def test_no_points_of_two_segments_are_nearer(points: Floats) -> None:
     s, t = segment_shares(points)

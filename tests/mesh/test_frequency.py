@@ -33,7 +33,7 @@ def test_a_chain_has_its_textbook_frequencies() -> None:
     assert found / MARGIN == pytest.approx(expected, rel=1e-3)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(2, 8), st.integers(2, 8), st.integers(0, 2**31))
 def test_no_shape_of_the_cloth_vibrates_faster(rows: int, columns: int, seed: int) -> None:
     topology = grid(rows, columns, pins=("top-left",))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from taichi_cloth.scene import Cloth, Scene, SceneError, Sphere, Wind, key_table, load_scene, scene_names
@@ -223,7 +223,6 @@ def test_rows_of_numbers_and_rulers_of_dots_are_no_keys(write: Write) -> None:
     assert len(load_scene(write(text)).boxes[0].path) == 300
 
 
-@settings(deadline=None)  # the first one with a mesh reads its file
 @given(st.dictionaries(tables, st.dictionaries(keys, values, max_size=3), max_size=3))
 @example({"": {"title": "\ud800"}})
 def test_no_dictionary_makes_a_traceback(write: Write, data: dict[str, dict[str, Any]]) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from taichi_cloth.scene import Scene, key_table, load_scene, scene_names, scene_to_toml
@@ -67,7 +67,6 @@ def sections(part: Part) -> st.SearchStrategy[Any]:
 scenes = tables(Scene, name=st.just("mine"), **{name: sections(part) for name, part in parts().items()})
 
 
-@settings(deadline=None)  # the first one with a mesh reads its file
 @given(scenes)
 def test_a_scene_survives_being_written(write: Write, scene: Scene) -> None:
     (x, _, z), (tx, _, tz) = scene.camera.eye, scene.camera.target
