@@ -139,7 +139,7 @@ class Simulation:
 
     def reset(self) -> None:
         """Back to the first frame, bit for bit; parameters that were set keep their values."""
-        self.cloth.put(self.topology.start, self.topology.start, self._inverse_mass)
+        self._put(self.topology.start, self._inverse_mass)
         self.solver.set_velocities(np.zeros_like(self.topology.start), self._substep)
         self._hand = None
         self._letting_out.ask()
@@ -156,7 +156,7 @@ class Simulation:
         v = np.array(np.broadcast_to(_places(velocities, "velocities", shape, (3,)), shape))
         v[self.topology.pinned] = 0.0
         self.release()
-        self.cloth.put(x, x, self._inverse_mass)
+        self._put(x, self._inverse_mass)
         self.solver.set_velocities(v, self._substep)
         self._letting_out.ask()
 
@@ -214,7 +214,7 @@ class Simulation:
         self._give_back()
         self._open(replace(self.scene, solver=replace(own, name=name, substeps=substeps, iterations=iterations)))
         self._live |= {"substeps": substeps, "iterations": iterations}
-        self.cloth.put(x, x, self._inverse_masses())
+        self._put(x, self._inverse_masses())
         self.solver.set_velocities(velocities, self._substep)
 
     def _key(self, name: str) -> str:
@@ -337,7 +337,7 @@ class Simulation:
 
     def positions(self) -> Floats:
         """Where every particle is [m], shape (N, 3)."""
-        return self.cloth.taken(self.cloth.x).astype(np.float64)
+        return self.cloth.taken(self.cloth.x).astype(np.float64) + self.topology.origin
 
     def velocities(self) -> Floats:
         """Velocity of every particle [m/s], shape (N, 3)."""
@@ -393,7 +393,7 @@ class Simulation:
         except ValueError as error:
             raise ValueError(f"{path}: damaged: {error}") from None
         self._live, self._hand = live, hand
-        self._letting_out.depth[:] = np.where(saved["release"] < 0, np.inf, saved["release"])
+        self._letting_out.depth[:] = saved["release"]
         self._wind_on = bool(saved["wind_on"])
         self.frame = int(saved["frame"])
         self.cloth.put(saved["x"], saved["x_prev"], self._inverse_masses())
@@ -418,7 +418,7 @@ class Simulation:
             "x_prev": self.cloth.taken(self.cloth.x_prev),
             "velocity": self.cloth.taken(self.cloth.velocity),
             "frame": np.array(self.frame, np.int64),
-            "release": np.where(np.isinf(self._letting_out.depth), -1.0, self._letting_out.depth),
+            "release": self._letting_out.depth.copy(),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
             "held": np.array(-1 if self._hand is None else self._hand.particle, np.int64),
@@ -432,15 +432,18 @@ class Simulation:
     def _input(self) -> FrameInput:
         start, end = self.seconds, self.seconds + FRAME_SECONDS
         colliders = self._colliders()
-        rates = self._letting_out.rates(colliders, self._free_positions, start, end)
+        smaller = self._letting_out.depths(colliders, self._free_positions, start, end)
         return FrameInput(
             substeps=self.substeps,
             iterations=int(self._live["iterations"]),
             h=self._substep,
             held=-1 if self._hand is None else self._hand.particle,
             controls=self._controls(),
-            bodies=body_table([*colliders, *self.scene.grips], start, end, rates),
+            bodies=body_table([*colliders, *self.scene.grips], start, end, smaller, tuple(self.topology.origin)),
         )
+
+    def _put(self, x: Floats, inverse_mass: NDArray[np.float32]) -> None:
+        self.cloth.put(x - self.topology.origin, x - self.topology.origin, inverse_mass)
 
     def _free_positions(self) -> Floats:
         return self.positions()[~self.topology.pinned]
@@ -468,10 +471,11 @@ class Simulation:
             controls[c.HALF_AIR_DENSITY] = wind.air_density / 2
             # Kept within a turn in float64: float32 would lose the phase in a long run.
             turns = self._gust_phase + np.asarray(c.GUST_RATES) * self.seconds
+            turns -= np.asarray(c.GUST_WAVES) @ self.topology.origin
             controls[c.GUST_TURNS : c.GUST_TURNS + 3] = turns % 1
         if self._hand is not None:
-            controls[c.GRAB_FROM : c.GRAB_FROM + 3] = self._hand.start
-            controls[c.GRAB_TO : c.GRAB_TO + 3] = self._hand.target
+            controls[c.GRAB_FROM : c.GRAB_FROM + 3] = self._hand.start - self.topology.origin
+            controls[c.GRAB_TO : c.GRAB_TO + 3] = self._hand.target - self.topology.origin
         return controls
 
     def _colliders(self) -> list[Collider | Ground]:

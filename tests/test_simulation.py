@@ -221,3 +221,36 @@ def test_place_refuses_what_is_no_place_and_changes_nothing(values: object) -> N
         ):
             simulation.place(values)  # type: ignore[arg-type]
         assert simulation.positions() == pytest.approx(simulation.topology.start, abs=1e-6)
+
+
+def test_far_from_the_origin_nothing_is_rounded_that_is_not_so_near_it() -> None:
+    """Whole blocks of 8 m away every place, collider and hand is the same, to the last bit (accuracy C33)."""
+    away = np.array([9600.0, 0.0, -800.0])
+    near = tc.load_scene("curtain", wind_x=0.0, wind_z=0.0)
+    moved = {"center": tuple(np.add(near.cloth.center, away))}
+    spheres = tuple(replace(ball, center=tuple(np.add(ball.center, away))) for ball in near.spheres)
+    far = replace(near, cloth=replace(near.cloth, **moved), spheres=spheres)
+    ends, velocities = [], []
+    for scene, shift in ((near, np.zeros(3)), (far, away)):
+        with tc.Simulation(scene) as simulation:
+            for k in range(40):
+                if k == 10:
+                    simulation.grab(400, simulation.positions()[400] + [0.0, 0.0, 0.25])
+                simulation.advance_frame()
+            assert simulation.bodies()[0].center == pytest.approx(simulation.scene.spheres[0].center, abs=1.5)
+            ends.append(simulation.positions() - shift)
+            velocities.append(simulation.velocities())
+    assert np.abs(ends[0] - ends[1]).max() < 1e-11  # float64 rounds them by 1e-12 at 10 km
+    assert (velocities[0] == velocities[1]).all()
+
+
+def test_gusts_do_not_depend_on_where_places_are_kept_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = []
+    for apart in (8.0, 1.0):
+        monkeypatch.setattr("taichi_cloth.mesh.topology.ORIGINS", apart)
+        with tc.Simulation(tc.load_scene("curtain")) as simulation:
+            for _ in range(10):
+                simulation.advance_frame()
+            ends.append(simulation.positions())
+    assert np.abs(ends[0] - ends[1]).max() < 2e-5
+    assert (ends[0] != ends[1]).any()

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..kernels import controls as c
 from ..mesh.grid import rotation_matrix
@@ -29,6 +29,7 @@ from ..scene.model import (
     Round,
     Scene,
     Sphere,
+    Vec3,
 )
 
 Floats = NDArray[np.float64]
@@ -131,24 +132,33 @@ def bodies_at(colliders: Sequence[Collider | Ground], seconds: float) -> list[Bo
     return [Body(collider, *pose(collider, seconds), size_of(collider)) for collider in colliders]
 
 
-def body_table(bodies: Sequence[Motion | Ground], start: float, end: float, rates: Floats32 | float = 0.0) -> Floats32:
+def body_table(
+    bodies: Sequence[Motion | Ground],
+    start: float,
+    end: float,
+    smaller: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
+    origin: Vec3 = (0.0, 0.0, 0.0),
+) -> Floats32:
     """A row for each: where it is at both ends of a frame, how it turns in it, its size, margin [m] and friction.
 
-    The order is that of `contact/table.py`, and grips behind it. `rates`: how fast each of the first ones, which are
-    colliders, lets out what it holds [m/s], 0 for no bound (`release.py`).
+    The order is that of `contact/table.py`, and grips behind it. `smaller`: by how much [m] each of the first ones,
+    which are colliders, is so as the frame begins and as it ends (`release.py`). Middles are
+    told from the `origin` [m].
     """
     table = np.zeros((len(bodies), c.BODY_COLUMNS), np.float32)
     for row, body in zip(table, bodies, strict=True):
-        row[:] = _still_row(body)
+        row[:] = _still_row(body, origin)
         if not is_still(body):
             (center, axes), (next_center, next_axes) = pose(body, start), pose(body, end)
             if leaps(body, start, end):
                 center, axes = next_center, next_axes
-            row[c.BODY_FROM : c.BODY_FROM + 3] = center
-            row[c.BODY_TO : c.BODY_TO + 3] = next_center
+            row[c.BODY_FROM : c.BODY_FROM + 3] = np.subtract(center, origin)
+            row[c.BODY_TO : c.BODY_TO + 3] = np.subtract(next_center, origin)
             row[c.BODY_TURN : c.BODY_TURN + 3] = turn_between(axes, next_axes)
             row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
-    table[: np.size(rates), c.BODY_RELEASE] = rates
+    before, after = map(np.asarray, smaller)
+    table[: before.size, c.BODY_MARGIN] -= before
+    table[: before.size, c.BODY_GROWTH] = before - after
     meshes = [isinstance(body, Mesh) for body in bodies]
     table[meshes, c.BODY_SIZE] = np.arange(sum(meshes))
     groups = [RESPONSES.index(body.response) if isinstance(body, Contact) else len(RESPONSES) for body in bodies]
@@ -168,11 +178,11 @@ def _leaps(body: Motion) -> tuple[tuple[float, float], ...]:
 
 
 @lru_cache(maxsize=256)  # it is asked for in every frame
-def _still_row(body: Motion | Ground) -> Floats32:
+def _still_row(body: Motion | Ground, origin: Vec3) -> Floats32:
     """The row of a body that stays where it is at first."""
     row = np.zeros(c.BODY_COLUMNS, np.float32)
     center, axes = pose(body, 0.0)
-    row[c.BODY_FROM : c.BODY_FROM + 3] = row[c.BODY_TO : c.BODY_TO + 3] = center
+    row[c.BODY_FROM : c.BODY_FROM + 3] = row[c.BODY_TO : c.BODY_TO + 3] = np.subtract(center, origin)
     row[c.BODY_AXES : c.BODY_AXES + 9] = axes.ravel()
     if isinstance(body, Collider | Ground):
         row[c.BODY_SIZE : c.BODY_SIZE + 3] = size_of(body)

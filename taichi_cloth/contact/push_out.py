@@ -1,27 +1,22 @@
 """Keeps particles out of the scene's colliders by moving them to the surface, with friction.
 
-A body that is `swept` also stops what would be through it or past it by the end of a substep. One that has appeared
-around particles lets them out slowly, without the velocity that their springs give them meanwhile: at once would be at
-the speed of a shot.
+A body that is `swept` also stops what would be through it or past it by the end of a substep.
 """
 
 import taichi as ti
-import taichi.math as tm
 
 from ..kernels.controls import (
     BODY_FRICTION,
     BODY_FROM,
-    BODY_MARGIN,
-    BODY_RELEASE,
     BODY_SIZE,
     BODY_SWEPT,
     BODY_TO,
     BODY_TURN,
 )
-from ..kernels.maths import TINY, friction_slide
+from ..kernels.maths import friction_slide
 from ..kernels.motion import put_right
-from ..kernels.places import choose, cross, dot, length, spread, times
-from ..kernels.poses import posed, vector_at
+from ..kernels.places import choose, cross, dot, spread, times
+from ..kernels.poses import margin_at, posed, vector_at
 from ..scene.model import PROJECTION
 from .responses import reflect
 from .shapes import SHAPES, back, into
@@ -31,19 +26,6 @@ from .triangles import push_triangles_out
 
 KINDS = tuple(SHAPES)
 THIN = 1e-4  # [m] within the margin: what lies on it begins outside, however it is rounded
-
-
-@ti.func
-def before(cloth: ti.template(), i: int, center: tm.vec3):
-    """Where a particle was from a body's middle when the substep began [m]."""
-    return cloth.x_prev[i] - spread(center, cloth.x_prev[i])
-
-
-@ti.func
-def held_back(push, needed, way):
-    """As much of a push as takes a particle no farther than `way` [m] out, that needed this one a substep ago."""
-    later = ti.max(length(needed) - way, 0.0)
-    return times(push, ti.max(1.0 - later / ti.max(length(push), TINY), 0.0))
 
 
 @ti.func
@@ -71,10 +53,9 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
     travel, turn = vector_at(table, s, BODY_TO) - vector_at(table, s, BODY_FROM), vector_at(table, s, BODY_TURN)
     reached, share = (now.s + 1.0) / now.substeps, now.lasts / now.substeps
     center, axes = posed(table, s, reached)
-    size, margin, friction = vector_at(table, s, BODY_SIZE), table[s, BODY_MARGIN], table[s, BODY_FRICTION]
-    rate = table[s, BODY_RELEASE]
+    size, margin, friction = vector_at(table, s, BODY_SIZE), margin_at(table, s, reached), table[s, BODY_FRICTION]
     center_before, axes_before = center, axes
-    if ti.static(stages.swept) or rate > 0.0:
+    if ti.static(stages.swept):
         center_before, axes_before = posed(table, s, reached - share)
     for i in range(cloth.slot_count[None]):
         x = cloth.x[i]
@@ -82,16 +63,12 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
         push = out_of(stages, axes, size, margin, away)
         if ti.static(stages.swept):  # noqa: SIM102 (of the two only this one is known while compiling)
             if table[s, BODY_SWEPT] > 0.0:
-                begun = into(axes_before, before(cloth, i, center_before))
+                begun = into(axes_before, cloth.x_prev[i] - spread(center_before, x))
                 way = into(axes, away) - begun
                 time, normal = ti.static(MEETINGS[KINDS[k]])(stages, size, margin - THIN, begun, way)
                 along = way - times(normal, dot(normal, way))  # at the surface it can only go on along it
                 stopped = back(axes, begun + times(way, time) + times(along, 1.0 - time))
                 push = choose(time <= 1.0, stopped - away + out_of(stages, axes, size, margin, stopped), push)
-        if rate > 0.0:
-            push = held_back(
-                push, out_of(stages, axes_before, size, margin, before(cloth, i, center_before)), rate * now.h
-            )
         move = push
         if ti.static(now.pushes) and friction > 0.0:
             surface = spread(travel * share, x) + cross(spread(turn * share, x), away + push)
@@ -100,8 +77,3 @@ def out_of_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), 
                 move += out_of(stages, axes, size, margin, away + move)
         free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
         put_right(cloth, stages, now, i, times(move, free))
-        if ti.static(stages.own_velocity and now.pushes):  # noqa: SIM102 (as above)
-            if rate > 0.0:
-                needed = out_of(stages, axes_before, size, margin, before(cloth, i, center_before))
-                slow = times(needed, free * rate / ti.max(length(needed), TINY))
-                cloth.velocity[i] = choose(length(needed) > rate * now.h, slow, cloth.velocity[i])

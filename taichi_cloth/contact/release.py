@@ -1,4 +1,8 @@
-"""Which colliders hold particles that they have appeared around. They let them out slowly."""
+"""Which colliders have appeared around particles. Each lets them out slowly: it is smaller by the depth of the deepest
+one, and grows back.
+
+To push all out at once would be to shoot them, and to hold them back one by one opens springs that snap back later.
+"""
 
 from __future__ import annotations
 
@@ -10,41 +14,41 @@ from numpy.typing import NDArray
 from ..scene.model import Collider, Ground
 from .bodies import Body, Floats, distance, leaps, pose, size_of
 
-RATE = 0.05  # [m/s] springs that are opened meanwhile snap back forty times as fast
-HELD, RELEASED = 0.05, 1e-3  # [m] below its margin: from where on one holds a particle, and until when
+RATE = 0.2  # [m/s] of its growth
+HELD = 0.05  # [m] below its margin: from where on one holds a particle
+ASKED = -1.0
 
 
 class Release:
     """Asked once after a cloth was put in its place or a collider has leapt or grown, and then until it holds nothing.
 
-    `depth` [m], one a collider: below which depth it is asked for particles, infinite where nobody asks.
+    `depth` [m], one a collider: how much smaller it is, or `ASKED` until it is known what it holds.
     """
 
     def __init__(self, count: int) -> None:
-        self.depth = np.full(count, HELD)
-        self._unbound = np.zeros(count, np.float32)
+        self.depth = np.full(count, ASKED)
 
     def ask(self, row: int | slice = slice(None)) -> None:
         """A collider, or all, may hold something from now on."""
-        self.depth[row] = HELD
+        self.depth[row] = ASKED
 
-    def rates(
+    def depths(
         self, colliders: Sequence[Collider | Ground], points: Callable[[], Floats], start: float, end: float
-    ) -> NDArray[np.float32]:
-        """How fast each lets particles out in the frame from `start` to `end` [m/s]; 0 for no bound.
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """How much smaller each is at the start and at the end of a frame [m].
 
         `points` tells the places of the particles that can move [m], (N, 3); called where it matters only.
         """
-        leapt = [leaps(collider, start, end) for collider in colliders]
-        if not any(leapt) and np.isinf(self.depth).all():  # as in nearly every frame
-            return self._unbound
-        self.depth[np.array(leapt)] = HELD
-        asked = np.isfinite(self.depth)
-        places = points() if asked.any() else np.zeros((0, 3))
-        for row, collider in enumerate(colliders):
-            if not asked[row]:
-                continue
-            body = Body(collider, *pose(collider, end if leapt[row] else start), size_of(collider))
-            holds = bool((distance(body, places) < collider.margin - self.depth[row]).any())
-            self.depth[row] = RELEASED if holds else np.inf
-        return np.where(np.isfinite(self.depth), RATE, 0.0).astype(np.float32)
+        leapt = np.array([leaps(collider, start, end) for collider in colliders], bool)
+        self.depth[leapt] = ASKED
+        if self.depth.any():  # in nearly every frame nothing is held
+            places = points()
+            for row in map(int, np.flatnonzero(self.depth)):
+                collider = colliders[row]
+                body = Body(collider, *pose(collider, end if leapt[row] else start), size_of(collider))
+                deepest = collider.margin - float(distance(body, places).min(initial=np.inf))
+                asked = self.depth[row] == ASKED
+                self.depth[row] = (deepest if deepest > HELD else 0.0) if asked else min(self.depth[row], deepest)
+        before = np.maximum(self.depth, 0.0)
+        self.depth = np.maximum(before - RATE * (end - start), 0.0)
+        return before, self.depth

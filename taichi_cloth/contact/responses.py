@@ -10,7 +10,6 @@ from ..kernels.controls import (
     AREA_DENSITY,
     BODY_FRICTION,
     BODY_FROM,
-    BODY_MARGIN,
     BODY_RESTITUTION,
     BODY_SIZE,
     BODY_STIFFNESS,
@@ -21,7 +20,7 @@ from ..kernels.forces import velocity_of
 from ..kernels.maths import TINY, friction_slide
 from ..kernels.motion import strike
 from ..kernels.places import cross, dot, length, spread, times
-from ..kernels.poses import posed, vector_at
+from ..kernels.poses import margin_at, posed, vector_at
 from ..scene.model import COLLIDERS, REFLECTION, REPULSION
 from .shapes import SHAPES
 from .table import rows_of
@@ -45,10 +44,10 @@ def met_by(
     body: ti.template(),
 ):
     """How far a body would push a particle to its margin [m], and the particle's velocity relative to the surface."""
-    center, axes, speed, spin = ti.static(body)
+    center, axes, margin, speed, spin = ti.static(body)
     x = cloth.x[i]
     away = x - spread(center, x)
-    size, margin = vector_at(now.bodies, s, BODY_SIZE), now.bodies[s, BODY_MARGIN]
+    size = vector_at(now.bodies, s, BODY_SIZE)
     push = ti.static(SHAPES[COLLIDERS[k]])(stages, axes, size, margin, away)
     surface = spread(speed, x) + cross(spread(spin, x), away)
     return push, velocity_of(cloth, stages, i, now.h) - surface
@@ -70,10 +69,12 @@ def reflect(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 def reflect_from_one(cloth: ti.template(), stages: ti.template(), now: ti.template(), k: ti.template(), s: int):
     table = ti.static(now.bodies)
     restitution, friction = table[s, BODY_RESTITUTION], table[s, BODY_FRICTION]
-    center, axes = posed(table, s, (now.s + 1.0) / now.substeps)
+    reached = (now.s + 1.0) / now.substeps
+    center, axes = posed(table, s, reached)
+    margin = margin_at(table, s, reached)
     speed, spin = moving(table, s, now.substeps * now.h)
     for i in range(cloth.slot_count[None]):
-        push, velocity = met_by(cloth, stages, now, k, s, i, ti.static((center, axes, speed, spin)))
+        push, velocity = met_by(cloth, stages, now, k, s, i, ti.static((center, axes, margin, speed, spin)))
         normal = times(push, 1.0 / ti.max(length(push), TINY))
         gained = times(normal, -(1.0 + restitution) * ti.min(dot(normal, velocity), 0.0))
         gained += friction_slide(gained, velocity + gained, friction)
@@ -102,9 +103,10 @@ def repel_from_one(
     rate = table[s, BODY_STIFFNESS] / now.controls[AREA_DENSITY]  # [1/s²]
     friction = table[s, BODY_FRICTION]
     center, axes = posed(table, s, steps / now.substeps)
+    margin = margin_at(table, s, steps / now.substeps)
     speed, spin = moving(table, s, now.substeps * now.h)
     for i in range(cloth.slot_count[None]):
-        push, velocity = met_by(cloth, stages, now, k, s, i, ti.static((center, axes, speed, spin)))
+        push, velocity = met_by(cloth, stages, now, k, s, i, ti.static((center, axes, margin, speed, spin)))
         gained = push * (rate * now.h)  # [m/s] in a substep
         gained += friction_slide(gained, velocity + gained, friction)
         w = cloth.inverse_mass[i]

@@ -11,7 +11,6 @@ import taichi.math as tm
 from ..kernels.controls import (
     BODY_FRICTION,
     BODY_FROM,
-    BODY_MARGIN,
     BODY_SIZE,
     BODY_SWEPT,
     BODY_TO,
@@ -20,7 +19,7 @@ from ..kernels.controls import (
 )
 from ..kernels.maths import TINY, friction_slide
 from ..kernels.motion import put_right
-from ..kernels.poses import posed, vector_at
+from ..kernels.poses import margin_at, posed, vector_at
 from ..state.patches import COLOURS
 from .nearest import NEAREST
 from .shapes import axis_of, back, into
@@ -94,7 +93,7 @@ def push_out_of_one(
     center_before, axes_before = posed(table, s, reached - share)
     size, friction, swept = vector_at(table, s, BODY_SIZE), table[s, BODY_FRICTION], table[s, BODY_SWEPT]
     half, reach = ti.static(((0.0, size.x), (size.x, size.y))[k])
-    reach += table[s, BODY_MARGIN]
+    reach += margin_at(table, s, reached)
     along_axis, own = axis_of(axes, 1), (travel.norm() + turn.norm() * (half + reach)) * share
     if ti.static(cloth.gathers):  # no loop in parallel may stand under an `if`
         reach *= ti.select(table[s, BODY_TRIANGLES] > 0.0, 1.0, 0.0)

@@ -39,11 +39,13 @@ BODY_SWEPT = 23  # whether the ways are tested too
 BODY_TRIANGLES = 24  # whether triangles are
 BODY_RESTITUTION = 25  # share of a velocity that is turned round
 BODY_STIFFNESS = 26  # [N/m³] of a force that repels
-BODY_RELEASE = 27  # [m/s] no faster it lets out what it held when a substep began; 0 for no bound
+BODY_GROWTH = 27  # [m] of its margin, from the start of the frame to its end
 BODY_COLUMNS = 28
 
 # Turns a second of the three gust waves: periods of 1.3 to 3.1 s in no simple ratio, so that no gust repeats soon.
 GUST_RATES = (0.43, 0.77, 0.32)
+# And turns a metre along x, y, z: plane waves of 2 to 3 m, one for each component of the gust.
+GUST_WAVES = ((0.31, 0.17, 0.11), (0.13, 0.37, 0.19), (0.23, -0.11, 0.29))
 
 
 class Substep(NamedTuple):

@@ -11,6 +11,7 @@ from .controls import (
     GUST,
     GUST_RATES,
     GUST_TURNS,
+    GUST_WAVES,
     HALF_AIR_DENSITY,
     LIFT,
     WIND_X,
@@ -21,8 +22,6 @@ from .maths import TINY, air_force, arc_wave, triangle_area_normal
 from .places import dot, join, length, spread, times
 from .strips import bring_back, fetch_beyond
 
-# Three plane waves, one for each component of the gust: turns a metre along x, y, z (wavelengths of 2 to 3 m).
-GUST_WAVES = ((0.31, 0.17, 0.11), (0.13, 0.37, 0.19), (0.23, -0.11, 0.29))
 GUST_SHARES = (0.6, 0.3, 1.0)  # size of each component; the air rolls least up and down
 
 

@@ -105,9 +105,9 @@ def out_of_box(p, center, half, margin: float):
     push = times(side * outside, ti.max(margin / ti.max(distance, TINY) - 1.0, 0.0))
     # Inside or on a face: leave through the nearest one.
     x, y, z = part(beyond, 0), part(beyond, 1), part(beyond, 2)
-    through_x = ti.select(x >= ti.max(y, z), margin - x, 0.0)
-    through_y = ti.select((x < ti.max(y, z)) & (y >= z), margin - y, 0.0)
-    through_z = ti.select((x < z) & (y < z), margin - z, 0.0)
+    through_x = ti.select(x >= ti.max(y, z), ti.max(margin - x, 0.0), 0.0)
+    through_y = ti.select((x < ti.max(y, z)) & (y >= z), ti.max(margin - y, 0.0), 0.0)
+    through_z = ti.select((x < z) & (y < z), ti.max(margin - z, 0.0), 0.0)
     return choose(distance > TINY, push, side * join(through_x, through_y, through_z, p))
 
 

@@ -3,7 +3,7 @@
 import taichi as ti
 import taichi.math as tm
 
-from .controls import BODY_AXES, BODY_FROM, BODY_TO, BODY_TURN
+from .controls import BODY_AXES, BODY_FROM, BODY_GROWTH, BODY_MARGIN, BODY_TO, BODY_TURN
 from .maths import TINY
 
 
@@ -29,3 +29,9 @@ def posed(table: ti.template(), row: int, share: float):
     travel = vector_at(table, row, BODY_TO) - vector_at(table, row, BODY_FROM)
     center = vector_at(table, row, BODY_FROM) + travel * share
     return center, turned_by(vector_at(table, row, BODY_TURN) * share) @ start
+
+
+@ti.func
+def margin_at(table: ti.template(), row: int, share: float) -> float:
+    """Its margin [m] then; negative while it is smaller than it looks (`contact/release.py`)."""
+    return table[row, BODY_MARGIN] + table[row, BODY_GROWTH] * share

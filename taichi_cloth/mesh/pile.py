@@ -30,7 +30,7 @@ def pile(
     """
     rows, columns = one.shape
     turned = [one.flat @ grid.rotation_matrix((0.0, 0.0, k * turn)).T + [0.0, 0.0, k * gap] for k in range(sheets)]
-    start = laid(np.concatenate(turned), center, rotation)
+    places = laid(np.concatenate(turned), np.subtract(center, one.origin), rotation)
     apart = float(np.ptp(one.flat, axis=0).max()) * 2  # [m] on the floor of the cutter
     batches: list[Batch] = []
     ends: list[NDArray[np.int32]] = []
@@ -41,12 +41,12 @@ def pile(
     springs = np.concatenate([np.zeros((0, 2), np.int32), *ends])
     return replace(
         one,
-        start=start.astype(np.float64),
+        start=places + one.origin,
         flat=np.concatenate([one.flat + [0.0, 0.0, k * apart] for k in range(sheets)]),
         mass=np.tile(one.mass, sheets),
         pinned=pinned(rows, columns, sheets, pins),
         ends=springs,
-        rest=lengths(start, springs),
+        rest=lengths(places, springs),
         width=np.concatenate([np.zeros(0), *width]),
         batches=tuple(batches),
         bonds=Bonds(

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from . import grid
 from .bending import Bonds, bonds
 
+ORIGINS = 8.0  # [m] apart
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -29,6 +31,7 @@ class Batch:
 class Topology:
     """The constant description of one cloth; N particles, E springs, T triangles."""
 
+    origin: NDArray[np.float64]  # [m] (3,) kernels keep places from here, where float32 does not round them as afar
     start: NDArray[np.float64]  # [m] (N, 3) where every particle is before the first frame
     flat: NDArray[np.float64]  # [m] (N, 3) where it is on the sheet as it was cut; other sheets lie far from it
     mass: NDArray[np.float64]  # [kg] (N,) a third of every triangle around it, and what is sewn on
@@ -125,7 +128,8 @@ def sheet(
                 pairs.append(batch)
                 first += len(batch)
     ends = np.concatenate(pairs) if pairs else np.zeros((0, 2), np.int32)
-    start = laid(flat, center, rotation)
+    origin = origin_near(center)
+    places = laid(flat, np.subtract(center, origin), rotation)
     mass = lumped_mass(flat, triangles, area_density)
     along_edge = grid.along_edge(rows, columns, ends)
     if lumping == "equal":
@@ -133,12 +137,13 @@ def sheet(
         along_edge[:] = False
     mass[grid.corners(rows, columns)] += weight
     return Topology(
-        start=start.astype(np.float64),
+        origin=origin,
+        start=places + origin,
         flat=flat,
         mass=mass,
         pinned=grid.pinned(rows, columns, pins),
         ends=ends,
-        rest=lengths(start, ends),
+        rest=lengths(places, ends),
         width=np.where(along_edge, 0.5, 1.0),
         batches=tuple(batches),
         bonds=bonds(rows, columns, width, height, bending, halved=lumping == "area"),
@@ -148,11 +153,16 @@ def sheet(
     )
 
 
+def origin_near(center: tuple[float, float, float]) -> NDArray[np.float64]:
+    """The nearest of points that are `ORIGINS` apart [m], (3,): the origin itself for all that is near it."""
+    return ORIGINS * np.round(np.asarray(center) / ORIGINS)
+
+
 def laid(
-    flat: NDArray[np.float64], center: tuple[float, float, float], rotation: tuple[float, float, float]
+    flat: NDArray[np.float64], center: NDArray[np.float64], rotation: tuple[float, float, float]
 ) -> NDArray[np.float32]:
     """A flat sheet (N, 3) [m] turned about x, then y, then z [degrees], and its middle brought to a place [m]."""
-    places: NDArray[np.float32] = (flat @ grid.rotation_matrix(rotation).T + np.asarray(center)).astype(np.float32)
+    places: NDArray[np.float32] = (flat @ grid.rotation_matrix(rotation).T + center).astype(np.float32)
     return places
 
 

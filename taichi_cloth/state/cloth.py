@@ -24,6 +24,7 @@ class ClothState:
     in_lanes: ClassVar[bool] = False
     gathers: ClassVar[bool] = False
 
+    origin: Any  # [m] 0-D vec3: places are told from here
     x: Any  # [m] vec3 (N,)
     x_prev: Any  # [m] vec3 (N,) where the particle was a substep ago
     velocity: Any  # [m/s] vec3 (N,) of solvers that keep it; (x − x_prev)/h would lose small steps in float32
@@ -54,10 +55,12 @@ class ClothState:
         self.batch_count[None] = len(topology.batches)
         self.triangle_count[None] = topology.triangle_count
         self.velocity.fill(0.0)
-        self.put(topology.start, topology.start, inverse_mass(topology))
+        start = topology.start - topology.origin
+        self.origin[None] = topology.origin
+        self.put(start, start, inverse_mass(topology))
 
     def put(self, x: NDArray[Any], x_prev: NDArray[Any], inverse_mass: NDArray[Any]) -> None:
-        """Sets the places: two (N, 3) arrays [m] and one (N,) array [1/kg]."""
+        """Sets the places from the origin: two (N, 3) arrays [m] and one (N,) array [1/kg]."""
         for field, values in ((self.x, x), (self.x_prev, x_prev), (self.inverse_mass, inverse_mass)):
             fields.put(field, values)
 
@@ -74,6 +77,7 @@ def inverse_mass(topology: Topology) -> NDArray[np.float32]:
 
 def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
     return ClothState(
+        origin=ti.Vector.field(3, ti.f32, ()),
         x=fields.places(particles),
         x_prev=fields.places(particles),
         velocity=fields.places(particles),

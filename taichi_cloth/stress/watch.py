@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 ENERGY_SLACK = 0.01  # of all the energy that was at hand
 REACH_SIDES = 2.0  # sides of the sheet that a particle may be away from all that holds or carries it
-DEEP = 0.01  # [m] below the margin: there a collider that stands still pushes too
+DEEP = 1e-3  # [m] below the margin: there a collider that stands still pushes too
 NEAR = 1e-3  # [m] off the margin: what a moving collider may touch within the frame
 ROUNDING = 2.0**-23  # of float32
 
@@ -96,6 +96,10 @@ class Watch:
         self._allowed += max(joules, 0.0)
         self._at_hand += max(joules, 0.0)
         self._last += joules
+
+    def springs_act_anew(self) -> None:
+        """The substeps are others: what was left unsolved may act in full now."""
+        self._allowed = max(self._allowed, self._last)
 
     def pins_are_at(self, places: Floats) -> None:
         """Where the pins are from now on [m]."""

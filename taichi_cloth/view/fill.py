@@ -99,7 +99,7 @@ def fill_weave(cloth: ti.template(), mesh: ti.template(), normal: ti.template(),
     for t in range(cloth.triangle_count[None]):
         for k in ti.static(range(3)):
             i = cloth.triangles[t][k]
-            put(mesh, first + 3 * t + k, cloth.x[i], normal[i], colour[t])
+            put(mesh, first + 3 * t + k, cloth.origin[None] + cloth.x[i], normal[i], colour[t])
 
 
 @ti.func
@@ -133,7 +133,7 @@ def fill_strain(cloth: ti.template(), mesh: ti.template(), normal: ti.template()
     for t in range(cloth.triangle_count[None]):
         for k in ti.static(range(3)):
             i = cloth.triangles[t][k]
-            put(mesh, first + 3 * t + k, cloth.x[i], normal[i], strain_colour(strain[i]))
+            put(mesh, first + 3 * t + k, cloth.origin[None] + cloth.x[i], normal[i], strain_colour(strain[i]))
 
 
 @ti.kernel
@@ -143,7 +143,7 @@ def fill_springs(
     """View `wireframe`: a thin ribbon turned to the eye for every spring; `colour` has one row a spring."""
     for e in range(springs):
         i, j = cloth.ends[e]
-        a, b = cloth.x[i], cloth.x[j]
+        a, b = cloth.origin[None] + cloth.x[i], cloth.origin[None] + cloth.x[j]
         to_eye = (eye - a).normalized()
         side = (b - a).cross(to_eye)
         side *= 0.5 * width / tm.max(side.norm(), TINY)
@@ -156,7 +156,7 @@ def fill_springs(
 def fill_particles(cloth: ti.template(), mesh: ti.template(), first: int, size: float, free: tm.vec3, pinned: tm.vec3):
     """View `particles`: an octahedron for each, shaded like a ball; those without inverse mass in their own colour."""
     for i in range(cloth.slot_count[None]):
-        colour = free
+        colour, middle = free, cloth.origin[None] + cloth.x[i]
         if cloth.inverse_mass[i] == 0.0:
             colour = pinned
         for octant in ti.static(range(8)):
@@ -165,4 +165,4 @@ def fill_particles(cloth: ti.template(), mesh: ti.template(), first: int, size: 
             z = 1.0 - 0.5 * (octant & 4)
             points = ti.static((tm.vec3(x, 0.0, 0.0), tm.vec3(0.0, y, 0.0), tm.vec3(0.0, 0.0, z)))
             for k in ti.static(range(3)):
-                put(mesh, first + 24 * i + 3 * octant + k, cloth.x[i] + size * points[k], points[k], colour)
+                put(mesh, first + 24 * i + 3 * octant + k, middle + size * points[k], points[k], colour)

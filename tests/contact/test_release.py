@@ -5,32 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import taichi as ti
-import taichi.math as tm
 
 from taichi_cloth.contact.bodies import body_table, leaps
-from taichi_cloth.contact.push_out import held_back
-from taichi_cloth.contact.release import HELD, RELEASED, Release
+from taichi_cloth.contact.release import ASKED, HELD, RATE, Release
 from taichi_cloth.kernels import controls as c
-from taichi_cloth.scene.model import USUAL, Cloth, Forces, Scene, Solver, Sphere
+from taichi_cloth.scene.model import USUAL, Box, Capsule, Cloth, Forces, Plane, Scene, Solver, Sphere
 from taichi_cloth.simulation import Simulation
 
 FRAME = 1 / 60
 JUMP = ((0.5, 0.0, 0.0, 0.0), (0.500001, 0.0, 0.0, 5.0))  # within a microsecond
-
-
-@ti.kernel
-def of_a_push(push: tm.vec3, before: tm.vec3, way: float) -> tm.vec3:
-    return held_back(push, before, way)
-
-
-def test_held_back_by_hand() -> None:
-    push = tm.vec3(0.3, 0.0, 0.4)
-    assert np.array(of_a_push(push, push, 0.1)) == pytest.approx([0.06, 0, 0.08])  # 0.5 m are left but for 0.1
-    assert np.array(of_a_push(push, tm.vec3(0.0, 0.9, 0.0), 0.1)) == pytest.approx(0)  # came out by itself
-    for before in (0.0, 0.0999):
-        assert tuple(of_a_push(push, tm.vec3(before, 0.0, 0.0), 0.1)) == tuple(push)
-    assert tuple(of_a_push(push * 0.0, push, 0.1)) == (0.0, 0.0, 0.0)
 
 
 def test_a_path_beyond_sound_is_a_leap() -> None:
@@ -47,19 +30,33 @@ def test_a_collider_is_asked_until_it_holds_nothing() -> None:
     ball = Sphere(center=(0.0, 0.0, 0.0), radius=1.0, margin=0.1)
     asked = []
 
-    def at(x: float) -> float:
+    def at(x: float) -> tuple[float, float]:
         def points() -> np.ndarray:
             asked.append(x)
-            return np.array([[x, 0.0, 0.0]])
+            return np.array([[2.0, 0.0, 0.0], [x, 0.0, 0.0]])
 
-        return float(release.rates([ball], points, 0.0, FRAME)[0])
+        before, after = release.depths([ball], points, 0.0, FRAME)
+        return float(before[0]), float(after[0])
 
-    release = Release(1)
-    assert at(1.1 - HELD / 2) == 0  # not deep enough to be held
-    assert at(0.5) == 0  # and nobody asks again
+    release, step = Release(1), RATE * FRAME
+    assert at(1.1 - HELD / 2) == (0, 0)  # not deep enough to be held
+    assert at(0.5) == (0, 0)  # and nobody asks again
     assert asked == [1.1 - HELD / 2]
     release.ask()
-    assert [at(0.5), at(1.1 - 2 * RELEASED), at(1.1 - RELEASED / 2), at(0.5)] == pytest.approx([0.2, 0.2, 0, 0])
+    assert release.depth[0] == ASKED
+    assert at(0.5) == pytest.approx((0.6, 0.6 - step))
+    assert at(0.4) == pytest.approx((0.6 - step, 0.6 - 2 * step))  # what has sunk in does not make it smaller
+    assert at(0.9) == pytest.approx((0.2, 0.2 - step))  # what has come out by itself does not keep it small
+    assert at(1.2) == (0, 0)
+    assert len(asked) == 5
+
+
+def test_the_table_has_the_margin_at_both_ends_of_the_frame() -> None:
+    """Of the colliders; a grip behind them has none."""
+    balls = [Sphere(margin=0.1), Sphere(margin=0.2)]
+    table = body_table(balls, 0.0, FRAME, (np.array([0.3, 0.0]), np.array([0.25, 0.0])))
+    assert table[:, c.BODY_MARGIN] == pytest.approx([-0.2, 0.2])
+    assert table[:, c.BODY_GROWTH] == pytest.approx([0.05, 0.0])
 
 
 def inside(solver: str) -> Scene:
@@ -70,12 +67,7 @@ def inside(solver: str) -> Scene:
     return Scene(cloth=cloth, spheres=(ball,), forces=Forces(gravity=0.0), solver=choice)
 
 
-SNAP = 4.0  # [m/s] springs that were opened draw together again
-
-
-@pytest.fixture(autouse=True)
-def faster(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("taichi_cloth.contact.release.RATE", 0.2)
+SNAP = 4.0  # [m/s] what is pushed about by springs that the growing ball has opened
 
 
 def fastest(simulation: Simulation, frames: int) -> float:
@@ -102,6 +94,22 @@ def test_a_cloth_within_a_ball_comes_out_slowly(solver: str, tmp_path: Path, mon
         monkeypatch.setattr("taichi_cloth.contact.release.HELD", np.inf)
         simulation.reset()
         assert fastest(simulation, 10) > 10 * SNAP  # at once
+
+
+AROUND = {
+    "capsules": Capsule(center=(0.0, 0.0, -0.02), radius=0.25, length=0.3, margin=0.01),
+    "boxes": Box(center=(0.0, 0.0, -0.02), size=(0.5, 0.6, 0.5), margin=0.01),
+    "planes": Plane(center=(0.0, 0.0, 0.1), rotation=(90.0, 0.0, 0.0), margin=0.01),
+}
+
+
+@pytest.mark.parametrize("kind", AROUND)
+def test_every_body_lets_out_slowly(kind: str) -> None:
+    scene = replace(inside("xpbd"), spheres=(), **{kind: (AROUND[kind],)})
+    with Simulation(scene) as simulation:
+        assert simulation.measure().penetration > 0.09
+        assert fastest(simulation, 150) < 3 * SNAP  # a box lets its corners out by different faces
+        assert simulation.measure().penetration == 0
 
 
 def test_a_ball_that_grows_into_the_cloth_or_leaps_into_it() -> None:
