@@ -87,7 +87,7 @@ class Simulation:
             triangles=any(meets_triangles(collider) for collider in colliders),
             swept=any(collider.swept for collider in colliders),
             spring_damping=scene.fabric.damping_time > 0,
-            strain_limit=scene.limit is not None,
+            strain_limit=0 if scene.limit is None else scene.limit.sweeps,
             tethers=scene.tethers is not None,
             grips=bool(scene.grips),
             self_collision=scene.self_collision is not None,

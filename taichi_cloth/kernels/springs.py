@@ -97,9 +97,13 @@ BEND = Share(bend, reads=("x",), into="force")
 
 @ti.func
 def limit_strain(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
-    """One sweep of the strain limit, where the scene has one."""
-    if ti.static(stages.strain_limit):
-        for_springs(cloth, stages, LIMIT, controls, h)
+    """The sweeps of the strain limit, where the scene has one."""
+    if ti.static(cloth.gathers):  # its loops are parallel: they may not stand in another
+        for _ in ti.static(range(stages.strain_limit)):
+            for_springs(cloth, stages, LIMIT, controls, h)
+    elif ti.static(stages.strain_limit > 0):
+        for _ in range(stages.strain_limit):
+            for_springs(cloth, stages, LIMIT, controls, h)
 
 
 @ti.func

@@ -130,9 +130,10 @@ class Solver:
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of strain (Provot 1995): after each substep one sweep shortens every spring that is longer."""
+    """A limit of strain (Provot 1995): after each substep every spring that is longer is shortened."""
 
     strain: float = _key(0.1, "largest length/rest − 1 that is left alone", low=0.0, high=10.0, slider=(0.0, 0.5))
+    sweeps: int = _key(1, "how often all springs are, in a substep", low=1, high=1000)
 
 
 @dataclass(frozen=True)

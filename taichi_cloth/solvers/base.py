@@ -46,7 +46,7 @@ class Stages:
     swept: bool = False  # ways are tested too, of one of them at least
     triangles: bool = False  # whole triangles are kept out too, by one of them at least
     spring_damping: bool = False
-    strain_limit: bool = False
+    strain_limit: int = 0  # sweeps
     tethers: bool = False
     grips: bool = False
     self_collision: bool = False
@@ -184,7 +184,7 @@ class Solver:
             constrained=self.constrains or bool(moved),
             bending=len(topology.bonds.ends) > 0,
         )
-        coloured = self.coloured or stages.strain_limit
+        coloured = self.coloured or stages.strain_limit > 0
         self.work: Any = cloth  # the layout that is worked on
         if path == "lanes":
             self.work = lanes.take(topology, stiffness, coloured=coloured)

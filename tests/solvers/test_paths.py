@@ -44,7 +44,7 @@ def busy(solver: str) -> Scene:
         fabric=Fabric(warp=800.0, weft=500.0, shear=200.0, bend=4.0, bending=3e-4, damping_time=1e-4),
         solver=Solver(name=solver, damping=1.0, substeps=4, iterations=6),
         wind=Wind(x=1.0, z=4.0),
-        limit=Limit(0.02),
+        limit=Limit(0.02, sweeps=2),
         tethers=Tethers(1.005),
         spheres=(Sphere(center=(0.0, 1.85, 0.1), radius=0.1, margin=0.02, sway=(0.3, 0.0, 0.0), friction=0.3),),
         capsules=(
