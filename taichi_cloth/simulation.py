@@ -54,6 +54,7 @@ from .state.near import come_near
 
 Floats = NDArray[np.float64]
 
+MOST_SUBSTEPS = 200_000  # of a frame: on the smallest of sheets it takes a minute
 FARTHEST = 1e6  # [m], [m/s] ten times as far as a scene reaches; its square has room in float32
 
 
@@ -72,7 +73,8 @@ class Simulation:
     def __init__(self, scene: Scene, path: str | None = None) -> None:
         """`path` forces the layout that is worked on (`Solver.paths`); else the grid's size decides.
 
-        Raises SceneError for a scene that no file may hold, and WrongUse for a path that its solver does not have.
+        Raises SceneError for a scene that no file may hold, and WrongUse for a path that its solver does not have and
+        for springs that would take too many substeps.
         """
         scene = check_scene(scene)
         self._path = path
@@ -114,15 +116,23 @@ class Simulation:
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)
-        self.scene, self.topology = scene, topology
-        self._solver: Solver | None = kind(cloth, topology, stiffness, self._stages, path)
+        solver = kind(cloth, topology, stiffness, self._stages, path)
         if scene.grips:
             centers = np.array([pose(one, 0.0)[0] for one in scene.grips])
-            grip(self._solver.work, topology, holder_of(scene), centers)
+            grip(solver.work, topology, holder_of(scene), centers)
         repelled = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
-        self._solver.frequency = hypot(self._solver.frequency, repelled)
-        self._damping_time = self._solver.damping_time(scene.fabric.damping_time)
-        self._least_substeps = self._solver.least_substeps(self._damping_time)
+        solver.frequency = hypot(solver.frequency, repelled)
+        damping_time = solver.damping_time(scene.fabric.damping_time)
+        least = solver.least_substeps(damping_time)
+        if least > MOST_SUBSTEPS:
+            _give_back(solver)
+            raise WrongUse(
+                f"{scene.name}: {kind.name} would take {least:,} substeps a frame, more than {MOST_SUBSTEPS:,}: its "
+                "springs or its bending are too stiff for particles so light, or its cells too narrow"
+            )
+        self.scene, self.topology = scene, topology
+        self._solver: Solver | None = solver
+        self._damping_time, self._least_substeps = damping_time, least
         self._near = False  # whether crossings were asked for
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
         self._give_back = weakref.finalize(self, _give_back, self._solver)
@@ -204,18 +214,24 @@ class Simulation:
 
         It takes its usual substeps and iterations; the scene's own method takes the scene's.
 
-        Raises WrongUse, and changes nothing, for an unknown name.
+        Raises WrongUse, and changes nothing, for an unknown name and for one that would take too many substeps.
         """
         if name not in SOLVERS:
             raise WrongUse(f"{name!r} is not a solver: {', '.join(SOLVERS)}")
         x, velocities = self.positions(), self.velocities()
         own = self._own
         substeps, iterations = (own.substeps, own.iterations) if name == own.name else USUAL[name]
+        before = self.scene
         self._give_back()
-        self._open(replace(self.scene, solver=replace(own, name=name, substeps=substeps, iterations=iterations)))
-        self._live |= {"substeps": substeps, "iterations": iterations}
-        self._put(x, self._inverse_masses())
-        self.solver.set_velocities(velocities, self._substep)
+        try:
+            self._open(replace(before, solver=replace(own, name=name, substeps=substeps, iterations=iterations)))
+            self._live |= {"substeps": substeps, "iterations": iterations}
+        except WrongUse:
+            self._open(before)
+            raise
+        finally:
+            self._put(x, self._inverse_masses())
+            self.solver.set_velocities(velocities, self._substep)
 
     def _key(self, name: str) -> str:
         if name not in self._keys:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene.model import USUAL, Cloth, Ground, Scene, Sphere, Wind
 
 SMALL = Scene(
@@ -254,3 +255,19 @@ def test_gusts_do_not_depend_on_where_places_are_kept_from(monkeypatch: pytest.M
             ends.append(simulation.positions())
     assert np.abs(ends[0] - ends[1]).max() < 2e-5
     assert (ends[0] != ends[1]).any()
+
+
+def test_springs_too_stiff_for_their_particles_are_refused_and_nothing_is_lost() -> None:
+    scene = tc.load_scene("curtain", solver_name="verlet", warp=1e9, weft=1e9, width=0.4, area_density=0.001)
+    with pytest.raises(WrongUse, match=r"curtain: spring would take [\d,]+ substeps a frame, more than 200,000"):
+        tc.Simulation(replace(scene, solver=replace(scene.solver, name="spring")))
+    with tc.Simulation(scene) as simulation:
+        simulation.advance_frame()
+        x, v = simulation.positions(), simulation.velocities()
+        with pytest.raises(WrongUse, match="substeps"):
+            simulation.change_solver("spring")
+        assert simulation.solver.name == "verlet"
+        assert (simulation.positions() == x).all()
+        assert simulation.velocities() == pytest.approx(v, abs=1e-3)  # verlet keeps places alone
+        simulation.advance_frame()
+        assert simulation.measure().finite

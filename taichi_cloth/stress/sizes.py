@@ -8,6 +8,7 @@ from math import inf
 
 import numpy as np
 
+from ..errors import WrongUse
 from ..scene import load_scene
 from .scenes import CORNERS, sheet
 from .starts import grid_of
@@ -23,7 +24,12 @@ def degenerate(trial: Trial) -> None:
     for key in ("width", "height"):
         trial.refuses(key, partial(load_scene, "curtain", **{key: 0.0}))
     if kind == "slivers":
-        trial.open(sheet(trial.cells, pins=("top",), size=(1e4 / 1000, 1e-3)), rest=inf)
+        narrow = sheet(trial.cells, pins=("top",), size=(1e4 / 1000, 1e-3))
+        try:
+            trial.open(narrow, rest=inf)
+        except WrongUse as error:
+            trial.demand("refusals that do not name the substeps", "substeps" not in str(error), 0)
+            return
         trial.start()
         trial.run(1.0)
         return

@@ -11,6 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..contact.bodies import first_hit
+from ..errors import WrongUse
 from ..guard import Guard
 from ..interact.camera import OrbitCamera
 from ..interact.picking import Handle, pick
@@ -127,13 +128,18 @@ class Session:
         self._open(scene)
 
     def _next_solver(self) -> None:
-        """Goes on with the next method; the hand keeps what it holds."""
-        name = self.simulation.solver.name
-        self.simulation.change_solver(SOLVER_NAMES[(SOLVER_NAMES.index(name) + 1) % len(SOLVER_NAMES)])
+        """Goes on with the next method that the scene can have; the hand keeps what it holds."""
+        next_one = SOLVER_NAMES.index(self.simulation.solver.name) + 1
+        self.note = ""
+        for name in SOLVER_NAMES[next_one:] + SOLVER_NAMES[: next_one - 1]:
+            try:
+                self.simulation.change_solver(name)
+                break
+            except WrongUse as error:
+                self.note = str(error)
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
         self._guard = Guard(self.simulation)
-        self.note = ""
 
     # -- the mouse -------------------------------------------------------------------------------------
 

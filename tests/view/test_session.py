@@ -196,3 +196,17 @@ def test_the_solver_changes_while_the_cloth_moves_and_is_held(session: Session) 
         assert session.measure().max_strain < 0.6
     point(session, (0.3, 0.3))
     assert session.simulation.grabbed is None
+
+
+def test_a_method_that_the_scene_cannot_have_is_passed_over_and_told() -> None:
+    light = load_scene("curtain", warp=1e9, weft=1e9, width=0.4, area_density=0.001)
+    session = Session(light)
+    assert session.simulation.solver.name == "verlet"
+    session.act("solver")
+    assert (session.simulation.solver.name, session.note) == ("xpbd", "")
+    session.act("solver")
+    assert session.simulation.solver.name == "lines"  # spring is between them
+    assert "curtain: spring would take" in session.note
+    session.advance(1)
+    assert session.simulation.measure().finite
+    session.close()
