@@ -117,11 +117,10 @@ def write_json(path: Path, results: Sequence[Result]) -> None:
 
 def robust_words() -> str:
     """The recommended setting, as a scene writes it."""
-    solver, limit = ROBUST.solver, ROBUST.limit
+    solver = ROBUST.solver
     words = [f'`[solver] name = "{solver.name}"`, `substeps = {solver.substeps}`, `iterations = {solver.iterations}`']
-    words += [f"`[fabric] damping_time = {ROBUST.damping_time:g}`"] * bool(ROBUST.damping_time)
-    words += [f"`[limit] strain = {limit.strain:g}`"] if limit else []
-    words += ["`swept = true` in every collider"] * ROBUST.swept
+    words += [f"`damping = {solver.damping:g}` where a scene has less but some", "`swept = true` in every collider"]
+    words += [f"and `[limit] sweeps = {ROBUST.limit_sweeps}` where a scene has a limit"]
     return ", ".join(words)
 
 

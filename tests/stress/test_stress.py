@@ -63,14 +63,15 @@ def test_chosen() -> None:
 
 def test_a_setting_keeps_what_is_the_scenes() -> None:
     scene = sheet(4, spheres=(Sphere(),), ground=Ground(), damping=0.7)
-    robust = Setting("r", Solver("lines", 3, 1, damping=9.0), Limit(0.2), swept=True, damping_time=1e-3).of(scene)
+    robust = Setting("r", Solver("lines", 3, 1, damping=0.5), limit_sweeps=7, swept=True).of(scene)
     assert robust.solver == Solver("lines", 3, 1, damping=0.7)
-    assert robust.limit == Limit(0.2)
+    assert robust.limit is None
     assert robust.ground is not None
-    assert (robust.ground.swept, robust.spheres[0].swept, robust.fabric.damping_time) == (True, True, 1e-3)
-    own = replace(scene, limit=Limit(0.1), fabric=replace(scene.fabric, damping_time=2e-3))
-    kept = Setting("r", Solver("lines"), Limit(0.2), damping_time=1e-3).of(own)
-    assert (kept.limit, kept.fabric.damping_time) == (Limit(0.1), 2e-3)
+    assert (robust.ground.swept, robust.spheres[0].swept) == (True, True)
+    limited = replace(scene, limit=Limit(0.2), solver=replace(scene.solver, damping=0.0))
+    kept = Setting("r", Solver("lines", damping=9.0), limit_sweeps=7).of(limited)
+    assert (kept.limit, kept.solver.damping) == (Limit(0.2, sweeps=7), 0.0)  # without damping it stays
+    assert Setting("r", Solver("lines", damping=9.0)).of(scene).solver.damping == 9.0
 
 
 def breaks(trial: Trial) -> None:
