@@ -175,8 +175,14 @@ def test_more_iterations_stretch_less() -> None:
     assert strains[-1] < strains[0] / 3
 
 
-@pytest.mark.parametrize("name", scene_names())
-@pytest.mark.parametrize("end", ["low", "high"])
+@pytest.mark.parametrize(
+    ("name", "end"),
+    [
+        pytest.param(name, end, marks=[pytest.mark.long] * (load_scene(name).self_collision is not None))
+        for name in scene_names()
+        for end in ("low", "high")
+    ],
+)
 def test_no_slider_at_its_end_and_no_wild_hand_blows_a_scene_up(name: str, end: str) -> None:
     scene: Scene = load_scene(name)
     with Simulation(scene) as simulation:

@@ -131,7 +131,7 @@ def crossings(scene: Scene, path: str) -> int:
     return len(crossed)
 
 
-@pytest.mark.parametrize("path", ["lanes", "list"])
+@pytest.mark.parametrize("path", ["lanes", pytest.param("list", marks=pytest.mark.long)])
 @pytest.mark.parametrize("speed", [5.0, 20.0, 50.0, 100.0])
 @pytest.mark.parametrize("solver", ["verlet", "xpbd", "projective"])
 def test_no_particle_gets_through_a_fast_ball_in_one_substep(solver: str, speed: float, path: str) -> None:
@@ -151,7 +151,7 @@ def test_what_the_ball_meets_head_on_stays_before_it(solver: str) -> None:
         assert middle[2] == pytest.approx(0.11, abs=0.02)
 
 
-@pytest.mark.parametrize("solver", ["verlet", "spring", "lines"])
+@pytest.mark.parametrize("solver", ["verlet", "spring", pytest.param("lines", marks=pytest.mark.long)])
 def test_contact_that_lasts_is_the_same_with_and_without(solver: str) -> None:
     """A sheet that lies still on a slope does so with the swept test too."""
     places = []

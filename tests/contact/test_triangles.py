@@ -189,7 +189,7 @@ def test_a_slow_body_smaller_than_a_cell_slips_between_particles_but_not_through
     assert not passes(poked("verlet", 0.5, replace(body, against="triangles"), substeps=5, beyond=0.2))
 
 
-@pytest.mark.parametrize("solver", ["verlet", "lines"])
+@pytest.mark.parametrize("solver", ["verlet", pytest.param("lines", marks=pytest.mark.long)])
 def test_a_bead_at_20_metres_a_second_is_stopped_with_the_swept_test(solver: str) -> None:
     """Radius 1 cm, 0.33 m a frame, one substep: with particles alone it is through at once. (It does not hold a cloth
     for ever that it stretches to five times its length, 0.2 m behind it.)"""

@@ -2,12 +2,15 @@
 
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import taichi as ti
 
 from taichi_cloth import runtime
+from taichi_cloth.scene import load_scene
+from taichi_cloth.simulation import Simulation
 
 row = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
@@ -45,3 +48,13 @@ def test_an_index_out_of_range_is_an_error() -> None:
         for index in (4, -1):
             with pytest.raises(RuntimeError, match=rf"(indices \({index}\)|indices \[{index}\])"):
                 read(index)
+
+
+@pytest.mark.skipif(os.environ.get("TI_DEBUG") != "1", reason="make bounds runs it")
+@pytest.mark.parametrize(("solver", "rows", "columns"), [("lines", 40, 8), ("lines", 2, 40), ("spring", 40, 8)])
+def test_strips_stay_within_their_fields(solver: str, rows: int, columns: int) -> None:
+    """`lines` in strips has the most slots behind its fields."""
+    scene = load_scene("curtain", rows=rows, columns=columns, solver=solver, substeps=2)
+    with Simulation(replace(scene, wind=None, spheres=()), "lanes") as simulation:
+        simulation.advance_frame()
+        assert simulation.measure().finite

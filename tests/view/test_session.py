@@ -136,10 +136,10 @@ def test_going_through_the_scenes_again_and_again_takes_no_more_fields(session: 
     def fields() -> int:
         return int(ti.lang.impl.get_runtime().prog.get_snode_tree_size())
 
-    for _ in range(2 * len(scene_names())):
+    for _ in range(len(scene_names())):
         session.act("next_scene")
     before = fields()
-    for _ in range(3 * len(scene_names())):
+    for _ in range(2 * len(scene_names())):
         session.act("next_scene")
     assert fields() == before
 
