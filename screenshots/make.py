@@ -32,7 +32,7 @@ STILL_FRAME = {  # the moment shown, in frames of 1/60 s
     "table": 150,
     "slope": 185,
     "fast-ball": 57,
-    "fold": 60,
+    "fold": 34,
     "stack": 140,
     "twist": 360,
     "veil": 60,

@@ -11,7 +11,7 @@ from . import changes, loads, sizes, springs, starts, touching
 from .setting import SETTINGS, Setting
 from .trial import Trial
 
-FOLDS = "folds hold each other: only the sheet's slight bending opens them, and not in 5 s"
+FOLDS = "it has gone through itself and is knotted: an equilibrium, whose strain `spring` keeps as it is for 20 s"
 VIBRATES = "only the damping of 2/s takes away what a violent start gave, and 5 s of it leave e^(−5)"
 TURNS = "a short spring turns within a substep: an explicit step goes past, and gains what it overshoots by"
 CHAINS = "chains are linearised where they are: in a crumpled sheet they pull the wrong way, for ever"

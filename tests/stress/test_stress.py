@@ -18,6 +18,7 @@ from taichi_cloth.stress.running import Outcome, Result, run_case
 from taichi_cloth.stress.scenes import sheet
 from taichi_cloth.stress.setting import ROBUST, SETTINGS, Setting
 from taichi_cloth.stress.springs import long_run
+from taichi_cloth.stress.starts import flattened
 from taichi_cloth.stress.touching import went_through
 from taichi_cloth.stress.trial import Trial, close
 from taichi_cloth.stress.watch import Broken
@@ -37,6 +38,24 @@ def test_a_small_sheet_is_alive(case: Case) -> None:
 def test_a_hundred_thousand_frames(start: int) -> None:
     try:
         long_run(Trial(SETTINGS["robust"], start), frames=100_000)
+    finally:
+        close()
+
+
+@pytest.mark.long
+def test_a_knotted_sheet_is_at_rest() -> None:
+    """What docs/stability.md says of sheets that went through themselves: no method opens them."""
+    trial = Trial(SETTINGS["robust"], 1)
+    try:
+        with pytest.raises(Broken, match="strain 5 s after"):
+            flattened(trial)
+        knotted = trial.simulation.measure().max_strain
+        assert knotted > 2 * trial.most_strain
+        trial.simulation.change_solver("spring")
+        for _ in range(1200):
+            trial.simulation.advance_frame()
+        assert trial.simulation.measure().max_strain == pytest.approx(knotted, rel=0.01)
+        assert np.abs(trial.simulation.velocities()).max() < 0.02
     finally:
         close()
 
