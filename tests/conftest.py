@@ -1,7 +1,7 @@
 """Every test module gets Taichi anew: the field trees of a whole suite would not fit into one process life.
 
 Two processes share the tests (`pyproject.toml`). A module stays in one of them, so that a kernel is compiled once; the
-long modules about every solver are cut by solver.
+long modules about every solver are cut by solver, and those about every scene by scene.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def pytest_configure() -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         call = getattr(item, "callspec", None)  # of a parametrized test
-        solver = call.params.get("solver", "") if call else ""
-        item.add_marker(pytest.mark.xdist_group(f"{item.path.name} {solver}"))
+        part = (call.params.get("solver") or call.params.get("scene_name", "")) if call else ""
+        item.add_marker(pytest.mark.xdist_group(f"{item.path.name} {part}"))
 
 
 @pytest.fixture(autouse=True, scope="module")

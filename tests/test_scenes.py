@@ -133,9 +133,9 @@ def test_without_shear_springs_the_sheet_collapses_like_a_parallelogram() -> Non
     assert lean(Springs(shear=0.0)) > 2 * lean(Springs(shear=1.0))
 
 
-@pytest.mark.parametrize("name", scene_names())
-def test_no_scene_starts_inside_a_collider(name: str) -> None:
-    with Simulation(load_scene(name)) as simulation:
+@pytest.mark.parametrize("scene_name", scene_names())
+def test_no_scene_starts_inside_a_collider(scene_name: str) -> None:
+    with Simulation(load_scene(scene_name)) as simulation:
         assert simulation.measure().penetration == 0
 
 
@@ -176,15 +176,15 @@ def test_more_iterations_stretch_less() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "end"),
+    ("scene_name", "end"),
     [
         pytest.param(name, end, marks=[pytest.mark.long] * (load_scene(name).self_collision is not None))
         for name in scene_names()
         for end in ("low", "high")
     ],
 )
-def test_no_slider_at_its_end_and_no_wild_hand_blows_a_scene_up(name: str, end: str) -> None:
-    scene: Scene = load_scene(name)
+def test_no_slider_at_its_end_and_no_wild_hand_blows_a_scene_up(scene_name: str, end: str) -> None:
+    scene: Scene = load_scene(scene_name)
     with Simulation(scene) as simulation:
         for key in live_keys(scene).values():
             if key.name not in ("iterations", "substeps"):
@@ -207,4 +207,4 @@ def test_no_slider_at_its_end_and_no_wild_hand_blows_a_scene_up(name: str, end: 
         if scene.self_collision is not None:
             assert measures.mean_strain < 0.05
         else:
-            assert measures.max_strain < (1.0 if name == "drape15" else 0.5)
+            assert measures.max_strain < (1.0 if scene_name == "drape15" else 0.5)

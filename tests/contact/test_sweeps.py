@@ -141,7 +141,9 @@ def test_no_particle_gets_through_a_fast_ball_in_one_substep(solver: str, speed:
         assert crossings(shot(solver, speed, swept=False), path) >= 9
 
 
-@pytest.mark.parametrize("solver", SOLVER_NAMES)
+@pytest.mark.parametrize(
+    "solver", [pytest.param(s, marks=[pytest.mark.long] * (s not in ("verlet", "lines"))) for s in SOLVER_NAMES]
+)
 def test_what_the_ball_meets_head_on_stays_before_it(solver: str) -> None:
     """With as many substeps as a method needs."""
     with Simulation(shot(solver, 20.0, swept=True)) as simulation:
