@@ -18,11 +18,10 @@ CHAINS = "chains are linearised where they are: in a crumpled sheet they pull th
 ENDLESS = "a constraint that is put right in one substep becomes a velocity, however far it was"
 PLACES = "its colliders are not swept: only places are tested, not ways"
 PAST = "told by the straight way of each frame: at 50 m/s what is flung round the ball within one may count as well"
-PUSHED = "a ball that holds a part of the sheet opens its springs while it lets go, and they snap back"
+PUSHED = "a ball that grows out of the sheet opens its springs, and they snap back"
 LAYERS = "friction of cloth on cloth acts once a substep, on what that substep pushes: a stack creeps, and slides out"
-FLUTTERS = "pressure pushes on what stands out of the wind already: an edge-on sheet flutters as flags do"
-ONE_SWEEP = "a limit takes one sweep over the springs a substep: too few for so small a strain"
-ROUNDING = "float32 rounds places by 0.06 mm at 1 km and 1 mm at 10 km: the springs are never at rest"
+SHAKES = "it is as tight as a drum, and float32 rounds its places by a ten-millionth: its springs shake by it"
+ONE_SWEEP = "a limit takes one sweep over the springs a substep unless it is told more: too few for so small a strain"
 LEFT_WRONG = "springs that are solved one direction after the other are left wrong by the next"
 CARRIES = "a heavy corner hangs on few springs, which one sweep a substep leaves too long"
 COMPRESSED = "a sheet that falls or is thrown against its pins is left crumpled: see the flattened start"
@@ -174,7 +173,7 @@ CASES = (
     Case(
         24,
         "degenerate mesh",
-        "points and rows on one another, cells of 1:1e4",
+        "points and rows on one another; cells of 1:1e4 (refused, or alive)",
         sizes.degenerate,
         because(TURNS, "spring", "rk4") | because(CHAINS, "lines") | because(LEFT_WRONG, "xpbd", "robust"),
     ),
@@ -196,9 +195,9 @@ CASES = (
     Case(
         28,
         "edge-on wind",
-        "2 m/s through edge-on and back; then < 1 mm/s",
+        "a taut sheet, 2 m/s through edge-on and back; then < 1 mm/s",
         loads.edge_on_wind,
-        because(FLUTTERS, *SETTINGS),
+        because(SHAKES, "spring"),
     ),
     Case(
         29,
@@ -219,13 +218,7 @@ CASES = (
         | because(CHAINS, "lines"),
     ),
     Case(32, "long run", "10,000 frames hanging (drift < 0.1 mm), swinging undamped", springs.long_run),
-    Case(
-        33,
-        "far away",
-        "100, 1000, 10,000 m from the origin; the sag alike within 1 %",
-        sizes.far_away,
-        because(ROUNDING, *SETTINGS),
-    ),
+    Case(33, "far away", "100, 1000, 10,000 m from the origin; the sag alike within 1 %", sizes.far_away),
     Case(34, "pins", "none, all, a hand in every other frame", loads.pins),
     Case(35, "friction", "0, 1, 10, 1e6 on 30°, 89°; a minute's rest; creep < 1 mm", touching.friction),
     Case(36, "rotating ball", "radius 0.3 m, 180°/s, μ = 0.4; never faster than the ball", touching.rotating_ball),
