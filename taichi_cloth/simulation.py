@@ -26,6 +26,7 @@ from .contact.bodies import (
 from .contact.crossings import crossings
 from .contact.release import Release
 from .errors import WrongUse
+from .given import places, target_point
 from .hand import Hand
 from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
@@ -55,7 +56,6 @@ from .state.near import come_near
 Floats = NDArray[np.float64]
 
 MOST_SUBSTEPS = 200_000  # of a frame: on the smallest of sheets it takes a minute
-FARTHEST = 1e6  # [m], [m/s] ten times as far as a scene reaches; its square has room in float32
 
 
 def _give_back(solver: Solver) -> None:
@@ -159,11 +159,11 @@ class Simulation:
         """Puts every particle at its place [m], shape (N, 3), with a velocity [m/s], (N, 3) or one for all.
 
         A pin stays where it is put. Raises ValueError, and changes nothing, for another shape and for numbers that are
-        not finite or beyond `FARTHEST`.
+        not finite or beyond `given.FARTHEST`.
         """
         shape = self.topology.start.shape
-        x = _places(positions, "positions", shape)
-        v = np.array(np.broadcast_to(_places(velocities, "velocities", shape, (3,)), shape))
+        x = places(positions, "positions", shape)
+        v = np.array(np.broadcast_to(places(velocities, "velocities", shape, (3,)), shape))
         v[self.topology.pinned] = 0.0
         self.release()
         self._put(x, self._inverse_mass)
@@ -264,9 +264,9 @@ class Simulation:
         """Holds one particle and leads it to `target` (x, y, z) [m] within the next frame.
 
         Call it again with the same index to move the hand; another index lets go of the first particle.
-        Raises ValueError for an index that is no particle and for a target that is not three numbers up to `FARTHEST`.
+        Raises ValueError for an index that is no particle and for a target not of three numbers up to `given.FARTHEST`.
         """
-        point = _point(target)
+        point = target_point(target)
         if not isinstance(index, (int, np.integer)):
             raise ValueError(f"a particle is told by its index, not {shown(index)}")
         if not 0 <= index < self.topology.particle_count:
@@ -403,7 +403,7 @@ class Simulation:
             live = self._checked_live(saved["live"].tolist())
             hand = self._checked_hand(int(saved["held"]), saved["hand"])
             for name in ("x", "x_prev", "velocity", "hand"):
-                _places(saved[name], name, saved[name].shape)
+                places(saved[name], name, saved[name].shape)
             if saved["frame"] < 0:
                 raise ValueError(f"there is no frame {saved['frame']}")
         except ValueError as error:
@@ -500,33 +500,3 @@ class Simulation:
         if self.scene.spheres:
             colliders[0] = replace(self.scene.spheres[0], radius=self._live["sphere_radius"])
         return colliders
-
-
-def _places(values: ArrayLike, name: str, *shapes: tuple[int, ...]) -> Floats:
-    """An array of one of these shapes, of numbers up to `FARTHEST`. Raises ValueError."""
-    array = _numbers(values)
-    if array.shape not in shapes:
-        raise ValueError(f"{name} are {shapes[0][0]} times three numbers")
-    bad = ~(np.abs(array) <= FARTHEST)
-    if bad.any():
-        reason = f"beyond ±{FARTHEST:g}" if np.isfinite(array[bad]).all() else "not finite"
-        where = f", at particle {np.argwhere(bad)[0, 0]}" if array.ndim == 2 else ""
-        raise ValueError(f"{name} hold a number that is {reason}{where}")
-    return array
-
-
-def _point(target: ArrayLike) -> Floats:
-    """Three numbers up to `FARTHEST` [m]. Raises ValueError."""
-    point = _numbers(target)
-    if point.shape != (3,) or not (np.abs(point) <= FARTHEST).all():
-        raise ValueError(f"a target is three finite numbers [m], up to ±{FARTHEST:g}, not {shown(target)}")
-    return point
-
-
-def _numbers(values: ArrayLike) -> Floats:
-    """As an array of their own; an empty one for what is no numbers."""
-    try:
-        array = np.array(values)
-    except (TypeError, ValueError):  # rows of different lengths
-        return np.zeros(0)
-    return array.astype(np.float64) if array.dtype.kind in "iuf" else np.zeros(0)

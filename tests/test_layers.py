@@ -21,7 +21,7 @@ FLOORS = [
     {"kernels"},
     {"state"},
     {"contact", "solvers"},
-    {"hand", "save_file", "simulation"},
+    {"given", "hand", "save_file", "simulation"},
     {"guard"},
     {"view"},
     {"kernel_cache", "runtime"},

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from taichi_cloth.errors import WrongUse
+from taichi_cloth.given import FARTHEST
 from taichi_cloth.guard import Guard
 from taichi_cloth.scene import Scene, SceneError, live_keys
 from taichi_cloth.scene.model import Box, Cloth, Ground, Sphere, Springs, Wind
-from taichi_cloth.simulation import FARTHEST, Simulation
+from taichi_cloth.simulation import Simulation
 
 SCENE = Scene(
     cloth=Cloth(rows=5, columns=6, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),

@@ -19,10 +19,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from taichi_cloth import runtime
+from taichi_cloth.given import FARTHEST
 from taichi_cloth.save_file import MOST_BYTES
 from taichi_cloth.scene import load_scene
 from taichi_cloth.scene.model import Cloth, Scene, Sphere, Wind
-from taichi_cloth.simulation import FARTHEST, Simulation
+from taichi_cloth.simulation import Simulation
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 Arrays = dict[str, Any]
