@@ -190,14 +190,14 @@ CASES = (
         "gusts",
         "100 m/s for half a second, five times",
         loads.gusts,
-        because(FOLDS, "verlet", "xpbd") | because(VIBRATES, "spring") | because(CHAINS, "lines"),
+        because(FOLDS, "verlet", "xpbd", "robust") | because(VIBRATES, "spring") | because(CHAINS, "lines"),
     ),
     Case(
         28,
         "edge-on wind",
         "a taut sheet, 2 m/s through edge-on and back; then < 1 mm/s",
         loads.edge_on_wind,
-        because(SHAKES, "spring"),
+        because(SHAKES, "spring", "robust"),
     ),
     Case(
         29,
