@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from . import __version__, runtime
+from .cli_measure import run_ablate, run_bench, run_stress, run_validate
 from .errors import BlewUp, OutputInUse, WrongUse, one_line
-from .measuring import run_ablate, run_bench, run_stress, run_validate
 from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
 from .scene.model import PRESET_NAMES, SOLVER_NAMES
 from .scene.presets import load_preset

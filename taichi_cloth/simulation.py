@@ -55,7 +55,7 @@ from .state.near import come_near
 
 Floats = NDArray[np.float64]
 
-MOST_SUBSTEPS = 200_000  # of a frame: on the smallest of sheets it takes a minute
+MOST_SUBSTEPS = 200_000  # of a frame, which takes seconds then on a thousand particles
 
 
 def _give_back(solver: Solver) -> None:

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 ENERGY_SLACK = 0.01  # of all the energy that was at hand
 REACH_SIDES = 2.0  # sides of the sheet that a particle may be away from all that holds or carries it
-DEEP = 1e-3  # [m] below the margin: there a collider that stands still pushes too
+DEEP, OUT = 0.01, 1e-3  # [m] below the margin: from where on a collider that stands still pushes too, and until when
 NEAR = 1e-3  # [m] off the margin: what a moving collider may touch within the frame
 ROUNDING = 2.0**-23  # of float32
 
@@ -89,7 +89,8 @@ class Watch:
         self._allowed = self._last = self.energy(x, v)
         self._at_hand = self._motion + self._elastic
         self._x = x
-        self._deep = self._touches(x) < -DEEP
+        self._deep = False
+        self._see_depth(self._touches(x))
 
     def given(self, joules: float) -> None:
         """Work that was done on the cloth, and since when its energy is another."""
@@ -165,7 +166,8 @@ class Watch:
         if driven or self._deep or (self._moving and touch < self._travel() + NEAR):
             self.given(max(energy - self._last, 0.0))
         self.given_by_wind(x, v)
-        self._last, self._x, self._deep = energy, x, touch < -DEEP
+        self._last, self._x = energy, x
+        self._see_depth(touch)
 
         gravity = abs(float(simulation.get("gravity")))
         scale = self._at_hand + self._total * gravity * REACH_SIDES * self._side
@@ -202,7 +204,11 @@ class Watch:
 
     def look_at_colliders(self) -> None:
         """One may be elsewhere, or larger."""
-        self._deep = self._touches(self._simulation.positions()) < -DEEP
+        self._see_depth(self._touches(self._simulation.positions()))
+
+    def _see_depth(self, touch: float) -> None:
+        """What a body holds, it pushes until all of it is out."""
+        self._deep = touch < -(OUT if self._deep else DEEP)
 
     def _free(self) -> NDArray[np.bool_]:
         free = ~self._simulation.topology.pinned

@@ -108,7 +108,8 @@ def test_every_body_lets_out_slowly(kind: str) -> None:
     scene = replace(inside("xpbd"), spheres=(), **{kind: (AROUND[kind],)})
     with Simulation(scene) as simulation:
         assert simulation.measure().penetration > 0.09
-        assert fastest(simulation, 150) < 3 * SNAP  # a box lets its corners out by different faces
+        most = 3 * SNAP if kind == "boxes" else SNAP  # a box lets its corners out by different faces
+        assert fastest(simulation, 150) < most
         assert simulation.measure().penetration == 0
 
 
