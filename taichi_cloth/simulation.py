@@ -30,9 +30,11 @@ from .given import places, target_point
 from .hand import Hand
 from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
+from .kernels.tearing import longer_than
 from .measure.cloth import Measures, energies, spring_strains
 from .mesh.from_scene import holder_of, stiffness_of, topology_of
 from .mesh.solid import distances_of
+from .mesh.tear import Tear
 from .save_file import read_save, write_save
 from .scene import Scene, check_scene, live_keys, scene_to_toml
 from .scene.errors import shown
@@ -102,6 +104,7 @@ class Simulation:
         self._wind_on = True
         self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
         self._own = scene.solver
+        self._tear: Tear | None = None
         self._open(scene)
         self._inverse_mass = state.inverse_mass(self.topology)
         self._hand: Hand | None = None
@@ -112,7 +115,14 @@ class Simulation:
         """Makes the cloth and the solver of a scene, at the start."""
         kind = SOLVERS[scene.solver.name]
         topology = topology_of(scene, kind.springs)
-        path = path_for(kind, topology.shape, self._path, sheets=topology.sheets, triangles=self._stages.triangles)
+        path = path_for(
+            kind,
+            topology.shape,
+            self._path,
+            sheets=topology.sheets,
+            triangles=self._stages.triangles,
+            tears=scene.tear is not None,
+        )
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)
@@ -134,6 +144,9 @@ class Simulation:
         self._solver: Solver | None = solver
         self._damping_time, self._least_substeps = damping_time, least
         self._near = False  # whether crossings were asked for
+        if scene.tear is not None:
+            self._tear = Tear(topology, *([self._tear.ends] if self._tear else []))
+            self._weave()
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
         self._give_back = weakref.finalize(self, _give_back, self._solver)
         self._give_back.atexit = False  # Taichi may be gone by then
@@ -146,6 +159,8 @@ class Simulation:
         if self._hand is not None:
             self._hand.end_frame()
         self.frame += 1
+        if self._tear is not None:
+            self._give_way(self._tear)
 
     def reset(self) -> None:
         """Back to the first frame, bit for bit; parameters that were set keep their values."""
@@ -153,6 +168,9 @@ class Simulation:
         self.solver.set_velocities(np.zeros_like(self.topology.start), self._substep)
         self._hand = None
         self._letting_out.ask()
+        if self._tear is not None:
+            self._tear.torn[:] = False
+            self._weave()
         self.frame = 0
 
     def place(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
@@ -253,6 +271,24 @@ class Simulation:
         """Substeps of a frame: those asked for, or those that the solver needs to be stable if they are more."""
         return max(int(self._live["substeps"]), self._least_substeps)
 
+    # -- tearing ---------------------------------------------------------------------------------------
+
+    def _give_way(self, tear: Tear) -> None:
+        """Tears what a frame has stretched too far."""
+        counts, most = self.topology.family_counts, self._live["tear_strain"]
+        threads = counts.get("structural", 0) + counts.get("shear", 0)
+        if longer_than(self.cloth, threads, most):
+            tear.give_way(spring_strains(tear.whole, self.positions()), most)
+            self._weave()
+
+    def _weave(self) -> None:
+        """Goes on with what is left of the cloth."""
+        assert self._tear is not None
+        left = self._tear.left()
+        if left is not self.topology:
+            self.topology, self._near = left, False
+            self.solver.weave(left, stiffness_of(self.scene, self.solver.springs, left))
+
     # -- the hand --------------------------------------------------------------------------------------
 
     @property
@@ -330,8 +366,9 @@ class Simulation:
             "triangles": "triangles",
         }
         on = (name for stage, name in names.items() if getattr(self.solver.stages, stage))
+        tearing = [] if self._tear is None else ["tear"]
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
-        return (*self.topology.family_counts, *on, *colliders)
+        return (*self.topology.family_counts, *on, *tearing, *colliders)
 
     @property
     def method(self) -> str:
@@ -410,6 +447,9 @@ class Simulation:
             raise ValueError(f"{path}: damaged: {error}") from None
         self._live, self._hand = live, hand
         self._letting_out.depth[:] = saved["release"]
+        if self._tear is not None:
+            self._tear.torn[:] = saved["torn"]
+            self._weave()
         self._wind_on = bool(saved["wind_on"])
         self.frame = int(saved["frame"])
         self.cloth.put(saved["x"], saved["x_prev"], self._inverse_masses())
@@ -434,6 +474,7 @@ class Simulation:
             "x_prev": self.cloth.taken(self.cloth.x_prev),
             "velocity": self.cloth.taken(self.cloth.velocity),
             "frame": np.array(self.frame, np.int64),
+            "torn": np.zeros(0, bool) if self._tear is None else self._tear.torn.copy(),
             "release": self._letting_out.depth.copy(),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),

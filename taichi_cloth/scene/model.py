@@ -150,6 +150,15 @@ class Tethers:
 
 
 @dataclass(frozen=True)
+class Tear:
+    """Threads that are stretched too far give way, with the triangles beside them. Not with `fabric.bending`."""
+
+    strain: float = _key(
+        0.5, "largest length/rest − 1 that a thread bears", low=0.01, high=100.0, slider=(0.05, 2.0)
+    )
+
+
+@dataclass(frozen=True)
 class Forces:
     """Forces on every particle."""
 
@@ -333,6 +342,7 @@ class Scene:
     solver: Solver = field(default_factory=Solver)
     limit: Limit | None = None
     tethers: Tethers | None = None
+    tear: Tear | None = None
     forces: Forces = field(default_factory=Forces)
     wind: Wind | None = None
     grips: tuple[Grip, ...] = ()

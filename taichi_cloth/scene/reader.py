@@ -217,6 +217,9 @@ def _consistent(scene: Scene, file: str) -> Scene:
     last = scene.cloth.rows * scene.cloth.columns * scene.cloth.sheets - 1
     if scene.cloth.sheets > 1 and scene.tethers is not None:
         raise SceneError(file, "tethers", f"are for one sheet, and cloth.sheets is {scene.cloth.sheets}")
+    if scene.tear is not None and scene.fabric.bending > 0:
+        reason = "cannot cut what resists bending: set fabric.bending to 0, and let the springs of fabric.bend do it"
+        raise SceneError(file, "tear", reason)
     lists = {"cloth": scene.cloth.pins} | {f"grips[{k}]": grip.pins for k, grip in enumerate(scene.grips)}
     for place, pins in lists.items():
         for k, pin in enumerate(pins):

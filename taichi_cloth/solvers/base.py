@@ -170,6 +170,7 @@ class Solver:
     constrains: ClassVar[bool] = True  # springs need to know where a particle was a substep ago
     iterates: ClassVar[bool] = True  # `iterations` means something
     closing: ClassVar[bool] = False  # a frame ends with one more `before`
+    tears: ClassVar[bool] = True  # springs may go while it runs
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
@@ -188,19 +189,31 @@ class Solver:
         self.work: Any = cloth  # the layout that is worked on
         if path == "lanes":
             self.work = lanes.take(topology, stiffness, coloured=coloured)
-        elif path == "gather":
-            self.work = gathering(cloth, topology)
-        if stages.triangles:
-            patch(self.work, topology)
-        if stages.tethers:
-            tie(self.work, topology)
-        if self.stages.bending:
-            bond(self.work, topology)
-        if stages.self_collision:
-            come_near(self.work, topology)
+        self._equip(topology)
         self.frequency = self._frequency(topology, stiffness)
         start_without_forces(self.work)
         self.launches = Launches(self.work, self.stages)
+
+    def _equip(self, topology: Topology) -> None:
+        """Gives the layout what its stages need beside the cloth's own fields."""
+        if self.path == "gather":
+            self.work = gathering(self.cloth, topology)
+        if self.stages.triangles:
+            patch(self.work, topology)
+        if self.stages.tethers:
+            tie(self.work, topology)
+        if self.stages.bending:
+            bond(self.work, topology)
+        if self.stages.self_collision:
+            come_near(self.work, topology)
+
+    def weave(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
+        """Goes on with other springs and triangles between the same particles, no more than it began with.
+
+        `stiffness` of every spring, (E,). Not for strips, which keep that of whole rows.
+        """
+        self.cloth.weave(topology, stiffness)
+        self._equip(topology)
 
     def advance_frame(self, frame: FrameInput) -> None:
         """Advances the cloth by `frame.substeps` substeps of `frame.h` seconds."""

@@ -173,6 +173,7 @@ class Lines(Solver):
     sweep = staticmethod(sweep)
     after = staticmethod(after)
     constrains = False  # springs push velocities themselves
+    tears = False  # its chains are whole rows
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str

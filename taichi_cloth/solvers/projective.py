@@ -264,6 +264,10 @@ class Projective(Solver):
     def _frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:
         return 0.0  # springs and bonds are both in the matrix
 
+    def weave(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
+        super().weave(topology, stiffness)
+        self._topology, self._stiffness, self._factor = topology, stiffness, None
+
     def close(self) -> None:
         super().close()
         self._factor = None

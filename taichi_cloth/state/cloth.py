@@ -43,6 +43,15 @@ class ClothState:
 
     def upload(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
         """Fills every field for this cloth at its start, at rest. `stiffness`: of every spring, (E,)."""
+        self.weave(topology, stiffness)
+        self.slot_count[None] = topology.particle_count
+        self.velocity.fill(0.0)
+        start = topology.start - topology.origin
+        self.origin[None] = topology.origin
+        self.put(start, start, inverse_mass(topology))
+
+    def weave(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
+        """Fills what joins the particles: springs, their `stiffness`, (E,), and triangles."""
         first = np.full(MOST_BATCHES + 1, topology.spring_count)  # batches that are not there are empty
         first[: len(topology.batches)] = [batch.first for batch in topology.batches]
         fields.put(self.ends, topology.ends)
@@ -50,14 +59,9 @@ class ClothState:
         fields.put(self.stiffness, stiffness)
         fields.put(self.triangles, topology.triangles)
         fields.put(self.batch_first, first)
-        self.slot_count[None] = topology.particle_count
         self.spring_count[None] = topology.spring_count
         self.batch_count[None] = len(topology.batches)
         self.triangle_count[None] = topology.triangle_count
-        self.velocity.fill(0.0)
-        start = topology.start - topology.origin
-        self.origin[None] = topology.origin
-        self.put(start, start, inverse_mass(topology))
 
     def put(self, x: NDArray[Any], x_prev: NDArray[Any], inverse_mass: NDArray[Any]) -> None:
         """Sets the places from the origin: two (N, 3) arrays [m] and one (N,) array [1/kg]."""

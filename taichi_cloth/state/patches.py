@@ -29,8 +29,11 @@ def patch(work: Any, topology: Topology) -> None:
         "patches",
         lambda: Patches(ti.Vector.field(3, ti.i32, count), fields.numbers(COLOURS + 1, kind=ti.i32)),
     )
-    row, column = topology.cells.T % 2
-    colour = 4 * row + 2 * column + np.arange(topology.triangle_count) % 2
+    cells = topology.cells
+    row, column = cells.T % 2
+    second = np.zeros(len(cells), int)  # of its cell
+    second[1:] = (cells[1:] == cells[:-1]).all(axis=1)
+    colour = 4 * row + 2 * column + second
     order = np.argsort(colour, kind="stable")
     fields.put(found.corners, topology.triangles[order])
     fields.put(found.first, np.searchsorted(colour[order], np.arange(COLOURS + 1)))

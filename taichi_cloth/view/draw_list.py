@@ -60,9 +60,6 @@ class DrawList:
         self._ball = solids.unit_sphere().astype(np.float32)
         self._ball_count = len(scene.spheres) + 1  # the last one marks the held particle
         self._grain = float(topology.rest.mean()) if topology.spring_count else 0.1  # [m] a typical spring
-        self._drawn_springs = len(topology.family("structural")) + len(topology.family("shear"))
-        self._weave = self._weave_colours()
-        self._spring_colours = self._family_colours()
         self._floor = self._floor_table(distance)
 
         bodies = simulation.bodies()
@@ -74,12 +71,7 @@ class DrawList:
         self._first_moving = len(floor[0]) + self._shares * sum(len(p) for p, _, _ in still)
         self._first_ball = self._first_moving + self._shares * sum(len(p) for p, _, _ in self._soups)
         self._first_shadow = self._first_ball + self._shares * self._ball_count * len(self._ball)
-        self._cloth_corners = {
-            "shaded": 3 * topology.triangle_count,
-            "strain": 3 * topology.triangle_count,
-            "wireframe": 6 * self._drawn_springs,
-            "particles": 24 * topology.particle_count,
-        }
+        self._weave()
         self.mesh = _meshes.take(self._first_shadow + self._shares * max(self._cloth_corners.values()))
         self._look = _looks.take(topology.particle_count)
         fill.fill_floor(self.mesh, 0, *floor, self._floor)
@@ -93,6 +85,8 @@ class DrawList:
     def update(self, view: str, eye: tuple[float, float, float]) -> DrawMesh:
         """Writes the scene as it is now, seen from `eye` [m], in one of `VIEWS`."""
         simulation, mesh, cloth = self.simulation, self.mesh, self.simulation.cloth
+        if simulation.topology is not self._woven:  # it tore: there is less of it
+            self._weave()
         self._update_balls()
         bodies = simulation.bodies() if self._moving else []
         moved = [draw_bodies.posed(bodies[k], soup) for k, soup in zip(self._moving, self._soups, strict=True)]
@@ -101,10 +95,10 @@ class DrawList:
         first = self._first_shadow + (self._shares - 1) * corners
         fill.particle_normals(cloth, self._look.normal)
         if view == "shaded":
-            fill.fill_weave(cloth, mesh, self._look.normal, first, self._weave)
+            fill.fill_weave(cloth, mesh, self._look.normal, first, self._triangle_colours)
         elif view == "strain":
-            structural = len(simulation.topology.family("structural"))
-            fill.particle_strains(cloth, self._look.strain, structural or simulation.topology.spring_count)
+            springs = self._structural or simulation.topology.spring_count
+            fill.particle_strains(cloth, self._look.strain, springs)
             fill.fill_strain(cloth, mesh, self._look.normal, self._look.strain, first)
         elif view == "wireframe":
             width = 0.06 * self._grain
@@ -175,6 +169,21 @@ class DrawList:
         return np.array(rows, np.float32)
 
     # -- colours ---------------------------------------------------------------------------------------
+
+    def _weave(self) -> None:
+        """Counts and colours what there is of the cloth."""
+        self._woven = topology = self.simulation.topology
+        counts = topology.family_counts
+        self._structural = counts.get("structural", 0)
+        self._drawn_springs = self._structural + counts.get("shear", 0)
+        self._triangle_colours = self._weave_colours()
+        self._spring_colours = self._family_colours()
+        self._cloth_corners = {
+            "shaded": 3 * topology.triangle_count,
+            "strain": 3 * topology.triangle_count,
+            "wireframe": 6 * self._drawn_springs,
+            "particles": 24 * topology.particle_count,
+        }
 
     def _weave_colours(self) -> Floats:
         """Colour of every triangle, (T, 3): a chequer of `check_cells` cells."""
