@@ -76,7 +76,7 @@ def without(scene: Scene) -> dict[str, Scene]:
             found["gusts"] = replace(scene, wind=replace(scene.wind, turbulence=0.0))
         if scene.wind.lift > 0:
             found["lift"] = replace(scene, wind=replace(scene.wind, lift=0.0))
-    for name in ("limit", "tethers", *COLLIDERS, "ground", "self_collision"):
+    for name in ("limit", "tethers", "tear", *COLLIDERS, "ground", "self_collision"):
         if getattr(scene, name):
             found[name] = replace(scene, **{name: () if name in COLLIDERS else None})  # type: ignore[arg-type]
     for name, key, off in CONTACT:

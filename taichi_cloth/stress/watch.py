@@ -72,6 +72,7 @@ class Watch:
     def springs_are_others(self) -> None:
         """Reads the springs of the simulation's method."""
         simulation, topology = self._simulation, self._simulation.topology
+        self._woven = topology
         self._ends = np.ascontiguousarray(topology.ends.T)
         self._bonds = np.ascontiguousarray(topology.bonds.ends.T)
         self._rest = topology.rest
@@ -119,6 +120,8 @@ class Watch:
         """All of it, and what the method can make of it in a substep [J]."""
         simulation = self._simulation
         topology = simulation.topology
+        if topology is not self._woven:
+            self.springs_are_others()  # it tore
         if simulation.grabbed is not None:
             v = v.copy()
             v[simulation.grabbed] = 0.0  # a hand has no mass

@@ -65,9 +65,17 @@ VARIANTS = {
 }
 
 
-# Diagonals and masses are in the topology, which `gather` shares with the list: only strips have them twice.
+# Diagonals and masses are in the topology, which `gather` shares with the list: only strips have them twice. What
+# strips do at the ends of a grid is the same for all that sweep, sum or eliminate: one of each shows it, `make long` all.
+SHOWN = ("verlet", "spring", "lines")
 CASES = [
-    pytest.param(solver, path, variant, id=f"{solver}-{path}-{variant}")
+    pytest.param(
+        solver,
+        path,
+        variant,
+        id=f"{solver}-{path}-{variant}",
+        marks=[pytest.mark.long] * (variant != "all" and solver not in SHOWN),
+    )
     for solver, path in OTHER_PATHS
     for variant in VARIANTS
     if path != "gather" or "one diagonal" not in variant
