@@ -199,7 +199,8 @@ def test_no_slider_at_its_end_and_no_wild_hand_blows_a_scene_up(scene_name: str,
         for key in live_keys(scene).values():
             simulation.set(key.name, key.value)
         run(simulation, 300)
-        assert np.abs(simulation.positions()).max() < 200  # a cloth without pins may have been thrown far
+        if scene.tear is None:  # what is torn off flies as fast as the hand was
+            assert np.abs(simulation.positions()).max() < 200  # a cloth without pins may have been thrown far
         # It had been stretched a thousandfold. Where it lies in folds now, drape15 with its 1×5 keeps 0.25 to 0.59
         # in some spring, whatever the hand did (six runs), and longer waiting does not change that. Nor does it untie
         # the knots of a cloth that keeps off itself: there the sheet has its length again but for them.

@@ -20,7 +20,7 @@ def test_live_keys_are_in_the_panels_order() -> None:
 
 def test_every_key_with_a_slider_is_live() -> None:
     declared = [key for part in parts().values() for key in keys_of(part.section).values() if key.slider]
-    assert len(declared) == len([*ALL, "limit_strain", "tethers_slack", "self_collision_thickness"])
+    assert len(declared) == len([*ALL, "limit_strain", "tethers_slack", "tear_strain", "self_collision_thickness"])
     assert [*live_keys(load_scene("curtain", limit_strain=0.2))] == [*ALL, "limit_strain"]
 
 

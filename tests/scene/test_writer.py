@@ -72,6 +72,7 @@ def test_a_scene_survives_being_written(write: Write, scene: Scene) -> None:
     (x, _, z), (tx, _, tz) = scene.camera.eye, scene.camera.target
     assume(abs(x - tx) + abs(z - tz) > 1)
     assume(scene.cloth.sheets == 1 or scene.tethers is None)
+    assume(scene.tear is None or scene.fabric.bending == 0)
     assert load_scene(write(scene_to_toml(scene))) == scene
 
 
@@ -86,7 +87,7 @@ def test_every_key_is_written_with_its_unit() -> None:
     assert "\n[wind]\nx = 3.0  # m/s\n" in text
     assert text.count("[[boxes]]") == 3
     for part in parts().values():
-        left_out = ("limit", "tethers", "grips", "capsules", "planes", "meshes", "self_collision")
+        left_out = ("limit", "tethers", "tear", "grips", "capsules", "planes", "meshes", "self_collision")
         assert (f"[{part.name}]" in text) == (part.name not in left_out)
         assert f"[{part.name}]" not in text or all(f"\n{key} = " in text for key in keys_of(part.section))
 
