@@ -64,7 +64,12 @@ def sections(part: Part) -> st.SearchStrategy[Any]:
     return st.none() | one if part.optional else one
 
 
-scenes = tables(Scene, name=st.just("mine"), **{name: sections(part) for name, part in parts().items()})
+def sewn(scene: Scene) -> Scene:
+    """The same scene; of a cloth that tears, without the bending that it may not have."""
+    return scene if scene.tear is None else replace(scene, fabric=replace(scene.fabric, bending=0.0))
+
+
+scenes = tables(Scene, name=st.just("mine"), **{name: sections(part) for name, part in parts().items()}).map(sewn)
 
 
 @given(scenes)
@@ -72,7 +77,6 @@ def test_a_scene_survives_being_written(write: Write, scene: Scene) -> None:
     (x, _, z), (tx, _, tz) = scene.camera.eye, scene.camera.target
     assume(abs(x - tx) + abs(z - tz) > 1)
     assume(scene.cloth.sheets == 1 or scene.tethers is None)
-    assume(scene.tear is None or scene.fabric.bending == 0)
     assert load_scene(write(scene_to_toml(scene))) == scene
 
 
