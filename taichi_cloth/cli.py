@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from . import __version__, runtime
+from .cli_compare import compare
 from .cli_measure import run_ablate, run_bench, run_stress, run_validate
 from .errors import BlewUp, OutputInUse, WrongUse, one_line
 from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
@@ -107,6 +108,32 @@ def build_parser() -> Parser:
     again = render.add_mutually_exclusive_group()
     again.add_argument("--force", action="store_true", help="replace the frames in DIR")
     again.add_argument("--resume", action="store_true", help="go on where an interrupted render stopped")
+
+    comparing = command(
+        "compare",
+        compare,
+        "a scene in two ways, side by side, with the time, the strain and the error of each",
+        "compare curtain --a solver=verlet,iterations=2 --b solver=spring",
+    )
+    comparing.add_argument("scene", metavar="SCENE", help="a shipped scene or a TOML file")
+    for letter, side in (("a", "left"), ("b", "right")):
+        comparing.add_argument(
+            f"--{letter}",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE,…",
+            help=f"what is other on the {side}, as in solver=spring",
+        )
+    comparing.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="what is other in both")
+    comparing.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi back-end")
+    comparing.add_argument("--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s")
+    comparing.add_argument("--size", type=size, default="1280x540", metavar="WxH", help="size of a picture in pixels")
+    comparing.add_argument("--view", choices=VIEWS, default="shaded", help="how the cloth is drawn")
+    comparing.add_argument("--every", type=count, default=1, metavar="K", help="draw every K-th frame only")
+    comparing.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the pictures (default: out/compare_SCENE)"
+    )
+    comparing.add_argument("--force", action="store_true", help="replace the pictures in DIR")
 
     listing = command("list", list_scenes, "list the shipped scenes, a line each", "list")
     listing.add_argument("--presets", action="store_true", help="list the fabrics instead, with the numbers they have")

@@ -98,7 +98,8 @@ class _Pairs:
         return np.where(self._keys[at] == keys, self._springs[at], -1)
 
     def _key(self, a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.int64]:
-        return np.minimum(a, b).astype(np.int64) * self._count + np.maximum(a, b)
+        keys: NDArray[np.int64] = np.minimum(a, b).astype(np.int64) * self._count + np.maximum(a, b)
+        return keys
 
 
 def _paths(

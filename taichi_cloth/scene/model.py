@@ -153,9 +153,7 @@ class Tethers:
 class Tear:
     """Threads that are stretched too far give way, with the triangles beside them. Not with `fabric.bending`."""
 
-    strain: float = _key(
-        0.5, "largest length/rest − 1 that a thread bears", low=0.01, high=100.0, slider=(0.05, 2.0)
-    )
+    strain: float = _key(0.5, "largest length/rest − 1 that a thread bears", low=0.01, high=100.0, slider=(0.05, 2.0))
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,8 @@ def path_for(
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise WrongUse(f"{kind.name} has no path {asked!r}: {', '.join(kind.paths)}{hint}")
     if tears and not kind.tears:
-        raise WrongUse(f"{kind.name} cannot tear: it solves whole rows; take {', '.join(s.name for s in SOLVERS.values() if s.tears)}")
+        others = ", ".join(name for name, other in SOLVERS.items() if other.tears)
+        raise WrongUse(f"{kind.name} cannot tear: it solves whole rows; take {others}")
     if ti.cfg.arch not in (ti.x64, ti.arm64):
         if asked not in (None, "gather"):
             raise WrongUse(f"path {asked} is for --arch cpu; a GPU has the path gather")

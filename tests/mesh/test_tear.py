@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+
 from taichi_cloth.mesh.from_scene import topology_of
 from taichi_cloth.mesh.tear import Tear
 from taichi_cloth.mesh.topology import Topology

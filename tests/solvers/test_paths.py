@@ -66,7 +66,7 @@ VARIANTS = {
 
 
 # Diagonals and masses are in the topology, which `gather` shares with the list: only strips have them twice. What
-# strips do at the ends of a grid is the same for all that sweep, sum or eliminate: one of each shows it, `make long` all.
+# strips do at the ends of a grid is the same for all that sweep, sum or eliminate: one of each, `make long` all.
 SHOWN = ("verlet", "spring", "lines")
 CASES = [
     pytest.param(

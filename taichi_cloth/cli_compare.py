@@ -1,0 +1,107 @@
+"""`compare`: a scene in two ways, side by side."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import runtime
+from .errors import WrongUse
+from .scene import Scene, load_scene, parse_override
+
+if TYPE_CHECKING:
+    from .view.compare_frames import Run
+
+NEXT_KEY = re.compile(r",(?=\s*\w+\s*=)")  # a comma inside a value is followed by no key
+
+
+def overrides(texts: list[str]) -> dict[str, Any]:
+    """`solver=verlet,iterations=2` as keys and values. Raises SceneError for what is none."""
+    return dict(parse_override(part) for text in texts for part in NEXT_KEY.split(text))
+
+
+def compare(args: argparse.Namespace) -> int:
+    shared = overrides(args.set)
+    scenes = [load_scene(args.scene, **(shared | overrides(own))) for own in (args.a, args.b)]
+    if scenes[0] == scenes[1]:
+        raise WrongUse("both sides are the same scene: say what differs, as in --a solver=verlet --b solver=spring")
+    return render_compared(scenes, args)
+
+
+def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
+    from .bench.report import printed_table, wide_console
+    from .progress import frames_progress
+    from .simulation import Simulation
+    from .view import compare_frames, frames
+
+    plan = frames.Plan(
+        out=args.out or Path("out") / f"compare_{scenes[0].name}",
+        frames=args.frames,
+        width=args.size[0],
+        height=args.size[1],
+        view=args.view,
+        every=args.every,
+    )
+    runtime.start(args.arch)
+    with Simulation(scenes[0]) as a, Simulation(scenes[1]) as b:
+        for letter, simulation in (("a", a), ("b", b)):
+            print(f"{letter}: {simulation.scene.name} · {simulation.method}", flush=True)
+        with frames.claimed(plan, a, force=args.force, resume=False):
+            truth = converged(scenes)
+            with frames_progress(plan.frames) as advance:
+                left, right, distances = compare_frames.render_both(a, b, plan, advance, len(truth))
+            errors = [error(run, truth) for run in (left, right)]
+            told = {"horizon": len(truth), "rms_error": errors}
+            compare_frames.write_report(plan, (left, right), distances, told)
+        wide_console().print(printed_table(table([left, right], errors)))
+        print(summary(distances, truth))
+    print(f"{plan.pictures} pictures in {plan.out}, a on the left, b on the right")
+    return 0
+
+
+def converged(scenes: list[Scene]) -> np.ndarray | tuple[()]:
+    """Where the particles truly are, (frames, N, 3) [m], up to the horizon; nothing for two different cloths."""
+    from .accuracy import gallery
+
+    a, b = (replace(scene, solver=scenes[0].solver, springs=scenes[0].springs) for scene in scenes)
+    if a != b or a.tear is not None:
+        return ()
+    print("the converged motion that both are measured against …", flush=True)
+    return gallery.converged(a)[0]
+
+
+def error(run: Run, truth: np.ndarray | tuple[()]) -> float | None:
+    """Root mean square of all places up to the horizon, as a share of the longer side."""
+    from .view.sides import side_of
+
+    if not len(truth) or not run.places:
+        return None
+    seen = min(len(truth), len(run.places))
+    away = np.array(run.places[:seen]) - truth[:seen]
+    return float(np.sqrt((away**2).sum(axis=2).mean())) / side_of(run.simulation)
+
+
+def table(runs: list[Run], errors: list[float | None]) -> list[list[str]]:
+    """Rows of text, the heading first."""
+    rows = [["", "setting", "ms", "p95", "largest strain", "error rms"]]
+    for letter, run, wrong in zip("ab", runs, errors, strict=True):
+        ms, worst = np.percentile(run.ms, (50, 95))
+        told = "-" if wrong is None else f"{wrong:.3%}"
+        method = run.simulation.method
+        rows.append([letter, method, f"{ms:.2f}", f"{worst:.2f}", f"{max(run.strain):.1%}", told])
+    return rows
+
+
+def summary(distances: list[float], truth: np.ndarray | tuple[()]) -> str:
+    """How far apart they are, and what the error is one of."""
+    line = f"apart after {len(distances)} frames: {distances[-1]:.2%} of the side"
+    if not len(truth):
+        return f"{line}; two different cloths have no truth in common, so no error"
+    return (
+        f"{line}; the error is one of the first {len(truth)} frames, behind which a hair's difference is another motion"
+    )

@@ -1,0 +1,62 @@
+"""Two running scenes in one picture, side by side, seen by one camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import WrongUse
+from ..interact.camera import OrbitCamera
+from ..simulation import Simulation
+from .draw_list import DrawList
+from .raster import Raster
+
+SEAM = 2  # [pixels] between the halves
+Picture = NDArray[np.uint8]
+
+
+class TwoPictures:
+    """Draws the left side, a seam and the right side, each with half of the width."""
+
+    def __init__(self, width: int, height: int, samples: int) -> None:
+        """Size in pixels. Raises WrongUse where no half is left."""
+        if width <= SEAM + 1:
+            raise WrongUse(f"two pictures do not fit into {width} pixels")
+        self._half = Raster((width - SEAM) // 2, height, samples)
+        self._picture = np.full((height, width, 3), 255, np.uint8)
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of a half."""
+        return self._half.width / self._half.height
+
+    def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Picture:
+        """The picture as uint8 of shape (height, width, 3); a new array each time."""
+        picture = self._picture.copy()
+        width = self._half.width
+        for side, left in zip(sides, (0, picture.shape[1] - width), strict=True):
+            view_projection = camera.view_projection(self.aspect)
+            drawn = self._half.draw(side.update(view, camera.eye), view_projection, side.lighting)
+            picture[:, left : left + width] = drawn
+        return picture
+
+
+def apart(a: Simulation, b: Simulation, partner: NDArray[np.int64]) -> float:
+    """Root mean square distance of the particles of a from their partners in b, as a share of the longer side."""
+    away = a.positions() - b.positions()[partner]
+    return float(np.sqrt((away**2).sum(axis=1).mean())) / side_of(a)
+
+
+def side_of(simulation: Simulation) -> float:
+    """The longer side of the sheet as it was cut [m]."""
+    return float(np.ptp(simulation.topology.flat, axis=0).max())
+
+
+def partners(a: Simulation, b: Simulation) -> NDArray[np.int64]:
+    """For every particle of a the one of b that lies nearest to the same place of the sheet, (N,).
+
+    Grids of other sizes are so compared, and pulled at, to half a cell.
+    """
+    theirs = b.topology.flat
+    found = [((theirs - place) ** 2).sum(axis=1).argmin() for place in a.topology.flat]
+    return np.array(found, np.int64)
