@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from . import runtime
 from .errors import WrongUse
 from .scene import Scene, load_scene, parse_override
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from .view.compare_frames import Run
 
 NEXT_KEY = re.compile(r",(?=\s*\w+\s*=)")  # a comma inside a value is followed by no key
@@ -77,6 +77,8 @@ def converged(scenes: list[Scene]) -> np.ndarray | tuple[()]:
 
 def error(run: Run, truth: np.ndarray | tuple[()]) -> float | None:
     """Root mean square of all places up to the horizon, as a share of the longer side."""
+    import numpy as np
+
     from .view.sides import side_of
 
     if not len(truth) or not run.places:
@@ -88,6 +90,8 @@ def error(run: Run, truth: np.ndarray | tuple[()]) -> float | None:
 
 def table(runs: list[Run], errors: list[float | None]) -> list[list[str]]:
     """Rows of text, the heading first."""
+    import numpy as np
+
     rows = [["", "setting", "ms", "p95", "largest strain", "error rms"]]
     for letter, run, wrong in zip("ab", runs, errors, strict=True):
         ms, worst = np.percentile(run.ms, (50, 95))

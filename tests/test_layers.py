@@ -27,7 +27,7 @@ FLOORS = [
     {"kernel_cache", "runtime"},
     {"bench"},
     {"validate", "accuracy", "stress"},
-    {"cli_measure"},
+    {"cli_compare", "cli_measure"},
     {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "lock", "progress", "scene", "mesh", "interact", "measure"}
