@@ -16,6 +16,7 @@ import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
 from ..contact.bodies import Body
+from ..errors import one_line
 from ..files import whole_path
 from .sheet import Floats, Sheet, turned_up, vertex_normals
 from .usd_bodies import Bodies
@@ -57,7 +58,7 @@ def _stage(sheet: Sheet, up: str) -> tuple[Any, Callable[[Floats, list[Body], An
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, up.upper())
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    root = UsdGeom.Xform.Define(stage, f"/{Tf.MakeValidIdentifier(sheet.name)}")
+    root = UsdGeom.Xform.Define(stage, f"/{Tf.MakeValidIdentifier(one_line(sheet.name))}")
     stage.SetDefaultPrim(root.GetPrim())
     mesh = UsdGeom.Mesh.Define(stage, root.GetPath().AppendChild("cloth"))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)

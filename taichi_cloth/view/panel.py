@@ -19,7 +19,7 @@ from .session import Session
 NAME = "taichi_cloth"
 MARGIN = 10  # [pixels]
 WIDTH = 392  # [pixels] a slider takes 65 % of it and leaves 17 letters for its label
-HEIGHT = 680  # [pixels] of all that is below
+HEIGHT = 697  # [pixels] of all that is below
 LETTERS = (WIDTH - 2 * 8) // 7  # in a line: the toolkit's padding is 8 pixels, every letter 7 pixels wide
 COLUMN = 25  # [letters]
 
