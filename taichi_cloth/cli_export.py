@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import importlib.util
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -26,13 +25,14 @@ def run_export(scene: Scene, args: argparse.Namespace, summary: Callable[[Simula
     output = Output(path, format, args.frames, args.up, args.clip, args.every or 1)
     if format == "usd" and importlib.util.find_spec("pxr") is None:
         raise WrongUse("USD files need usd-core: pip install 'taichi-cloth[usd]'")
+    check_room(output, force=args.force)
     from .export.clip import export
     from .progress import frames_progress
     from .simulation import Simulation
 
     arch = runtime.start(args.arch)
     with Simulation(scene, args.path) as simulation:
-        make_room(output, force=args.force)
+        make_room(output)
         print(summary(simulation, arch), flush=True)
         with frames_progress(output.frames) as advance:
             export(simulation, output, advance)
@@ -41,19 +41,22 @@ def run_export(scene: Scene, args: argparse.Namespace, summary: Callable[[Simula
     return 0
 
 
-def make_room(output: Output, *, force: bool) -> None:
-    """The folder made, and with `force` an older clip's numbered files removed. Raises OutputInUse and WrongUse."""
+def check_room(output: Output, *, force: bool) -> None:
+    """Says what is in the way before anything starts. Raises OutputInUse and WrongUse."""
     from .bench.report import check_free
 
-    earlier = output.earlier() if output.is_folder else []
-    if earlier and not force:
+    if output.is_folder and output.earlier() and not force:
         raise OutputInUse(f"{output.path} holds a clip already: use --force to replace it")
-    folder = output.path if output.is_folder else output.path.parent
-    with contextlib.suppress(FileExistsError, NotADirectoryError):  # told in better words below
-        folder.mkdir(parents=True, exist_ok=True)
     for path in output.files():
-        check_free(path, force=force)
-    for path in earlier:
+        if path.parent.exists():
+            check_free(path, force=force)
+
+
+def make_room(output: Output) -> None:
+    """The folder made, and an older clip's numbered files removed. Raises OSError."""
+    folder = output.path if output.is_folder else output.path.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in output.earlier() if output.is_folder else []:
         path.unlink()
 
 

@@ -57,9 +57,10 @@ class Panel:
                 if gui.button(label):
                     session.act(action)
                     used = True
-            if session.note:
-                gui.text(session.note, color=(1.0, 0.6, 0.3))
-            for line in (*numbers.splitlines(), "", *help_lines()):
+            for line in numbers.splitlines():
+                gui.text(line)
+            gui.text(session.note, color=(1.0, 0.6, 0.3))  # or an empty line: the keys below stay where they are
+            for line in help_lines():
                 gui.text(line)
         return used
 
