@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, NoReturn
 
 from . import __version__, runtime
 from .cli_compare import compare
+from .cli_export import run_export
 from .cli_measure import run_ablate, run_bench, run_stress, run_validate
 from .errors import BlewUp, OutputInUse, WrongUse, one_line
+from .export.output import FORMATS, UPS
 from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
 from .scene.model import PRESET_NAMES, SOLVER_NAMES
 from .scene.presets import load_preset
@@ -134,6 +136,15 @@ def build_parser() -> Parser:
         "--out", type=Path, metavar="DIR", help="folder for the pictures (default: out/compare_SCENE)"
     )
     comparing.add_argument("--force", action="store_true", help="replace the pictures in DIR")
+    export = command(
+        "export", export_scene, "write the cloth as a mesh, after some frames", "export curtain --frames 60 --out c.obj"
+    )
+    export_options(export)
+    export.add_argument("--clip", action="store_true", help="write a whole clip, as `bake` does")
+
+    bake = command("bake", export_scene, "write a whole clip of the cloth", "bake curtain --frames 240 --out clip.pc2")
+    export_options(bake)
+    bake.set_defaults(clip=True)
 
     listing = command("list", list_scenes, "list the shipped scenes, a line each", "list")
     listing.add_argument("--presets", action="store_true", help="list the fabrics instead, with the numbers they have")
@@ -210,6 +221,21 @@ def scene_options(parser: Parser, nargs: str | None = None) -> None:
         help="take the fastest setting that is at most P %% of the side wrong",
     )
     parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi back-end")
+
+
+def export_options(parser: Parser) -> None:
+    """The options of `export` and `bake`."""
+    scene_options(parser)
+    parser.add_argument(
+        "--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s to simulate"
+    )
+    parser.add_argument("--every", type=count, metavar="K", help="of a clip, write every K-th frame only (default: 1)")
+    parser.add_argument("--format", choices=FORMATS, help="format of the file (default: by the suffix of --out)")
+    parser.add_argument("--up", choices=UPS, default="y", help="axis that is upwards in the file")
+    parser.add_argument(
+        "--out", type=Path, metavar="PATH", help="file, or folder for a clip of OBJ or PLY files (default: in out)"
+    )
+    parser.add_argument("--force", action="store_true", help="replace what is there")
 
 
 def chosen_scene(args: argparse.Namespace) -> Scene:
@@ -295,6 +321,10 @@ def render_plan(
             frames.render(simulation, plan, advance)
     print(f"{plan.pictures} pictures in {plan.out}" + (", contact_sheet.png among them" if plan.sheet else ""))
     return 0
+
+
+def export_scene(args: argparse.Namespace) -> int:
+    return run_export(chosen_scene(args), args, summary)
 
 
 def list_scenes(args: argparse.Namespace) -> int:

@@ -15,11 +15,17 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
     After an error or an interrupt nothing is left and an older file at `path` is untouched. Raises OSError.
     """
+    with whole_path(path) as part, part.open("wb") as file:
+        yield file
+
+
+@contextmanager
+def whole_path(path: str | os.PathLike[str], ending: str = ".part") -> Iterator[Path]:
+    """The hidden file itself, for a library that opens files by their names; `ending` is that of its name."""
     target = Path(path)
-    part = target.with_name(f".{target.name}.part")
+    part = target.with_name(f".{target.name}{ending}")
     try:
-        with part.open("wb") as file:
-            yield file
+        yield part
         os.replace(part, target)
     except OSError as error:  # a write that fails does not know its file's name
         raise OSError(error.errno, error.strerror, str(target)) from None

@@ -97,7 +97,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_every_command_has_an_example_and_its_defaults(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("run", "render", "list", "check"):
+    for command in ("run", "render", "export", "bake", "list", "check"):
         with pytest.raises(SystemExit, match="0"):
             cli.main([command, "--help"])
         assert "example: taichi-cloth" in capsys.readouterr().out

@@ -23,11 +23,12 @@ FLOORS = [
     {"contact", "solvers"},
     {"given", "hand", "save_file", "simulation"},
     {"guard"},
+    {"export"},
     {"view"},
     {"kernel_cache", "runtime"},
     {"bench"},
     {"validate", "accuracy", "stress"},
-    {"cli_compare", "cli_measure"},
+    {"cli_compare", "cli_export", "cli_measure"},
     {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "lock", "progress", "scene", "mesh", "interact", "measure"}

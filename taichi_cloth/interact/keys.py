@@ -28,6 +28,7 @@ KEYS = (
     Key("t", "T", "solver", "next solver"),
     Key("b", "B", "previous_scene", "previous scene"),
     Key("m", "M", "next_scene", "next scene"),
+    Key("e", "E", "export", "write an OBJ file"),
     Key("f", "F", "first_view", "first view point"),
     Key("h", "H", "hide", "hide, show panel"),
     Key("w", "W", "zoom_in", "zoom in", held=True),

@@ -19,7 +19,7 @@ from .session import Session
 NAME = "taichi_cloth"
 MARGIN = 10  # [pixels]
 WIDTH = 392  # [pixels] a slider takes 65 % of it and leaves 17 letters for its label
-HEIGHT = 680  # [pixels] of all that is below
+HEIGHT = 697  # [pixels] of all that is below
 LETTERS = (WIDTH - 2 * 8) // 7  # in a line: the toolkit's padding is 8 pixels, every letter 7 pixels wide
 COLUMN = 25  # [letters]
 
@@ -57,9 +57,10 @@ class Panel:
                 if gui.button(label):
                     session.act(action)
                     used = True
-            if session.note:
-                gui.text(session.note, color=(1.0, 0.6, 0.3))
-            for line in (*numbers.splitlines(), "", *help_lines()):
+            for line in numbers.splitlines():
+                gui.text(line)
+            gui.text(session.note, color=(1.0, 0.6, 0.3))  # or an empty line: the keys below stay where they are
+            for line in help_lines():
                 gui.text(line)
         return used
 

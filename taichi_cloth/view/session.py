@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import taichi as ti
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..contact.bodies import first_hit
 from ..errors import WrongUse
+from ..export.clip import snapshot
 from ..guard import Guard
 from ..interact.camera import OrbitCamera
 from ..interact.picking import Handle, pick
@@ -56,6 +58,7 @@ class Session:
         self.pointer = Pointer()
         self._first = scene
         self._path = path
+        self._out = Path("out").resolve()  # before the window changes the folder
         self._open(scene)
 
     def _open(self, scene: Scene) -> None:
@@ -101,6 +104,8 @@ class Session:
                 self._turn_to(-1)
             case "next_scene":
                 self._turn_to(1)
+            case "export":
+                self.note = snapshot(self.simulation, self._out)
             case "first_view":
                 self.camera.reset()
             case "hide":

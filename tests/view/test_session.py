@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import taichi as ti
 from taichi_cloth.interact.camera import OrbitCamera
 from taichi_cloth.interact.keys import KEYS
 from taichi_cloth.interact.pointer import Owner
+from taichi_cloth.mesh.obj import read_obj
 from taichi_cloth.scene import load_scene, scene_names
 from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.view.session import HOLD, Session
@@ -22,7 +24,8 @@ ASPECT = SIZE[0] / SIZE[1]
 
 
 @pytest.fixture
-def session() -> Iterator[Session]:
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+    monkeypatch.chdir(tmp_path)  # where it exports to
     session = Session(load_scene("curtain"))
     yield session
     session.close()
@@ -168,6 +171,27 @@ def test_cloth_that_blew_up_is_frozen_on_its_last_good_frame_and_the_user_is_tol
     session.act("freeze")  # and on it goes
     session.advance(2)
     assert (session.frozen, session.note, session.simulation.frame) == (False, "", 5)
+
+
+def test_an_export_is_a_new_file_where_the_session_began(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = Path("out").resolve()
+    monkeypatch.chdir("/")  # as the window does, to another place
+    for frame, name in ((0, "curtain_001.obj"), (2, "curtain_002.obj")):
+        session.act("export")
+        assert session.note == f"frame {frame} is in out/{name}"
+        points, faces = read_obj(out / name)
+        assert points == pytest.approx(session.simulation.positions(), rel=1e-6, abs=1e-9)
+        assert (faces == session.simulation.topology.triangles).all()
+        session.advance(2)
+    assert sorted(path.name for path in out.iterdir()) == ["curtain_001.obj", "curtain_002.obj"]
+
+
+def test_an_export_that_fails_is_told(session: Session) -> None:
+    Path("out").write_text("a file")
+    session.act("export")
+    assert session.note == "curtain_001.obj could not be written: File exists"
+    session.advance(1)
+    assert session.simulation.frame == 1
 
 
 def test_every_key_has_a_meaning(session: Session) -> None:

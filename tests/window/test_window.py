@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichi_cloth.mesh.obj import read_obj
 from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.view.draw_list import VIEWS
 from taichi_cloth.view.panel import HEIGHT, MARGIN, NAME, WIDTH
@@ -168,6 +169,11 @@ def test_keys(desk: Start) -> None:
     desk.key("n")
     desk.until(lambda line: line["frame"] == frozen["frame"] + 1, "one step")
     assert desk.now()["frame"] == frozen["frame"] + 1
+
+    desk.key("e")
+    mesh = desk.folder / "out" / "curtain_001.obj"
+    desk.until(lambda line: mesh.exists(), "the mesh in a file")
+    assert len(read_obj(mesh)[0]) == 720
 
     shaded = desk.picture()
     for view in (*VIEWS[1:], VIEWS[0]):

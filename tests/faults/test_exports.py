@@ -1,0 +1,46 @@
+"""Exports onto a full disk: no half file, the older one as it was, and one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from taichi_cloth import cli
+
+Disk = Callable[..., Path]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("small.toml").write_text("[cloth]\nrows = 12\ncolumns = 12\n")
+
+
+@pytest.mark.parametrize("name", ["c.pc2", "c.usdc", "c.usda"])
+def test_a_clip_that_does_not_fit_leaves_the_older_one(
+    disk: Disk, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = disk("o", "size=64k")
+    older = {out / name, out / "c.obj"}
+    for path in older:
+        path.write_text("older")
+    words = ["small.toml", "--path", "list", "--frames", "90", "--out", f"o/{name}", "--force"]
+    assert cli.main(["bake", *words]) == 1
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "No space left on device" in err
+    assert f"'o/{name}'" in err
+    assert set(out.iterdir()) == older
+    assert {path.read_text() for path in older} == {"older"}
+
+
+def test_numbered_files_that_fit_stay(disk: Disk, capsys: pytest.CaptureFixture[str]) -> None:
+    out = disk("o", "size=64k")
+    assert cli.main(["bake", "small.toml", "--path", "list", "--frames", "90", "--format", "ply", "--out", "o"]) == 1
+    assert "No space left on device: 'o/frame_0000" in capsys.readouterr().err
+    names = sorted(path.name for path in out.iterdir())
+    assert names == [f"frame_{k:05d}.ply" for k in range(len(names))]
+    assert len(names) > 2
+    assert len({path.stat().st_size for path in out.iterdir()}) == 1
