@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import replace
-from math import exp, hypot
+from math import hypot
 from os import PathLike
 from typing import Any
 
@@ -17,37 +17,26 @@ from .contact.bodies import (
     bodies_at,
     body_table,
     colliders_of,
-    counts_of,
-    meets_triangles,
     penetration,
     pose,
     repulsion_frequency,
 )
 from .contact.crossings import crossings
 from .contact.release import Release
+from .controls_row import ControlsRow
 from .errors import WrongUse
 from .given import places, target_point
 from .hand import Hand
-from .kernels import controls as c
 from .kernels.grab import set_inverse_mass
 from .measure.cloth import Measures, energies, spring_strains
 from .mesh.from_scene import holder_of, stiffness_of, topology_of
-from .mesh.solid import distances_of
 from .save_file import read_save, write_save
 from .scene import Scene, check_scene, live_keys, scene_to_toml
 from .scene.errors import shown
 from .scene.live import check_live
-from .scene.model import (
-    COLLIDERS,
-    FRAME_SECONDS,
-    PROJECTION,
-    REFLECTION,
-    REPULSION,
-    USUAL,
-    Collider,
-    Ground,
-)
-from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
+from .scene.model import FRAME_SECONDS, USUAL, Collider, Ground
+from .scene_stages import stages_of, words_for
+from .solvers import SOLVERS, FrameInput, Solver, path_for
 from .state import distances
 from .state.fields import put
 from .state.grips import grip
@@ -78,29 +67,12 @@ class Simulation:
         """
         scene = check_scene(scene)
         self._path = path
-        colliders = colliders_of(scene)
-        projecting: dict[str, Any] = dict(zip(COLLIDERS, counts_of(colliders, PROJECTION), strict=True))
-        self._stages = Stages(
-            wind=scene.wind is not None,
-            **projecting,
-            reflecting=counts_of(colliders, REFLECTION),
-            repelling=counts_of(colliders, REPULSION),
-            distances=distances.take([distances_of(mesh) for mesh in scene.meshes]),
-            triangles=any(meets_triangles(collider) for collider in colliders),
-            swept=any(collider.swept for collider in colliders),
-            spring_damping=scene.fabric.damping_time > 0,
-            strain_limit=0 if scene.limit is None else scene.limit.sweeps,
-            tethers=scene.tethers is not None,
-            grips=bool(scene.grips),
-            self_collision=scene.self_collision is not None,
-            self_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
-        )
+        self._stages = stages_of(scene)
         self._give_back_distances = weakref.finalize(self, distances.give_back, self._stages.distances)
         self._give_back_distances.atexit = False
         self._keys = live_keys(scene)
         self._live = {name: key.value for name, key in self._keys.items()}
         self._wind_on = True
-        self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
         self._own = scene.solver
         self._open(scene)
         self._inverse_mass = state.inverse_mass(self.topology)
@@ -133,6 +105,7 @@ class Simulation:
         self.scene, self.topology = scene, topology
         self._solver: Solver | None = solver
         self._damping_time, self._least_substeps = damping_time, least
+        self._row = ControlsRow(scene, topology.origin, damping_time)
         self._near = False  # whether crossings were asked for
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
         self._give_back = weakref.finalize(self, _give_back, self._solver)
@@ -319,19 +292,8 @@ class Simulation:
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of what is switched on: spring families, limits, forces and colliders."""
-        names = {
-            "bending": "bending",
-            "strain_limit": "limit",
-            "tethers": "tethers",
-            "grips": "grips",
-            "wind": "wind",
-            "self_collision": "self-collision",
-            "swept": "swept",
-            "triangles": "triangles",
-        }
-        on = (name for stage, name in names.items() if getattr(self.solver.stages, stage))
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
-        return (*self.topology.family_counts, *on, *colliders)
+        return (*self.topology.family_counts, *words_for(self.solver.stages), *colliders)
 
     @property
     def method(self) -> str:
@@ -454,7 +416,7 @@ class Simulation:
             iterations=int(self._live["iterations"]),
             h=self._substep,
             held=-1 if self._hand is None else self._hand.particle,
-            controls=self._controls(),
+            controls=self._row.at(self._live, blowing=self._wind_on, hand=self._hand, seconds=start, h=self._substep),
             bodies=body_table([*colliders, *self.scene.grips], start, end, smaller, tuple(self.topology.origin)),
         )
 
@@ -463,36 +425,6 @@ class Simulation:
 
     def _free_positions(self) -> Floats:
         return self.positions()[~self.topology.pinned]
-
-    def _controls(self) -> NDArray[np.float32]:
-        controls = np.zeros(c.COUNT, np.float32)
-        controls[c.GRAVITY] = self._live["gravity"]
-        controls[c.AREA_DENSITY] = self.scene.cloth.area_density
-        controls[c.KEPT] = exp(-self._live["damping"] * self._substep)
-        controls[c.STIFFNESS] = self._live["stiffness"]
-        controls[c.DAMPING_TIME] = self._damping_time
-        controls[c.MOST_STRAIN] = self._live.get("limit_strain", 0.0)
-        controls[c.TETHER_SLACK] = self._live.get("tethers_slack", 1.0)
-        touching = self.scene.self_collision
-        if touching is not None:
-            controls[c.THICKNESS] = self._live["self_collision_thickness"]
-            controls[c.SELF_FRICTION] = touching.friction
-        wind = self.scene.wind
-        if wind is not None:
-            # Switched off, the air stands still; it still slows the cloth.
-            x, z = (self._live["wind_x"], self._live["wind_z"]) if self._wind_on else (0.0, 0.0)
-            controls[c.WIND_X], controls[c.WIND_Z] = x, z
-            controls[c.GUST] = wind.turbulence * np.hypot(x, z)
-            controls[c.DRAG], controls[c.LIFT] = wind.drag, wind.lift
-            controls[c.HALF_AIR_DENSITY] = wind.air_density / 2
-            # Kept within a turn in float64: float32 would lose the phase in a long run.
-            turns = self._gust_phase + np.asarray(c.GUST_RATES) * self.seconds
-            turns -= np.asarray(c.GUST_WAVES) @ self.topology.origin
-            controls[c.GUST_TURNS : c.GUST_TURNS + 3] = turns % 1
-        if self._hand is not None:
-            controls[c.GRAB_FROM : c.GRAB_FROM + 3] = self._hand.start - self.topology.origin
-            controls[c.GRAB_TO : c.GRAB_TO + 3] = self._hand.target - self.topology.origin
-        return controls
 
     def _colliders(self) -> list[Collider | Ground]:
         """All of the scene's; a slider sets the first sphere's radius."""
