@@ -56,6 +56,6 @@ class ControlsRow:
             turns -= np.asarray(c.GUST_WAVES) @ self._origin
             row[c.GUST_TURNS : c.GUST_TURNS + 3] = turns % 1
         if hand is not None:
-            row[c.GRAB_FROM : c.GRAB_FROM + 3] = hand.start - self._origin
-            row[c.GRAB_TO : c.GRAB_TO + 3] = hand.target - self._origin
+            row[c.GRAB_FROM : c.GRAB_FROM + 3] = hand.start - hand.taken[0]
+            row[c.GRAB_TO : c.GRAB_TO + 3] = hand.target - hand.taken[0]
         return row
