@@ -33,6 +33,14 @@ def target_point(target: ArrayLike) -> Floats:
     return point
 
 
+def radius_of(radius: float) -> float:
+    """A number from 0 up to `FARTHEST` [m]. Raises ValueError."""
+    number = numbers(radius)
+    if number.shape != () or not 0 <= number <= FARTHEST:
+        raise ValueError(f"a radius is a number from 0 up to {FARTHEST:g} [m], not {shown(radius)}")
+    return float(number)
+
+
 def numbers(values: ArrayLike) -> Floats:
     """As an array of their own; an empty one for what is no numbers."""
     try:

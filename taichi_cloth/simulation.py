@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import replace
-from math import exp, hypot
+from math import hypot
 from os import PathLike
 from typing import Any
 
@@ -17,7 +17,6 @@ from .contact.bodies import (
     bodies_at,
     body_table,
     colliders_of,
-    counts_of,
     meets_triangles,
     penetration,
     pose,
@@ -25,34 +24,26 @@ from .contact.bodies import (
 )
 from .contact.crossings import crossings
 from .contact.release import Release
+from .controls_row import ControlsRow
 from .errors import WrongUse
-from .given import places, target_point
-from .hand import Hand
-from .kernels import controls as c
-from .kernels.grab import set_inverse_mass
+from .given import places, radius_of, target_point
+from .hand import Hand, hand_of, patch, saved_hand
 from .kernels.tearing import longer_than
 from .measure.cloth import Measures, energies, spring_strains
 from .mesh.from_scene import holder_of, stiffness_of, topology_of
-from .mesh.solid import distances_of
 from .mesh.tear import Tear
 from .save_file import read_save, write_save
 from .scene import Scene, check_scene, live_keys, scene_to_toml
 from .scene.errors import shown
-from .scene.live import check_live
-from .scene.model import (
-    COLLIDERS,
-    FRAME_SECONDS,
-    PROJECTION,
-    REFLECTION,
-    REPULSION,
-    USUAL,
-    Collider,
-    Ground,
-)
-from .solvers import SOLVERS, FrameInput, Solver, Stages, path_for
+from .scene.live import LiveKey, check_live
+from .scene.model import FRAME_SECONDS, PRESET_NAMES, USUAL, Collider, Ground
+from .scene.presets import in_fabric
+from .scene_stages import stages_of, words_for
+from .solvers import SOLVERS, FrameInput, Solver, path_for
 from .state import distances
 from .state.fields import put
 from .state.grips import grip
+from .state.held import hold
 from .state.near import come_near
 
 Floats = NDArray[np.float64]
@@ -63,6 +54,7 @@ MOST_SUBSTEPS = 200_000  # of a frame, which takes seconds then on a thousand pa
 def _give_back(solver: Solver) -> None:
     solver.close()
     state.give_back(solver.cloth)
+    distances.give_back(solver.stages.distances)
 
 
 class Simulation:
@@ -80,56 +72,34 @@ class Simulation:
         """
         scene = check_scene(scene)
         self._path = path
-        colliders = colliders_of(scene)
-        projecting: dict[str, Any] = dict(zip(COLLIDERS, counts_of(colliders, PROJECTION), strict=True))
-        self._stages = Stages(
-            wind=scene.wind is not None,
-            **projecting,
-            reflecting=counts_of(colliders, REFLECTION),
-            repelling=counts_of(colliders, REPULSION),
-            distances=distances.take([distances_of(mesh) for mesh in scene.meshes]),
-            triangles=any(meets_triangles(collider) for collider in colliders),
-            swept=any(collider.swept for collider in colliders),
-            spring_damping=scene.fabric.damping_time > 0,
-            strain_limit=0 if scene.limit is None else scene.limit.sweeps,
-            tethers=scene.tethers is not None,
-            grips=bool(scene.grips),
-            self_collision=scene.self_collision is not None,
-            self_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
-        )
-        self._give_back_distances = weakref.finalize(self, distances.give_back, self._stages.distances)
-        self._give_back_distances.atexit = False
-        self._keys = live_keys(scene)
-        self._live = {name: key.value for name, key in self._keys.items()}
+        self._own = scene
+        self._keys: dict[str, LiveKey] = {}
+        self._live: dict[str, float] = {}
         self._wind_on = True
-        self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
-        self._own = scene.solver
         self._tear: Tear | None = None
-        self._open(scene)
-        self._inverse_mass = state.inverse_mass(self.topology)
         self._hand: Hand | None = None
-        self._letting_out = Release(self._stages.bodies)
         self.frame = 0
+        self._open(scene, np.zeros(scene.cloth.sheets * scene.cloth.rows * scene.cloth.columns, bool))
 
-    def _open(self, scene: Scene) -> None:
-        """Makes the cloth and the solver of a scene, at the start."""
+    def _open(self, scene: Scene, repinned: NDArray[np.bool_], **live: float) -> None:
+        """Makes the cloth and the solver of a scene, at the start. `repinned`: particles that `pin` has changed, (N,).
+
+        A live parameter keeps what it was set to, unless the scene says something else of it than the last one did, or
+        `live` does.
+        """
         kind = SOLVERS[scene.solver.name]
         topology = topology_of(scene, kind.springs)
-        path = path_for(
-            kind,
-            topology.shape,
-            self._path,
-            sheets=topology.sheets,
-            triangles=self._stages.triangles,
-            tears=scene.tear is not None,
-        )
+        topology = replace(topology, pinned=topology.pinned ^ repinned)
+        touching = any(meets_triangles(collider) for collider in colliders_of(scene))
+        tears = scene.tear is not None
+        path = path_for(kind, topology.shape, self._path, sheets=topology.sheets, triangles=touching, tears=tears)
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)
-        solver = kind(cloth, topology, stiffness, self._stages, path)
+        solver = kind(cloth, topology, stiffness, stages_of(scene), path)
         if scene.grips:
             centers = np.array([pose(one, 0.0)[0] for one in scene.grips])
-            grip(solver.work, topology, holder_of(scene), centers)
+            grip(solver.work, topology, np.where(repinned, -1, holder_of(scene)), centers)
         repelled = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
         solver.frequency = hypot(solver.frequency, repelled)
         damping_time = solver.damping_time(scene.fabric.damping_time)
@@ -140,16 +110,41 @@ class Simulation:
                 f"{scene.name}: {kind.name} would take {least:,} substeps a frame, more than {MOST_SUBSTEPS:,}: its "
                 "springs or its bending are too stiff for particles so light, or its cells too narrow"
             )
-        self.scene, self.topology = scene, topology
+        keys = live_keys(scene)
+        kept = {name for name, key in self._keys.items() if name in keys and keys[name].value == key.value}
+        self._live = {name: self._live[name] if name in kept else key.value for name, key in keys.items()} | live
+        self._keys = keys
+        self.scene, self.topology, self._repinned = scene, topology, repinned
+        self._inverse_mass = state.inverse_mass(topology)
         self._solver: Solver | None = solver
         self._damping_time, self._least_substeps = damping_time, least
+        self._row = ControlsRow(scene, topology.origin, damping_time)
+        self._letting_out = Release(solver.stages.bodies)
         self._near = False  # whether crossings were asked for
-        if scene.tear is not None:
-            self._tear = Tear(topology, *([self._tear.ends] if self._tear else []))
-            self._weave()
+        torn = () if self._tear is None else (self._tear.ends,)
+        self._tear = Tear(topology, *torn) if tears else None
+        self._weave()
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
         self._give_back = weakref.finalize(self, _give_back, self._solver)
         self._give_back.atexit = False  # Taichi may be gone by then
+
+    def _reopen(self, scene: Scene, repinned: NDArray[np.bool_], **live: float) -> None:
+        """Opens another scene of the same sheet in the place of this one: nothing that moves changes.
+
+        Raises WrongUse, and changes nothing, where it cannot be opened.
+        """
+        x, velocities = self.positions(), self.velocities()
+        before = self.scene, self._repinned
+        self._give_back()
+        try:
+            self._open(scene, repinned, **live)
+        except WrongUse:
+            self._open(*before)
+            raise
+        finally:
+            self._put(x)
+            velocities[self.topology.pinned] = 0.0
+            self.solver.set_velocities(velocities, self._substep)
 
     # -- running ---------------------------------------------------------------------------------------
 
@@ -163,10 +158,12 @@ class Simulation:
             self._give_way(self._tear)
 
     def reset(self) -> None:
-        """Back to the first frame, bit for bit; parameters that were set keep their values."""
-        self._put(self.topology.start, self._inverse_mass)
-        self.solver.set_velocities(np.zeros_like(self.topology.start), self._substep)
+        """Back to the first frame, bit for bit, with the scene's own pins; parameters keep what they were set to."""
         self._hand = None
+        if self._repinned.any():
+            self._reopen(self.scene, np.zeros_like(self._repinned))
+        self._put(self.topology.start)
+        self.solver.set_velocities(np.zeros_like(self.topology.start), self._substep)
         self._letting_out.ask()
         if self._tear is not None:
             self._tear.torn[:] = False
@@ -184,14 +181,13 @@ class Simulation:
         v = np.array(np.broadcast_to(places(velocities, "velocities", shape, (3,)), shape))
         v[self.topology.pinned] = 0.0
         self.release()
-        self._put(x, self._inverse_mass)
+        self._put(x)
         self.solver.set_velocities(v, self._substep)
         self._letting_out.ask()
 
     def close(self) -> None:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
         self._give_back()
-        self._give_back_distances()
         self._solver = None
 
     def __enter__(self) -> Simulation:
@@ -227,6 +223,23 @@ class Simulation:
         if self._substep != before:
             self.solver.change_substep(before, self._substep)
 
+    def change(self, scene: Scene) -> None:
+        """Goes on with another scene of the same sheet, from the same places and velocities, pins and hand.
+
+        All it says of fabric, method, forces and colliders holds from now on; one that begins around the cloth lets it
+        out. Live parameters keep what they were set to, unless the scene says something else of them than before. The
+        first time that stages come together which never did, their kernels are compiled: some seconds.
+
+        Raises SceneError, and WrongUse for another grid and for springs that would take too many substeps; then nothing
+        has changed.
+        """
+        scene = check_scene(scene)
+        for name in ("rows", "columns", "sheets"):
+            ours, theirs = getattr(self.scene.cloth, name), getattr(scene.cloth, name)
+            if ours != theirs:
+                raise WrongUse(f"{scene.name} has {theirs} {name}, the cloth that runs has {ours}")
+        self._reopen(scene, self._repinned)
+
     def change_solver(self, name: str) -> None:
         """Goes on with another method, from the same places and velocities, with the springs of its own section.
 
@@ -236,20 +249,19 @@ class Simulation:
         """
         if name not in SOLVERS:
             raise WrongUse(f"{name!r} is not a solver: {', '.join(SOLVERS)}")
-        x, velocities = self.positions(), self.velocities()
-        own = self._own
+        own = self._own.solver
         substeps, iterations = (own.substeps, own.iterations) if name == own.name else USUAL[name]
-        before = self.scene
-        self._give_back()
-        try:
-            self._open(replace(before, solver=replace(own, name=name, substeps=substeps, iterations=iterations)))
-            self._live |= {"substeps": substeps, "iterations": iterations}
-        except WrongUse:
-            self._open(before)
-            raise
-        finally:
-            self._put(x, self._inverse_masses())
-            self.solver.set_velocities(velocities, self._substep)
+        solver = replace(own, name=name, substeps=substeps, iterations=iterations)
+        self._reopen(replace(self.scene, solver=solver), self._repinned, substeps=substeps, iterations=iterations)
+
+    def change_fabric(self, name: str) -> None:
+        """Goes on as another of the shipped fabrics, or, by the name "", as that of the scene it was made with.
+
+        Raises WrongUse, and changes nothing, for an unknown name and for one that would take too many substeps.
+        """
+        if name not in ("", *PRESET_NAMES):
+            raise WrongUse(f"{name!r} is not a fabric: {', '.join(PRESET_NAMES)}")
+        self._reopen(in_fabric(self.scene, name, self._own), self._repinned)
 
     def _key(self, name: str) -> str:
         if name not in self._keys:
@@ -283,8 +295,7 @@ class Simulation:
 
     def _weave(self) -> None:
         """Goes on with what is left of the cloth."""
-        assert self._tear is not None
-        left = self._tear.left()
+        left = self.topology if self._tear is None else self._tear.left()
         if left is not self.topology:
             self.topology, self._near = left, False
             self.solver.weave(left, stiffness_of(self.scene, self.solver.springs, left))
@@ -293,45 +304,69 @@ class Simulation:
 
     @property
     def grabbed(self) -> int | None:
-        """Index of the held particle."""
-        return None if self._hand is None else self._hand.particle
+        """Index of the particle that the hand took; those around it are in `held`."""
+        return None if self._hand is None else int(self._hand.particles[0])
 
-    def grab(self, index: int, target: ArrayLike) -> None:
-        """Holds one particle and leads it to `target` (x, y, z) [m] within the next frame.
+    @property
+    def held(self) -> NDArray[np.int64]:
+        """Indices of all particles that the hand holds, (M,), the one that it took first."""
+        return np.zeros(0, np.int64) if self._hand is None else self._hand.particles
 
-        Call it again with the same index to move the hand; another index lets go of the first particle.
-        Raises ValueError for an index that is no particle and for a target not of three numbers up to `given.FARTHEST`.
+    def grab(self, index: int, target: ArrayLike, radius: float = 0.0) -> None:
+        """Holds a particle and leads it to `target` (x, y, z) [m] within the next frame.
+
+        With it go all that are within `radius` [m] on the sheet and not pinned, as they lie (`hand.py`).
+        Call it again with the same index to move the hand; another index lets go of what was held.
+        Raises ValueError for an index that is no particle, for a target not of three numbers up to `given.FARTHEST`,
+        and for a radius that is not from 0 up to it.
         """
         point = target_point(target)
-        if not isinstance(index, (int, np.integer)):
-            raise ValueError(f"a particle is told by its index, not {shown(index)}")
-        if not 0 <= index < self.topology.particle_count:
-            raise ValueError(
-                f"particle {index} does not exist: indices run from 0 to {self.topology.particle_count - 1}"
-            )
-        if self._hand is not None and self._hand.particle == index:
+        index = self._particle(index)
+        within = radius_of(radius)
+        if self._hand is not None and self.grabbed == index:
             self._hand.target = point
             return
         self.release()
-        set_inverse_mass(self.cloth, index, 0.0)
-        self._hand = Hand(index, self.positions()[index], point)
+        particles = patch(self.topology.flat, ~self.topology.pinned, index, within)
+        taken = self.positions()[particles]
+        self._hold(Hand(particles, taken, taken[0], point))
 
     def release(self) -> None:
-        """Lets go: the particle has its mass again and the mean velocity of the hand's last frames."""
-        hand, self._hand = self._hand, None
+        """Lets go: what was held has its mass again, and the mean velocity of the hand's last frames."""
+        hand = self._hand
         if hand is None:
             return
-        inverse_mass = float(self._inverse_mass[hand.particle])
-        set_inverse_mass(self.cloth, hand.particle, inverse_mass)
-        if inverse_mass > 0:
-            self.solver.set_velocity(hand.particle, hand.velocity(), self._substep)
+        self._hold(None)
+        thrown = hand.particles[self._inverse_mass[hand.particles] > 0]
+        self.solver.set_velocities(hand.velocity(), self._substep, of=thrown)
 
-    def _inverse_masses(self) -> NDArray[np.float32]:
-        """1/mass [1/kg] of every particle, (N,): 0 for pins and for the one that the hand holds."""
+    def pin(self, index: int, on: bool = True) -> None:
+        """Pins a particle where it is, or lets a pin go, one of the scene's own too; `reset` brings those back.
+
+        All that depends on pins is made anew: tethers, the least substeps, a factor. A pin of a grip that is let go and
+        pinned again is the grip's again, wherever that is by then. Raises ValueError for an index that is no particle.
+        """
+        index = self._particle(index)
+        if bool(self.topology.pinned[index]) != bool(on):
+            self._reopen(self.scene, self._repinned ^ (np.arange(len(self._repinned)) == index))
+
+    def _particle(self, index: int) -> int:
+        """An index that is checked. Raises ValueError."""
+        if not isinstance(index, (int, np.integer)):
+            raise ValueError(f"a particle is told by its index, not {shown(index)}")
+        count = self.topology.particle_count
+        if not 0 <= index < count:
+            raise ValueError(f"particle {index} does not exist: indices run from 0 to {count - 1}")
+        return int(index)
+
+    def _hold(self, hand: Hand | None) -> None:
+        """From now on this hand: those it holds have no inverse mass, all others have their own."""
+        self._hand = hand
         masses = self._inverse_mass.copy()
-        if self._hand is not None:
-            masses[self._hand.particle] = 0.0
-        return masses
+        if hand is not None:
+            masses[hand.particles] = 0.0
+            hold(self.solver.work, self.topology, hand.particles, hand.taken)
+        put(self.cloth.inverse_mass, masses)
 
     # -- reading ---------------------------------------------------------------------------------------
 
@@ -355,20 +390,9 @@ class Simulation:
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of what is switched on: spring families, limits, forces and colliders."""
-        names = {
-            "bending": "bending",
-            "strain_limit": "limit",
-            "tethers": "tethers",
-            "grips": "grips",
-            "wind": "wind",
-            "self_collision": "self-collision",
-            "swept": "swept",
-            "triangles": "triangles",
-        }
-        on = (name for stage, name in names.items() if getattr(self.solver.stages, stage))
-        tearing = [] if self._tear is None else ["tear"]
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
-        return (*self.topology.family_counts, *on, *tearing, *colliders)
+        tearing = () if self._tear is None else ("tear",)
+        return (*self.topology.family_counts, *words_for(self.solver.stages), *tearing, *colliders)
 
     @property
     def method(self) -> str:
@@ -438,35 +462,30 @@ class Simulation:
         saved = read_save(path, scene_to_toml(self.scene), self._moving())
         try:
             live = self._checked_live(saved["live"].tolist())
-            hand = self._checked_hand(int(saved["held"]), saved["hand"])
-            for name in ("x", "x_prev", "velocity", "hand"):
+            hand = hand_of(saved, self.topology.particle_count)
+            for name in ("x", "x_prev", "velocity", "taken", "hand"):
                 places(saved[name], name, saved[name].shape)
             if saved["frame"] < 0:
                 raise ValueError(f"there is no frame {saved['frame']}")
         except ValueError as error:
             raise ValueError(f"{path}: damaged: {error}") from None
-        self._live, self._hand = live, hand
+        if (saved["pinned"] != self.topology.pinned).any():
+            self._reopen(self.scene, self._repinned ^ self.topology.pinned ^ saved["pinned"])
+        self._live = live
         self._letting_out.depth[:] = saved["release"]
         if self._tear is not None:
             self._tear.torn[:] = saved["torn"]
             self._weave()
         self._wind_on = bool(saved["wind_on"])
         self.frame = int(saved["frame"])
-        self.cloth.put(saved["x"], saved["x_prev"], self._inverse_masses())
-        put(self.cloth.velocity, saved["velocity"])
+        for name in ("x", "x_prev", "velocity"):
+            put(getattr(self.cloth, name), saved[name])
+        self._hold(hand)
 
     def _checked_live(self, values: list[float]) -> dict[str, float]:
         """Live parameters from a save's numbers, all of them float. Raises ValueError."""
         pairs = zip(self._keys.values(), values, strict=True)
         return {key.name: check_live(key, int(v) if key.is_int and v == int(v) else v) for key, v in pairs}
-
-    def _checked_hand(self, held: int, rows: Floats) -> Hand | None:
-        """The hand from a save's rows: its start, its target and its path, at least one. Raises ValueError."""
-        if held == -1 and len(rows) == 0:
-            return None
-        if not 0 <= held < self.topology.particle_count or len(rows) < 3:
-            raise ValueError(f"no hand holds particle {held} with {len(rows)} places")
-        return Hand(held, rows[0], rows[1], rows[2:])
 
     def _moving(self) -> dict[str, NDArray[Any]]:
         return {
@@ -478,10 +497,8 @@ class Simulation:
             "release": self._letting_out.depth.copy(),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
-            "held": np.array(-1 if self._hand is None else self._hand.particle, np.int64),
-            "hand": np.array(
-                [] if self._hand is None else [self._hand.start, self._hand.target, *self._hand.path], np.float64
-            ).reshape(-1, 3),
+            "pinned": self.topology.pinned,
+            **saved_hand(self._hand),
         }
 
     # -- one frame's input -----------------------------------------------------------------------------
@@ -494,46 +511,19 @@ class Simulation:
             substeps=self.substeps,
             iterations=int(self._live["iterations"]),
             h=self._substep,
-            held=-1 if self._hand is None else self._hand.particle,
-            controls=self._controls(),
+            held=len(self.held),
+            controls=self._row.at(self._live, blowing=self._wind_on, hand=self._hand, seconds=start, h=self._substep),
             bodies=body_table([*colliders, *self.scene.grips], start, end, smaller, tuple(self.topology.origin)),
         )
 
-    def _put(self, x: Floats, inverse_mass: NDArray[np.float32]) -> None:
-        self.cloth.put(x - self.topology.origin, x - self.topology.origin, inverse_mass)
+    def _put(self, x: Floats) -> None:
+        """Every particle at its place [m], (N, 3), and the hand about what it holds."""
+        for field in (self.cloth.x, self.cloth.x_prev):
+            put(field, x - self.topology.origin)
+        self._hold(self._hand)
 
     def _free_positions(self) -> Floats:
         return self.positions()[~self.topology.pinned]
-
-    def _controls(self) -> NDArray[np.float32]:
-        controls = np.zeros(c.COUNT, np.float32)
-        controls[c.GRAVITY] = self._live["gravity"]
-        controls[c.AREA_DENSITY] = self.scene.cloth.area_density
-        controls[c.KEPT] = exp(-self._live["damping"] * self._substep)
-        controls[c.STIFFNESS] = self._live["stiffness"]
-        controls[c.DAMPING_TIME] = self._damping_time
-        controls[c.MOST_STRAIN] = self._live.get("limit_strain", 0.0)
-        controls[c.TETHER_SLACK] = self._live.get("tethers_slack", 1.0)
-        touching = self.scene.self_collision
-        if touching is not None:
-            controls[c.THICKNESS] = self._live["self_collision_thickness"]
-            controls[c.SELF_FRICTION] = touching.friction
-        wind = self.scene.wind
-        if wind is not None:
-            # Switched off, the air stands still; it still slows the cloth.
-            x, z = (self._live["wind_x"], self._live["wind_z"]) if self._wind_on else (0.0, 0.0)
-            controls[c.WIND_X], controls[c.WIND_Z] = x, z
-            controls[c.GUST] = wind.turbulence * np.hypot(x, z)
-            controls[c.DRAG], controls[c.LIFT] = wind.drag, wind.lift
-            controls[c.HALF_AIR_DENSITY] = wind.air_density / 2
-            # Kept within a turn in float64: float32 would lose the phase in a long run.
-            turns = self._gust_phase + np.asarray(c.GUST_RATES) * self.seconds
-            turns -= np.asarray(c.GUST_WAVES) @ self.topology.origin
-            controls[c.GUST_TURNS : c.GUST_TURNS + 3] = turns % 1
-        if self._hand is not None:
-            controls[c.GRAB_FROM : c.GRAB_FROM + 3] = self._hand.start - self.topology.origin
-            controls[c.GRAB_TO : c.GRAB_TO + 3] = self._hand.target - self.topology.origin
-        return controls
 
     def _colliders(self) -> list[Collider | Ground]:
         """All of the scene's; a slider sets the first sphere's radius."""

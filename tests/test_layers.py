@@ -21,7 +21,7 @@ FLOORS = [
     {"kernels"},
     {"state"},
     {"contact", "solvers"},
-    {"given", "hand", "save_file", "simulation"},
+    {"controls_row", "given", "hand", "save_file", "scene_stages", "simulation"},
     {"guard"},
     {"export"},
     {"view"},

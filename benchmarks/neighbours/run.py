@@ -81,7 +81,7 @@ def measure(count: int) -> dict[str, tuple[int, float]]:
     scene = Scene(cloth=cloth, springs=Springs(0.0, 0.0, 0.0), self_collision=SelfCollision(thickness=THICK))
     with Simulation(scene, "list") as simulation:
         simulation.place(x)
-        controls = simulation._controls()
+        controls = simulation._input().controls
         assert controls[THICKNESS] == np.float32(THICK)
         bodies = np.zeros((1, 24), np.float32)
         field, stages = simulation.cloth.x, simulation.solver.stages

@@ -20,7 +20,7 @@ GUST = 6  # [m/s] height of the gusts
 DRAG, LIFT = 7, 8  # coefficients
 HALF_AIR_DENSITY = 9  # [kg/m³] ½ρ
 GUST_TURNS = 10  # 10…12: phase of each gust wave at the start of the frame [turns]
-GRAB_FROM = 13  # 13…15: where the held particle is at the start of the frame [m]
+GRAB_FROM = 13  # 13…15: how far the hand has gone since it took what it holds, at the start of the frame [m]
 GRAB_TO = 16  # 16…18: and at its end [m]
 DAMPING_TIME = 19  # [s] a spring's dashpot is this times its stiffness
 MOST_STRAIN = 20  # of the strain limit
@@ -54,7 +54,7 @@ class Substep(NamedTuple):
     s: Any  # its number in the frame
     substeps: Any
     h: Any  # [s] its length
-    held: Any  # index of the held particle, -1 for none
+    held: Any  # how many particles the hand holds
     controls: Any  # the row above
     bodies: Any  # a row for each collider
     lasts: Any = 1.0  # how many of them contact and tethers act for, in a method of several stages

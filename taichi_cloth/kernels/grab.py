@@ -4,7 +4,7 @@ import taichi as ti
 import taichi.math as tm
 
 from .controls import BODY_FROM, BODY_TO, BODY_TURN, GRAB_FROM, GRAB_TO
-from .layout import place_of, put_at
+from .layout import put_at
 from .poses import posed, vector_at
 
 
@@ -17,7 +17,7 @@ def lead(cloth: ti.template(), stages: ti.template(), place: int, x: tm.vec3, ve
 
 @ti.func
 def lead_held(cloth: ti.template(), stages: ti.template(), now: ti.template(), steps: float):
-    """Puts pins that move, and the held particle, where they are after so many substeps of the frame.
+    """Puts pins that move, and what the hand holds, where they are after so many substeps of the frame.
 
     Forces see their velocity. A hand goes straight on; it wins over a grip.
     """
@@ -31,13 +31,8 @@ def lead_held(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
             velocity = (travel + vector_at(now.bodies, row, BODY_TURN).cross(away)) / seconds
             lead(cloth, stages, cloth.grips.place[n], center + away, velocity)
     controls = ti.static(now.controls)
-    held = now.held
-    if held >= 0:
-        start = tm.vec3(controls[GRAB_FROM], controls[GRAB_FROM + 1], controls[GRAB_FROM + 2])
-        way = tm.vec3(controls[GRAB_TO], controls[GRAB_TO + 1], controls[GRAB_TO + 2]) - start
-        lead(cloth, stages, place_of(cloth, held), start + way * share, way / seconds)
-
-
-@ti.kernel
-def set_inverse_mass(cloth: ti.template(), i: int, inverse_mass: float):
-    cloth.inverse_mass[i] = inverse_mass
+    gone = tm.vec3(controls[GRAB_FROM], controls[GRAB_FROM + 1], controls[GRAB_FROM + 2])
+    way = tm.vec3(controls[GRAB_TO], controls[GRAB_TO + 1], controls[GRAB_TO + 2]) - gone
+    for n in range(now.held):
+        # From where it was taken, and not from the hand: while the hand is still no bit of it changes.
+        lead(cloth, stages, cloth.held.place[n], cloth.held.taken[n] + (gone + way * share), way / seconds)

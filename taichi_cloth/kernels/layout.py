@@ -72,17 +72,6 @@ def put_at(cloth: ti.template(), field: ti.template(), place: int, vector: tm.ve
 
 
 @ti.func
-def place_of(cloth: ti.template(), particle: int):
-    """Where a particle stands in the layout."""
-    if ti.static(cloth.in_lanes):
-        columns, pitch = cloth.columns[None], cloth.pitch[None]
-        row, column = particle // columns, particle % columns
-        return (row * pitch + column % pitch) * LANES + column // pitch
-    else:
-        return particle
-
-
-@ti.func
 def inverse_mass_at(cloth: ti.template(), place: int):
     if ti.static(cloth.in_lanes):
         return cloth.inverse_mass[place // LANES][place % LANES]

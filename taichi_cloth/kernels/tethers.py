@@ -41,7 +41,7 @@ def pull_tethers(cloth: ti.template(), stages: ti.template(), now: ti.template()
     """
     if ti.static(stages.tethers):
         if ti.static(cloth.in_lanes):
-            if now.s == 0 or now.held >= 0 or ti.static(stages.grips):
+            if now.s == 0 or now.held > 0 or ti.static(stages.grips):
                 look_up_pins(cloth, cloth.ties)
         for i in range(cloth.slot_count[None]):
             free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)

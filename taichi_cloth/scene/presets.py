@@ -6,13 +6,13 @@ A scene names one with `[fabric] preset = "denim"`; the reader fills in every ke
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, sqrt
 from typing import Any
 
 from .errors import SceneError, nearest, shown
 from .library import asset_folder
-from .model import PRESET_NAMES, Cloth
+from .model import PRESET_NAMES, Cloth, Scene
 
 _MEASURED = ("area_density", "warp", "weft", "bias", "bending", "damping")
 _SHARES = ("structural", "shear", "bend")
@@ -84,6 +84,16 @@ def preset_keys(preset: Preset, cloth: Cloth) -> dict[str, dict[str, float]]:
         },
         "springs": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
     }
+
+
+def in_fabric(scene: Scene, name: str, own: Scene) -> Scene:
+    """The scene in a shipped fabric, or by the name "" in that of the scene `own`. Raises SceneError."""
+    given: dict[str, dict[str, Any]] = {s: {key: getattr(getattr(own, s), key) for key in FILLED[s]} for s in FILLED}
+    if name:
+        given = {section: dict(keys) for section, keys in preset_keys(load_preset(name), scene.cloth).items()}
+    given["fabric"]["preset"] = name or own.fabric.preset
+    changed: dict[str, Any] = {s: replace(getattr(scene, s), **keys) for s, keys in given.items()}
+    return replace(scene, **changed)
 
 
 def spring_constants(warp: float, weft: float, bias: float) -> tuple[float, float, float]:

@@ -68,7 +68,7 @@ class FrameInput:
     substeps: int
     iterations: int
     h: float  # [s] length of a substep
-    held: int  # index of the held particle, -1 for none
+    held: int  # how many particles the hand holds
     controls: NDArray[np.float32]  # (controls.COUNT,)
     bodies: NDArray[np.float32]  # (colliders, BODY_COLUMNS)
 
@@ -144,11 +144,6 @@ def run_serially(
 @ti.kernel
 def start_without_forces(cloth: ti.template()):
     forget_forces(cloth)
-
-
-@ti.kernel
-def set_vector(field: ti.template(), i: int, x: float, y: float, z: float):
-    field[i] = ti.math.vec3(x, y, z)
 
 
 class Solver:
@@ -249,13 +244,14 @@ class Solver:
         """Velocity of every particle [m/s], shape (N, 3), after substeps of h seconds."""
         return self.cloth.taken(self.cloth.velocity).astype(np.float64)
 
-    def set_velocities(self, velocities: NDArray[np.float64], h: float) -> None:
-        """Gives every particle a velocity [m/s], shape (N, 3), for substeps of h seconds."""
-        fields.put(self.cloth.velocity, velocities)
+    def set_velocities(self, velocities: NDArray[np.float64], h: float, of: Any = slice(None)) -> None:
+        """Gives every particle, or those of some indices, a velocity [m/s] for substeps of h seconds.
 
-    def set_velocity(self, particle: int, velocity: NDArray[np.float64], h: float) -> None:
-        """Gives one particle a velocity [m/s] for substeps of h seconds."""
-        set_vector(self.cloth.velocity, particle, *map(float, velocity))
+        `velocities`: a row for each, or one for all; no bit of any other particle changes.
+        """
+        all_of_them = self.cloth.taken(self.cloth.velocity)
+        all_of_them[of] = velocities
+        fields.put(self.cloth.velocity, all_of_them)
 
     def change_substep(self, old: float, new: float) -> None:
         """Keeps every velocity when the length of a substep [s] changes."""

@@ -48,7 +48,7 @@ PRODUCTS_A_LOOK = 8  # of the matrix and a direction, between two looks at how f
 
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Every particle to y, where it would be without springs, and the held one to the hand."""
+    """Every particle to y, where it would be without springs, and what is held to the hand."""
     add_air(cloth, stages, now, now.s)
     add_repulsion(cloth, stages, now, now.s)
     move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)
@@ -154,14 +154,19 @@ def fill(
 class Factor:
     """The matrix M + h²L of one cloth, factorised (Cholesky, in float32)."""
 
-    def __init__(self, topology: Topology, stiffness: NDArray[np.float64], scale: float) -> None:
-        """`stiffness` of every spring [N/m], `scale` h² [s²]. The row of a pin has its mass only, so it stays."""
+    def __init__(
+        self, topology: Topology, stiffness: NDArray[np.float64], scale: float, led: NDArray[np.bool_]
+    ) -> None:
+        """`stiffness` of every spring [N/m], `scale` h² [s²]. The row of one that is `led` has its mass only: it stays.
+
+        A grab makes a new factor, as a pin does (24×24: 3 ms, 128×128: 0.15 s).
+        """
         a, b = np.concatenate([topology.ends, topology.bonds.ends]).T
         stiffness = np.concatenate([stiffness, topology.bonds.constant]) * scale
-        inside = ~topology.pinned[a] & ~topology.pinned[b]
+        inside = ~led[a] & ~led[b]
         count = topology.particle_count
         beside = np.bincount(a, stiffness, count) + np.bincount(b, stiffness, count)
-        diagonal = topology.mass + np.where(topology.pinned, 0, beside)
+        diagonal = topology.mass + np.where(led, 0, beside)
         each, a, b, between = np.arange(count), a[inside], b[inside], -stiffness[inside]
         values = np.concatenate([diagonal, between, between]).astype(np.float32)
         builder = ti.linalg.SparseMatrixBuilder(count, count, max_num_triplets=len(values))
@@ -173,23 +178,11 @@ class Factor:
         )
         self._solver = ti.linalg.SparseSolver(dtype=ti.f32, solver_type="LLT")
         self._solver.compute(builder.build())
-        self._held: tuple[int, Any] = (-1, None)
 
-    def solve(self, both: NDArray[np.float32], held: int) -> None:
-        """Replaces each of the three right sides, (3, N), by its solution; `held` ≥ 0 stays where it is.
-
-        A force on the held particle alone moves the cloth by multiples of z, the solution for one newton there: the
-        multiple that undoes its way is the force of the hand. So a grab needs one more solution and no new factor.
-        """
+    def solve(self, both: NDArray[np.float32]) -> None:
+        """Replaces each of the three right sides, (3, N), by its solution."""
         for c in range(3):
             both[c] = self._solver.solve(both[c])
-        if held >= 0:
-            if self._held[0] != held:
-                one = np.zeros(both.shape[1], np.float32)
-                one[held] = 1
-                self._held = held, self._solver.solve(one)
-            z = self._held[1]
-            both -= both[:, held : held + 1] * (z / z[held])
 
 
 class Projective(Solver):
@@ -209,7 +202,7 @@ class Projective(Solver):
         self._topology = topology
         self._stiffness = stiffness
         self._factor: Factor | None = None
-        self._factor_of = 0.0  # [s²] h² times the slider
+        self._factor_of: tuple[float, bytes] = (0.0, b"")  # [s²] h² times the slider; who is led
         attached(self.work, "gone", lambda: like_places(self.work))  # [m] Σδ of a substep
         if path != "list":
             search_of(self.work, PARTIAL_SUMS)
@@ -225,14 +218,14 @@ class Projective(Solver):
     def _advance_by_factor(self, frame: FrameInput) -> None:
         factor = self._factorised(frame.h**2 * float(frame.controls[STIFFNESS]))
         both = np.zeros((3, self._topology.particle_count), np.float32)
-        substeps, iterations, h, held, *steering = frame.arguments
+        substeps, iterations, h, *steering = frame.arguments
         for s in range(substeps):
-            here = (self.cloth, self.stages, s, substeps, h, held, *steering)
+            here = (self.cloth, self.stages, s, substeps, h, *steering)
             run_serially(self.before, *here)
             both.fill(0.0)
             run_round(self.cloth, self.stages, True, h, frame.controls, both)
             for k in range(iterations):
-                factor.solve(both, held)
+                factor.solve(both)
                 run_round(self.cloth, self.stages, k + 1 < iterations, h, frame.controls, both)
             run_serially(self.after, *here)
 
@@ -257,8 +250,10 @@ class Projective(Solver):
 
     def _factorised(self, scale: float) -> Factor:
         """The factor for springs of `scale` [s²] times their stiffness: the last one, as long as nothing changes."""
-        if self._factor is None or scale != self._factor_of:
-            self._factor, self._factor_of = Factor(self._topology, self._stiffness, scale), scale
+        led = self.cloth.taken(self.cloth.inverse_mass) == 0
+        factor_of = scale, led.tobytes()
+        if self._factor is None or factor_of != self._factor_of:
+            self._factor, self._factor_of = Factor(self._topology, self._stiffness, scale, led), factor_of
         return self._factor
 
     def _frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:

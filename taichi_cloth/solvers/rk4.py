@@ -84,7 +84,7 @@ def finish(cloth: ti.template(), h: float):
 
 @ti.func
 def add_slope(cloth: ti.template(), stages: ti.template(), now: ti.template(), stage: int):
-    """One of the four slopes. The held particle is where the hand is at that time."""
+    """One of the four slopes. What is held is where the hand is at that time."""
     outer = stage == 0 or stage == 3
     time = ti.select(stage == 0, 0.0, ti.select(stage == 3, 1.0, 0.5))  # of this slope, in substeps
     lead_held(cloth, stages, now, now.s + time)

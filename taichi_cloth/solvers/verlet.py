@@ -5,6 +5,8 @@ positions, and a stiffness of 0…1 says how much of a length error one iteratio
 means therefore changes with substeps, iterations and grid.
 """
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
@@ -20,7 +22,7 @@ from ..kernels.places import choose
 from ..kernels.springs import RELAX, for_springs, limit_strain
 from ..kernels.tethers import pull_tethers
 from ..state import fields
-from .base import Solver, set_vector
+from .base import Solver
 
 
 @ti.func
@@ -75,12 +77,10 @@ class Verlet(Solver):
         x, x_prev = (self.cloth.taken(f).astype(np.float64) for f in (self.cloth.x, self.cloth.x_prev))
         return (x - x_prev) / h
 
-    def set_velocities(self, velocities: NDArray[np.float64], h: float) -> None:
-        fields.put(self.cloth.x_prev, self.cloth.taken(self.cloth.x) - velocities * h)
-
-    def set_velocity(self, particle: int, velocity: NDArray[np.float64], h: float) -> None:
-        before = self.cloth.x[particle] - ti.Vector([float(v) * h for v in velocity])
-        set_vector(self.cloth.x_prev, particle, *before)
+    def set_velocities(self, velocities: NDArray[np.float64], h: float, of: Any = slice(None)) -> None:
+        before = self.cloth.taken(self.cloth.x_prev)
+        before[of] = self.cloth.taken(self.cloth.x)[of] - velocities * h
+        fields.put(self.cloth.x_prev, before)
 
     def change_substep(self, old: float, new: float) -> None:
         rescale_velocities(self.cloth, new / old)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..mesh.grid import MOST_BATCHES
 from ..mesh.topology import Topology
 from . import fields
+from .held import Held, room_to_hold
 from .pool import Pool
 
 
@@ -36,6 +37,7 @@ class ClothState:
     multiplier: Any  # [kg·m] (E,) λ of each spring, summed over the iterations of a substep
     batch_first: Any  # (MOST_BATCHES + 1,) first spring of each batch, and the count of all springs
     triangles: Any  # ivec3 (T,)
+    held: Held  # what the hand holds
     slot_count: Any  # 0-D
     spring_count: Any  # 0-D
     batch_count: Any  # 0-D
@@ -93,6 +95,7 @@ def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
         multiplier=fields.numbers(springs),
         batch_first=fields.numbers(MOST_BATCHES + 1, kind=ti.i32),
         triangles=ti.Vector.field(3, ti.i32, triangles),
+        held=room_to_hold(particles),
         slot_count=fields.number(),
         spring_count=fields.number(),
         batch_count=fields.number(),

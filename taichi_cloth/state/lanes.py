@@ -15,6 +15,7 @@ from ..mesh import strips
 from ..mesh.grid import DIRECTIONS
 from ..mesh.topology import Topology
 from . import fields
+from .held import Held, room_to_hold
 from .pool import Pool
 
 LEAST_PITCH = 4  # twice the longest reach of a spring
@@ -38,6 +39,7 @@ class LaneState:
     has_cell: Any  # row of eight (pitch,) 1 where a cell begins in this column
     used: Any  # (6,) 1 for each direction that has springs or bonds
     passes: Any  # (P, PASS_COLUMNS) a sweep colour by colour
+    held: Held  # what the hand holds
     pass_count: Any  # 0-D
     rows: Any  # 0-D
     columns: Any  # 0-D
@@ -87,6 +89,7 @@ def _allocate(slots: int, pitch: int) -> LaneState:
         has_cell=numbers(pitch),
         used=fields.numbers(len(DIRECTIONS), kind=ti.i32),
         passes=ti.Vector.field(strips.PASS_COLUMNS, ti.i32, 2 * len(DIRECTIONS)),
+        held=room_to_hold(strips.STRIPS * room),
         pass_count=fields.number(),
         rows=fields.number(),
         columns=fields.number(),

@@ -46,6 +46,7 @@ class Calls(RuleBasedStateMachine):
         self.folder = tempfile.TemporaryDirectory()
         self.simulation = Simulation(SCENE)
         self.guard = Guard(self.simulation)
+        self.own_pins = self.pins().tolist()
         self.saves: list[tuple[str, bytes]] = []
 
     def teardown(self) -> None:
@@ -58,7 +59,8 @@ class Calls(RuleBasedStateMachine):
     def state(self) -> tuple[str, bytes]:
         """The method, and the bytes of a save."""
         self.simulation.save(self.path("now.npz"))
-        return self.simulation.solver.name, self.path("now.npz").read_bytes()
+        scene = self.simulation.scene
+        return f"{scene.solver.name} {scene.fabric.preset}", self.path("now.npz").read_bytes()
 
     def refused(self, call: Any, *arguments: Any) -> None:
         before = self.state()
@@ -86,10 +88,23 @@ class Calls(RuleBasedStateMachine):
         self.simulation.set("wind", on)
         assert self.simulation.get("wind") is on
 
-    @rule(index=st.integers(0, PARTICLES - 1), offset=points)
-    def grab(self, index: int, offset: tuple[float, ...]) -> None:
-        self.simulation.grab(index, self.simulation.topology.start[index] + 0.3 * np.array(offset))
+    @rule(index=st.integers(0, PARTICLES - 1), offset=points, radius=st.sampled_from([0.0, 0.3, 1e6]))
+    def grab(self, index: int, offset: tuple[float, ...], radius: float) -> None:
+        before = self.simulation.grabbed
+        self.simulation.grab(index, self.simulation.topology.start[index] + 0.3 * np.array(offset), radius)
         assert self.simulation.grabbed == index
+        assert radius < 1e6 or before == index or len(self.simulation.held) >= PARTICLES - len(self.pins())
+
+    def pins(self) -> Any:
+        return np.flatnonzero(self.simulation.topology.pinned)
+
+    @rule(index=st.integers(0, PARTICLES - 1), on=st.booleans())
+    def pin(self, index: int, on: bool) -> None:
+        before = self.simulation.positions()
+        self.simulation.pin(index, on)
+        self.guard = Guard(self.simulation)
+        assert (index in self.pins()) is on
+        assert (self.simulation.positions() == before).all()
 
     @rule()
     def release(self) -> None:
@@ -103,7 +118,9 @@ class Calls(RuleBasedStateMachine):
     @rule()
     def reset(self) -> None:
         self.simulation.reset()
+        self.guard = Guard(self.simulation)
         assert self.simulation.frame == 0
+        assert self.pins().tolist() == self.own_pins
 
     @rule(name=st.sampled_from(SOLVERS))
     def change_solver(self, name: str) -> None:
@@ -112,6 +129,14 @@ class Calls(RuleBasedStateMachine):
         self.guard = Guard(self.simulation)
         assert (self.simulation.positions() == before).all()
 
+    @rule(name=st.sampled_from(["", "silk", "rubber"]))
+    def change_fabric(self, name: str) -> None:
+        before, held = self.simulation.positions(), self.simulation.held
+        self.simulation.change_fabric(name)
+        self.guard = Guard(self.simulation)
+        assert (self.simulation.positions() == before).all()
+        assert (self.simulation.held == held).all()
+
     @rule()
     def save(self) -> None:
         self.saves.append(self.state())
@@ -119,11 +144,12 @@ class Calls(RuleBasedStateMachine):
     @precondition(lambda self: self.saves)
     @rule(data=st.data())
     def load(self, data: st.DataObject) -> None:
-        solver, content = data.draw(st.sampled_from(self.saves))
+        scene, content = data.draw(st.sampled_from(self.saves))
         self.path("then.npz").write_bytes(content)
-        if solver == self.simulation.solver.name:
+        if scene == self.state()[0]:
             self.simulation.load(self.path("then.npz"))
-            assert self.state() == (solver, content)
+            self.guard = Guard(self.simulation)
+            assert self.state() == (scene, content)
         else:
             self.refused(self.simulation.load, self.path("then.npz"))
 
@@ -145,10 +171,15 @@ class Calls(RuleBasedStateMachine):
     @rule(index=junk | st.sampled_from([-1, PARTICLES, 2**70, 1.5, np.nan]))
     def grab_nothing(self, index: Any) -> None:
         self.refused(self.simulation.grab, index, (0.0, 2.0, 0.0))
+        self.refused(self.simulation.pin, index)
 
     @rule(index=st.integers(0, PARTICLES - 1), point=bad_points)
     def lead_nowhere(self, index: int, point: Any) -> None:
         self.refused(self.simulation.grab, index, point)
+
+    @rule(index=st.integers(0, PARTICLES - 1), radius=junk | not_finite | st.just(-0.1))
+    def grab_with_no_radius(self, index: int, radius: Any) -> None:
+        self.refused(self.simulation.grab, index, (0.0, 2.0, 0.0), radius)
 
     @rule(positions=junk | bad_points)
     def place_nowhere(self, positions: Any) -> None:
@@ -158,6 +189,10 @@ class Calls(RuleBasedStateMachine):
     @rule(name=st.text(max_size=8) | st.sampled_from(["varlet", None, 3]))
     def change_to_no_solver(self, name: Any) -> None:
         self.refused(self.simulation.change_solver, name)
+
+    @rule(name=st.text(max_size=8).map(lambda text: text + "s") | st.sampled_from([None, 3]))
+    def change_to_no_fabric(self, name: Any) -> None:
+        self.refused(self.simulation.change_fabric, name)
 
     @rule(content=st.binary(max_size=300))
     def load_no_save(self, content: bytes) -> None:

@@ -46,7 +46,7 @@ def in_the_middle_of_a_drag(simulation: Simulation) -> None:
     simulation.set("gravity", 4.0)
     simulation.set("substeps", 7)
     for k in range(4):
-        simulation.grab(25, simulation.positions()[25] + [0.0, 0.01 * k, 0.02])
+        simulation.grab(25, simulation.positions()[25] + [0.0, 0.01 * k, 0.02], radius=0.6)
         simulation.advance_frame()
 
 
@@ -190,13 +190,18 @@ def one_place(value: float) -> Callable[[Any], Any]:
         (changed("velocity", one_place(-np.inf)), "velocity is not finite"),
         (changed("velocity", one_place(2 * FARTHEST)), "velocity hold a number that is beyond"),
         (changed("hand", one_place(1e300)), "hand hold a number that is beyond"),
-        (changed("hand", lambda rows: rows[:2]), "no hand holds particle 25 with 2 places"),
-        (changed("hand", lambda rows: rows[:0]), "no hand holds particle 25 with 0 places"),
+        (changed("hand", lambda rows: rows[:2]), "no hand holds particles [25,"),
+        (changed("hand", lambda rows: rows[:0]), "no hand holds particles [25,"),
+        (changed("taken", lambda rows: rows[1:]), "no hand holds particles [25,"),
+        (changed("taken", one_place(1e300)), "taken hold a number that is beyond"),
         (changed("hand", lambda rows: rows[:, :2]), "hand is float64 of shape (6, 2)"),
         (changed("hand", lambda rows: np.zeros((MOST_BYTES // 24 + 1, 3))), "hand is float64 of shape (699051, 3)"),
-        (changed("held", 30), "no hand holds particle 30"),
-        (changed("held", -1), "no hand holds particle -1"),
-        (changed("held", 25.0), "held is float64"),
+        (changed("held", 30), "held is int64 of shape ()"),
+        (changed("held", lambda held: 0 * held + 25), "no hand holds particles [25, 25"),
+        (changed("held", lambda held: held - 30), "no hand holds particles [-5,"),
+        (changed("held", lambda held: held[:0]), "no hand holds particles []"),
+        (changed("held", lambda held: 1.0 * held), "held is float64"),
+        (changed("pinned", lambda pinned: pinned[1:]), "pinned is bool of shape (29,)"),
         (changed("frame", -1), "there is no frame -1"),
         (changed("frame", [1]), "frame is int64 of shape (1,)"),
         (changed("live", lambda live: live[:-1]), "live is float64 of shape (7,), not float64 of shape (8,)"),

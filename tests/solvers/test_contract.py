@@ -175,29 +175,39 @@ def test_the_cloth_stays_out_of_colliders(solver: str, path: str) -> None:
         assert deepest == 0.0
 
 
-def test_a_held_particle_goes_exactly_where_the_hand_is(solver: str, path: str) -> None:
+def test_what_is_held_goes_exactly_where_the_hand_is(solver: str, path: str) -> None:
     with Simulation(busy(solver), path) as simulation:
+        before = run(simulation, 3)
+        simulation.grab(30, before[30], radius=0.21)  # two cells of 0.1 m: thirteen particles
+        held = simulation.held
+        assert len(held) == 13
+        assert (run(simulation, 1)[held] == before[held]).all(), "the cloth jumped when it was taken"
         for k in range(20):
             target = (0.02 * k, 3.1, 0.01 * k)
             simulation.grab(30, target)
             simulation.advance_frame()
             assert simulation.positions()[30] == pytest.approx(target, abs=1e-6)
+            assert simulation.positions()[held] == pytest.approx(before[held] - before[30] + target, abs=1e-6)
         assert simulation.grabbed == 30
 
 
-def test_a_released_particle_has_its_mass_and_the_hands_velocity(solver: str, path: str) -> None:
+def test_what_was_held_has_its_mass_again_and_the_hands_velocity(solver: str, path: str) -> None:
     none = (0.0, 0.0, 0.0)
     free = scene(solver, forces=Forces(gravity=0.0), springs=Springs(*none), fabric=Fabric(*none, 0.0))
     with Simulation(free, path) as simulation:
         start = simulation.positions()[10]
+        masses = simulation.cloth.taken(simulation.cloth.inverse_mass)
         for k in range(1, 7):
-            simulation.grab(10, start + [0.02 * k, 0, 0])
+            simulation.grab(10, start + [0.02 * k, 0, 0], radius=0.11)
             simulation.advance_frame()
+        held = simulation.held
+        assert held.tolist() == [10, 1, 9, 11, 19]
         simulation.release()
-        assert simulation.grabbed is None
-        assert simulation.velocities()[10] == pytest.approx([1.2, 0, 0], abs=1e-3)  # 0.02 m a frame
-        there = simulation.positions()[10]
-        assert run(simulation, 60)[10] == pytest.approx(there + [1.2, 0, 0], abs=1e-2)
+        assert (simulation.grabbed, len(simulation.held)) == (None, 0)
+        assert (simulation.cloth.taken(simulation.cloth.inverse_mass) == masses).all()
+        assert simulation.velocities()[held] == pytest.approx(np.tile([1.2, 0, 0], (5, 1)), abs=1e-3)  # 0.02 m a frame
+        there = simulation.positions()
+        assert run(simulation, 60)[held] == pytest.approx(there[held] + [1.2, 0, 0], abs=1e-2)
     with Simulation(scene(solver), path) as simulation:
         simulation.grab(10, simulation.positions()[10])
         run(simulation, 5)
@@ -218,15 +228,18 @@ def test_a_save_goes_on_bit_for_bit(solver: str, path: str, tmp_path: object) ->
     file = tmp_path / "half.npz"
     with Simulation(busy(solver), path) as whole:
         whole.set("wind_z", 6.0)
-        whole.grab(33, (0.1, 2.9, 0.2))
+        whole.grab(33, (0.1, 2.9, 0.2), radius=0.15)
+        whole.pin(60)
         run(whole, 25)
         whole.save(file)
+        whole_held, whole_pinned = whole.held, whole.topology.pinned
         whole.release()
         end = run(whole, 25)
     with Simulation(busy(solver), path) as half:
         half.load(file)
         assert half.frame == 25
         assert half.get("wind_z") == 6.0
-        assert half.grabbed == 33
+        assert (half.held == whole_held).all()
+        assert (half.topology.pinned == whole_pinned).all()
         half.release()
         assert (run(half, 25) == end).all()

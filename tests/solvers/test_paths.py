@@ -91,8 +91,9 @@ def test_a_path_equals_the_list_of_springs(solver: str, path: str, variant: str)
             if frame == 2:
                 held = plain.topology.particle_count - 2
                 target = plain.positions()[held] + [0.0, 0.01, 0.01]
-                plain.grab(held, target)
-                other.grab(held, target)
+                plain.grab(held, target, radius=0.08)
+                other.grab(held, target, radius=0.08)
+                assert len(plain.held) > 3
             if frame == 3:
                 for simulation in (plain, other):
                     simulation.set("gravity", 3.0)

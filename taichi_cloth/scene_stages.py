@@ -1,0 +1,50 @@
+"""Which stages a scene names: what of the kernels is compiled for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .contact.bodies import colliders_of, counts_of, meets_triangles
+from .mesh.solid import distances_of
+from .scene import Scene
+from .scene.model import COLLIDERS, PROJECTION, REFLECTION, REPULSION
+from .solvers import Stages
+from .state import distances
+
+# Those that a run names besides spring families and colliders: the field of `Stages`, and the word for it.
+WORDS = {
+    "bending": "bending",
+    "strain_limit": "limit",
+    "tethers": "tethers",
+    "grips": "grips",
+    "wind": "wind",
+    "self_collision": "self-collision",
+    "swept": "swept",
+    "triangles": "triangles",
+}
+
+
+def stages_of(scene: Scene) -> Stages:
+    """The stages of a scene. `distances`, if it has meshes, are fields from a pool and want to be given back."""
+    colliders = colliders_of(scene)
+    projecting: dict[str, Any] = dict(zip(COLLIDERS, counts_of(colliders, PROJECTION), strict=True))
+    return Stages(
+        wind=scene.wind is not None,
+        **projecting,
+        reflecting=counts_of(colliders, REFLECTION),
+        repelling=counts_of(colliders, REPULSION),
+        distances=distances.take([distances_of(mesh) for mesh in scene.meshes]),
+        triangles=any(meets_triangles(collider) for collider in colliders),
+        swept=any(collider.swept for collider in colliders),
+        spring_damping=scene.fabric.damping_time > 0,
+        strain_limit=0 if scene.limit is None else scene.limit.sweeps,
+        tethers=scene.tethers is not None,
+        grips=bool(scene.grips),
+        self_collision=scene.self_collision is not None,
+        self_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
+    )
+
+
+def words_for(stages: Stages) -> list[str]:
+    """The words for those that are on."""
+    return [word for stage, word in WORDS.items() if getattr(stages, stage)]
