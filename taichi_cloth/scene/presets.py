@@ -92,6 +92,8 @@ def in_fabric(scene: Scene, name: str, own: Scene) -> Scene:
     if name:
         given = {section: dict(keys) for section, keys in preset_keys(load_preset(name), scene.cloth).items()}
     given["fabric"]["preset"] = name or own.fabric.preset
+    if scene.tear is not None:
+        given["fabric"]["bending"] = 0.0  # it could not be cut
     changed: dict[str, Any] = {s: replace(getattr(scene, s), **keys) for s, keys in given.items()}
     return replace(scene, **changed)
 
