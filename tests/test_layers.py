@@ -15,22 +15,22 @@ PACKAGE = Path(taichi_cloth.__file__).parent
 
 # A module may import from its own line and from those above it.
 FLOORS = [
-    {"errors", "files", "lock", "progress"},
+    {"errors", "files", "lock", "machine", "progress"},
     {"scene", "mesh", "interact"},
     {"measure"},
     {"kernels"},
     {"state"},
     {"contact", "solvers"},
     {"given", "hand", "save_file", "simulation"},
-    {"guard"},
+    {"guard", "record"},
     {"view"},
     {"kernel_cache", "runtime"},
     {"bench"},
     {"validate", "accuracy", "stress"},
-    {"cli_measure"},
+    {"cli_measure", "cli_replay"},
     {"cli", "__init__", "__main__"},
 ]
-NO_TAICHI = {"errors", "files", "lock", "progress", "scene", "mesh", "interact", "measure"}
+NO_TAICHI = {"errors", "files", "lock", "machine", "progress", "scene", "mesh", "interact", "measure"}
 FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names}
 
 

@@ -57,8 +57,8 @@ class Panel:
                 if gui.button(label):
                     session.act(action)
                     used = True
-            if session.note:
-                gui.text(session.note, color=(1.0, 0.6, 0.3))
+            for line in textwrap.wrap(session.note, LETTERS):
+                gui.text(line, color=(1.0, 0.6, 0.3))
             for line in (*numbers.splitlines(), "", *help_lines()):
                 gui.text(line)
         return used

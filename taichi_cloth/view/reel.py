@@ -1,0 +1,27 @@
+"""The pictures of a session that nobody looks at, one after another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .frames import Plan
+from .portrait import portrait
+from .raster import Raster
+from .session import Session
+from .video import Show
+
+
+def reel(session: Session, plan: Plan, show: Show, on_frame: Callable[[int], None]) -> None:
+    """Shows picture after picture as the session is looked at.
+
+    Picture i shows the cloth after `i · every` frames. It ends early where the session freezes: the cloth blew up.
+    """
+    raster = Raster(plan.width, plan.height, plan.samples)
+    for k in range(plan.frames):
+        if k > 0:
+            session.advance(1)
+        if k % plan.every == 0:
+            show(portrait(raster, session.draw_list, session.camera, session.view))
+        on_frame(k)
+        if session.frozen:
+            return
