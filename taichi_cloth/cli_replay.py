@@ -103,8 +103,8 @@ def film_of(session: Session, plan: Plan, path: Path) -> None:
     from .view.video import film
 
     with film(path, (plan.width, plan.height), plan.every) as show, frames_progress(plan.frames) as advance:
-        reel(session, plan, show, advance)
-    print(f"{plan.pictures} pictures in {path}")
+        shown = reel(session, plan, show, advance)
+    print(f"{shown} pictures in {path}")
 
 
 def pictures_of(session: Session, plan: Plan, *, force: bool) -> None:

@@ -10,7 +10,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from itertools import count
 from pathlib import Path
 
@@ -111,13 +110,14 @@ class Drawing:
         package = str(Path(__file__).parents[2])
         path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
         low = ["nice"] if shutil.which("nice") else []  # the window goes first
-        self._words = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
             [*low, sys.executable, "-m", "taichi_cloth", "replay", recording, *where],
             env=os.environ | {"PYTHONPATH": path},
             stdin=subprocess.DEVNULL,
-            stdout=self._words,
-            stderr=self._words,
+            stdout=subprocess.PIPE,  # a dozen lines, which wait in it
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
             start_new_session=True,  # Ctrl-C is for the window, which ends its drawings itself
         )
 
@@ -130,13 +130,12 @@ class Drawing:
 
     def end(self) -> None:
         self._process.terminate()
-        self._process.wait()
+        self._process.communicate()
 
     def error(self) -> str:
-        """The last line of one that failed; nothing of one that did well."""
-        self._words.seek(0)
-        lines = self._words.read().decode(errors="replace").splitlines()
-        return "" if self._process.returncode == 0 else (lines or ["the drawing was ended"])[-1]
+        """The last line of one that failed; nothing of one that did well. It must have ended."""
+        words, _ = self._process.communicate()
+        return "" if self._process.returncode == 0 else ([*words.splitlines()] or ["the drawing was ended"])[-1]
 
 
 def new_file(folder: Path, kind: str) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import shutil
+import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
@@ -92,26 +93,59 @@ def _mp4(path: Path, size: tuple[int, int], every: int) -> Iterator[Show]:
         ]
         codec = ("-an", "-c:v", "libx264", "-crf", str(QUALITY), "-movflags", "+faststart", "-f", "mp4")
         command = [exe, "-y", "-loglevel", "error", *pixels, "-i", "-", *colours, *codec, file.name]
-        ffmpeg = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors)
-        assert ffmpeg.stdin is not None
+        with _running(command, errors) as ffmpeg:
+            pipe = ffmpeg.stdin
+            assert pipe is not None
 
-        def show(picture: Picture) -> None:
-            try:
-                ffmpeg.stdin.write(picture[:height, :width].tobytes())  # type: ignore[union-attr]
-            except OSError:  # it has ended; why is in its last words
-                raise _failure(ffmpeg, errors) from None
+            def show(picture: Picture) -> None:
+                try:
+                    pipe.write(picture[:height, :width].tobytes())
+                except OSError:  # it has ended; why is in its last words
+                    raise _failure(ffmpeg, errors) from None
 
-        try:
             yield show
             with suppress(OSError):
-                ffmpeg.stdin.close()
+                pipe.close()
             if ffmpeg.wait() != 0:
                 raise _failure(ffmpeg, errors)
-        finally:
-            ffmpeg.kill()
-            with suppress(OSError):
-                ffmpeg.stdin.close()
-            ffmpeg.wait()
+
+
+@contextmanager
+def _running(command: list[str], errors: IO[bytes]) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that takes what is written into it, and has ended with the block."""
+    process = None
+    try:
+        with _no_interrupt():
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,  # Ctrl-C is for us, who end it
+            )
+        yield process
+    finally:
+        if process is not None:
+            process.kill()
+            with suppress(OSError):  # what was left to write
+                process.communicate()
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Ctrl-C waits until a process that is being started is known: it would go on alone."""
+    caught: list[int] = []
+    before = {}
+    with suppress(ValueError):  # not in the main thread, which alone is interrupted
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.signal(number, lambda number, frame: caught.append(number))
+    try:
+        yield
+    finally:
+        for known, handler in before.items():
+            signal.signal(known, handler)
+    for first in caught[:1]:
+        signal.raise_signal(first)
 
 
 def _failure(ffmpeg: subprocess.Popen[bytes], errors: IO[bytes]) -> OSError:
@@ -130,8 +164,6 @@ def _webp(path: Path, every: int) -> Iterator[Show]:
     pictures: list[Any] = []
     with whole_file(path) as file:
         yield lambda picture: pictures.append(Image.fromarray(picture))
-        if not pictures:
-            raise OSError(errno.EINVAL, "a film without pictures")
         # Whole milliseconds, spread so that the film is as long as it should be.
         ends = [round(1000 * every * k / FRAME_RATE) for k in range(len(pictures) + 1)]
         durations = [end - start for start, end in pairwise(ends)]

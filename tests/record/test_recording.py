@@ -134,7 +134,9 @@ def test_a_change_of_the_last_bit_of_an_input_is_noticed(simulation: Recorded, t
 def test_a_method_that_cannot_be_had_is_repeated_too(tmp_path: Path) -> None:
     """To be refused has taken the cloth out of its fields and put it back."""
     light = replace(
-        SMALL, fabric=replace(SMALL.fabric, warp=1e9, weft=1e9), cloth=replace(SMALL.cloth, area_density=0.001)
+        SMALL,
+        fabric=replace(SMALL.fabric, warp=1e9, weft=1e9),
+        cloth=replace(SMALL.cloth, width=0.2, height=0.16, area_density=0.001),
     )
     with Recorded(light) as simulation:
         run(simulation, 2)
