@@ -119,6 +119,7 @@ def build_parser() -> Parser:
     how.add_argument("--headless", action="store_true", help="draw numbered PNG files, even where a window could open")
     how.add_argument("--video", type=Path, metavar="FILE", help="draw a film, an .mp4 or a .webp")
     how.add_argument("--check", action="store_true", help="draw nothing: only say whether it comes out the same")
+    replay.add_argument("--log", type=Path, metavar="FILE", help="write one line of JSON for every displayed frame")
     replay.add_argument("--out", type=Path, metavar="DIR", help="folder for the pictures (default: FILE without .toml)")
     replay.add_argument("--size", type=size, metavar="WxH", help="size in pixels (default: as it was seen)")
     replay.add_argument("--every", type=count, default=1, metavar="K", help="draw every K-th frame only")

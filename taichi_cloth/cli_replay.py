@@ -56,7 +56,7 @@ def repeated(recording: Recording, args: argparse.Namespace) -> Rerun:
         if obstacle is None:
             from .view import window
 
-            return window.run(partial(Rerun, recording), size=size)
+            return window.run(partial(Rerun, recording), size=size, log=args.log)
         print(f"no window ({obstacle}): drawing pictures instead", flush=True)
     out = args.out or args.file.with_suffix("")
     plan = Plan(out, recording.frames + 1, width=size[0], height=size[1], every=args.every, samples=args.samples)

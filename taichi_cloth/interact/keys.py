@@ -41,6 +41,8 @@ KEYS = (
     Key("Escape", "Esc", "quit", "quit"),
 )
 
+ARROWS = ("Left", "Right", "Up", "Down")  # one line of help is enough for the four
+
 MOUSE = (
     ("left drag", "pull the cloth"),
     ("right drag", "turn the view"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from taichi_cloth.interact.keys import KEYS
 from taichi_cloth.interact.pointer import Owner
 from taichi_cloth.scene import load_scene, scene_names
 from taichi_cloth.scene.model import SOLVER_NAMES
+from taichi_cloth.view.keepsakes import Keepsakes
 from taichi_cloth.view.session import HOLD, Session
 
 SIZE = (1280, 720)
@@ -162,7 +164,8 @@ def test_cloth_that_blew_up_is_frozen_on_its_last_good_frame_and_the_user_is_tol
     assert (session.frozen, session.note, session.simulation.frame) == (False, "", 5)
 
 
-def test_every_key_has_a_meaning(session: Session) -> None:
+def test_every_key_has_a_meaning(session: Session, tmp_path: Path) -> None:
+    session.keepsakes = Keepsakes(tmp_path)
     for key in KEYS:
         session.hold(key.action, 0.1) if key.held else session.act(key.action)
     assert {key.action for key in KEYS if key.held} == set(HOLD)
