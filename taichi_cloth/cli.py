@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -17,6 +18,7 @@ from . import __version__, runtime
 from .cli_compare import compare
 from .cli_export import run_export
 from .cli_measure import run_ablate, run_bench, run_stress, run_validate
+from .cli_replay import render_film, run_replay
 from .errors import BlewUp, OutputInUse, WrongUse, one_line
 from .export.output import FORMATS, UPS
 from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
@@ -106,9 +108,10 @@ def build_parser() -> Parser:
     render.add_argument("--view", choices=VIEWS, default="shaded", help="how the cloth is drawn")
     render.add_argument("--every", type=count, default=1, metavar="K", help="draw every K-th frame only")
     render.add_argument("--samples", type=int, choices=(1, 4), default=4, help="samples a pixel: 4 smooths edges")
+    render.add_argument("--video", type=Path, metavar="FILE", help="write a film instead, an .mp4 or a .webp")
     render.add_argument("--contact-sheet", action="store_true", help="also write twelve moments as one picture")
     again = render.add_mutually_exclusive_group()
-    again.add_argument("--force", action="store_true", help="replace the frames in DIR")
+    again.add_argument("--force", action="store_true", help="replace the frames in DIR, or the film")
     again.add_argument("--resume", action="store_true", help="go on where an interrupted render stopped")
 
     comparing = command(
@@ -145,6 +148,21 @@ def build_parser() -> Parser:
     bake = command("bake", export_scene, "write a whole clip of the cloth", "bake curtain --frames 240 --out clip.pc2")
     export_options(bake)
     bake.set_defaults(clip=True)
+    replay = command(
+        "replay", run_replay, "repeat a recording bit for bit", "replay out/curtain/clip_001.toml --video again.mp4"
+    )
+    replay.add_argument("file", type=Path, metavar="FILE", help="a recording: the .toml beside a screenshot or a clip")
+    how = replay.add_mutually_exclusive_group()
+    how.add_argument("--headless", action="store_true", help="draw numbered PNG files, even where a window could open")
+    how.add_argument("--video", type=Path, metavar="FILE", help="draw a film, an .mp4 or a .webp")
+    how.add_argument("--check", action="store_true", help="draw nothing: only say whether it comes out the same")
+    replay.add_argument("--log", type=Path, metavar="FILE", help="write one line of JSON for every displayed frame")
+    replay.add_argument("--out", type=Path, metavar="DIR", help="folder for the pictures (default: FILE without .toml)")
+    replay.add_argument("--size", type=size, metavar="WxH", help="size in pixels (default: as it was seen)")
+    replay.add_argument("--every", type=count, default=1, metavar="K", help="draw every K-th frame only")
+    replay.add_argument("--samples", type=int, choices=(1, 4), default=4, help="samples a pixel: 4 smooths edges")
+    replay.add_argument("--arch", choices=runtime.ARCHS, help="Taichi back-end (default: the recording's)")
+    replay.add_argument("--force", action="store_true", help="replace the frames in DIR, or the film")
 
     listing = command("list", list_scenes, "list the shipped scenes, a line each", "list")
     listing.add_argument("--presets", action="store_true", help="list the fabrics instead, with the numbers they have")
@@ -274,9 +292,10 @@ def run_scene(args: argparse.Namespace) -> int:
         from .view import window
 
         arch = runtime.start(args.arch)
+        from .view.session import Session
+
         window.run(
-            scene,
-            path=args.path,
+            partial(Session, scene, args.path),
             size=args.size,
             frames=args.frames,
             log=args.log,
@@ -304,6 +323,8 @@ def render_scene(args: argparse.Namespace) -> int:
         samples=args.samples,
         sheet=args.contact_sheet,
     )
+    if args.video:
+        return render_film(scene, plan, args, lambda s, arch: print(summary(s, arch), flush=True))
     return render_plan(scene, plan, args, force=args.force, resume=args.resume)
 
 

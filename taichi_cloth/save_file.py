@@ -25,7 +25,14 @@ MOST_BYTES = 1 << 24  # of what may vary: a scene's text, four a character, and 
 def write_save(path: str | PathLike[str], scene_text: str, arrays: Arrays) -> None:
     """Writes the scene's text and the arrays; the file appears whole or not at all. Raises OSError."""
     with whole_file(path) as file:
-        np.savez(file, allow_pickle=False, scene=np.array(scene_text), **arrays)
+        file.write(packed(scene_text, arrays))
+
+
+def packed(scene_text: str, arrays: Arrays) -> bytes:
+    """What is in such a file."""
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, scene=np.array(scene_text), **arrays)
+    return content.getvalue()
 
 
 def read_save(path: str | PathLike[str], scene_text: str, like: Arrays) -> Arrays:

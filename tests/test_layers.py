@@ -15,23 +15,23 @@ PACKAGE = Path(taichi_cloth.__file__).parent
 
 # A module may import from its own line and from those above it.
 FLOORS = [
-    {"errors", "files", "lock", "progress"},
+    {"errors", "files", "lock", "machine", "progress"},
     {"scene", "mesh", "interact"},
     {"measure"},
     {"kernels"},
     {"state"},
     {"contact", "solvers"},
     {"controls_row", "given", "hand", "save_file", "scene_stages", "simulation"},
-    {"guard"},
+    {"guard", "record"},
     {"export"},
     {"view"},
     {"kernel_cache", "runtime"},
     {"bench"},
     {"validate", "accuracy", "stress"},
-    {"cli_compare", "cli_export", "cli_measure"},
+    {"cli_compare", "cli_export", "cli_measure", "cli_replay"},
     {"cli", "__init__", "__main__"},
 ]
-NO_TAICHI = {"errors", "files", "lock", "progress", "scene", "mesh", "interact", "measure"}
+NO_TAICHI = {"errors", "files", "lock", "machine", "progress", "scene", "mesh", "interact", "measure"}
 FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names}
 
 

@@ -19,6 +19,7 @@ from rich.table import Table
 
 from ..errors import OutputInUse, WrongUse
 from ..files import whole_file
+from ..machine import cpu_model
 from .cases import Case
 
 LOG_WIDTH = 132  # characters, where there is no terminal
@@ -209,15 +210,6 @@ def machine() -> dict[str, str]:
         "taichi": f"Taichi {version('taichi')}",
         "taichi_cloth": f"taichi_cloth {version('taichi-cloth')}",
     }
-
-
-def cpu_model() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        for line in info.read_text(errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
 
 
 def check_free(path: Path, *, force: bool) -> None:

@@ -31,14 +31,18 @@ KEYS = (
     Key("e", "E", "export", "write an OBJ file"),
     Key("f", "F", "first_view", "first view point"),
     Key("h", "H", "hide", "hide, show panel"),
-    Key("w", "W", "zoom_in", "zoom in", held=True),
-    Key("s", "S", "zoom_out", "zoom out", held=True),
+    Key("s", "S", "screenshot", "screenshot"),
+    Key("c", "C", "clip", "begin, end a clip"),
+    Key("i", "I", "zoom_in", "zoom in", held=True),
+    Key("o", "O", "zoom_out", "zoom out", held=True),
     Key("Left", "Left", "pan_left", "move the view left", held=True),
     Key("Right", "Right", "pan_right", "move it right", held=True),
     Key("Up", "Up", "pan_up", "move it up", held=True),
     Key("Down", "Down", "pan_down", "move it down", held=True),
     Key("Escape", "Esc", "quit", "quit"),
 )
+
+ARROWS = ("Left", "Right", "Up", "Down")  # one line of help is enough for the four
 
 MOUSE = (
     ("left drag", "pull the cloth"),

@@ -46,7 +46,7 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
     """
     path, file = scene_path(name_or_path), str(name_or_path)
     data = _parse(path)
-    scene = _scene(data, file, path)  # the file must be right without its overrides, too
+    scene = scene_from(data, file, path)  # the file must be right without its overrides, too
     if not overrides:
         return scene
     file += " (override)"
@@ -56,7 +56,7 @@ def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
         for section, names in aside[key].items():
             for name in names:
                 data.get(section, {}).pop(name, None)
-    return _scene(data, file, path)
+    return scene_from(data, file, path)
 
 
 def check_scene(scene: Scene) -> Scene:
@@ -116,7 +116,7 @@ def _parse(path: Path) -> dict[str, Any]:
     raise SceneError(file, "", reason)
 
 
-def _scene(data: dict[str, Any], file: str, path: Path) -> Scene:
+def scene_from(data: dict[str, Any], file: str, path: Path) -> Scene:
     """A whole scene from the parsed TOML of a path. Messages call it `file`."""
     scene = _with_preset(_with_usual(_sections(data, file, path.stem), data), data, file)
     return _consistent(_with_meshes(scene, path.parent, file), file)

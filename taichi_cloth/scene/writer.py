@@ -8,16 +8,20 @@ from typing import Any
 from .model import Scene, keys_of, parts
 
 
-def scene_to_toml(scene: Scene) -> str:
-    """The whole scene as a TOML text that `load_scene` reads back to an equal scene."""
-    lines = _keys(scene)
+def scene_to_toml(scene: Scene, table: str = "") -> str:
+    """The whole scene as a TOML text that `load_scene` reads back to an equal scene.
+
+    With the name of a `table` it is one, for a larger file.
+    """
+    within = f"{table}." if table else ""
+    lines = [f"[{table}]"] * bool(table) + _keys(scene)
     for part in parts().values():
         value = getattr(scene, part.name)
         if part.many:
             for one in value:
-                lines += ["", f"[[{part.name}]]", *_keys(one)]
+                lines += ["", f"[[{within}{part.name}]]", *_keys(one)]
         elif value is not None:
-            lines += ["", f"[{part.name}]", *_keys(value)]
+            lines += ["", f"[{within}{part.name}]", *_keys(value)]
     return "\n".join(lines) + "\n"
 
 

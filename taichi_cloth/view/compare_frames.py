@@ -16,10 +16,11 @@ from ..errors import BlewUp
 from ..files import whole_file
 from ..guard import Guard
 from ..interact.camera import OrbitCamera
+from ..machine import machine
 from ..scene import scene_to_toml
 from ..simulation import Simulation
 from .draw_list import DrawList
-from .frames import Plan, machine, writing_behind
+from .frames import Plan, writing_behind
 from .sides import TwoPictures, apart, partners
 
 REPORT = "compare.json"  # beside the pictures

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import platform
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +19,7 @@ from ..files import whole_file
 from ..guard import Guard
 from ..interact.camera import OrbitCamera
 from ..lock import locked
+from ..machine import machine
 from ..scene import scene_to_toml
 from ..simulation import Simulation
 from .contact_sheet import contact_sheet
@@ -213,14 +212,3 @@ def writing_behind() -> Iterator[Callable[[Path, Picture], None]]:
         yield write
         for future in waiting:
             future.result()
-
-
-def machine() -> dict[str, str]:
-    """Versions and machine that a run's numbers belong to."""
-    return {
-        "taichi_cloth": version("taichi-cloth"),
-        "taichi": version("taichi"),
-        "numpy": version("numpy"),
-        "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.machine()}",
-    }

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ..interact.keys import KEYS, MOUSE
+from ..interact.keys import ARROWS, KEYS, MOUSE
 from ..measure.estimate import estimate
 from ..scene.live import LiveKey, live_keys
 from ..scene.model import FRAME_SECONDS
@@ -59,7 +59,10 @@ class Panel:
                     used = True
             for line in numbers.splitlines():
                 gui.text(line)
-            gui.text(session.note, color=(1.0, 0.6, 0.3))  # or an empty line: the keys below stay where they are
+            for line in textwrap.wrap(session.note, LETTERS) or [
+                ""
+            ]:  # an empty line: the keys below stay where they are
+                gui.text(line, color=(1.0, 0.6, 0.3))
             for line in help_lines():
                 gui.text(line)
         return used
@@ -119,6 +122,7 @@ def error_of(s: Simulation) -> str:
 
 def help_lines() -> list[str]:
     """Every key and mouse drag, two to a line."""
-    entries = [f"{key.label:5} {key.help}" for key in KEYS] + [f"{drag}: {help}" for drag, help in MOUSE]
+    entries = [f"{key.label:5} {key.help}" for key in KEYS if key.code not in ARROWS] + ["arrows: move the view"]
+    entries += [f"{drag}: {help}" for drag, help in MOUSE]
     half = (len(entries) + 1) // 2
     return [f"{a:{COLUMN}} {b}" for a, b in zip(entries[:half], [*entries[half:], ""], strict=False)]

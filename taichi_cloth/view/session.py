@@ -19,10 +19,11 @@ from ..interact.camera import OrbitCamera
 from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
 from ..measure.cloth import Measures
+from ..record.recorded import Recorded
 from ..scene import Scene, load_scene, scene_names
 from ..scene.model import SOLVER_NAMES
-from ..simulation import Simulation
 from .draw_list import VIEWS, DrawList
+from .keepsakes import Keepsakes
 
 ZOOM_RATE = 8.0  # [steps/s] while a key is held
 PAN_RATE = 0.5  # [heights of the picture/s]
@@ -48,21 +49,24 @@ class Grip:
 class Session:
     """One running scene with its camera and the user's hand. `act` takes the actions named in `keys.KEYS`."""
 
-    def __init__(self, scene: Scene, path: str | None = None) -> None:
+    def __init__(self, scene: Scene, path: str | None = None, out: Path = Path("out")) -> None:
+        """`path` is that of `Simulation`; screenshots and clips go into a folder of the scene's name in `out`."""
         self.running = True
         self.frozen = False
         self.hidden = False
         self.view = VIEWS[0]
         self.physics_ms = 0.0  # [ms] of one frame, mean over the last picture's frames
         self.note = ""  # one line for the user
+        self.size = (1280, 720)  # [pixels] of the last picture
         self.pointer = Pointer()
+        self.keepsakes = Keepsakes(out)
         self._first = scene
         self._path = path
         self._out = Path("out").resolve()  # before the window changes the folder
         self._open(scene)
 
     def _open(self, scene: Scene) -> None:
-        self.simulation = Simulation(scene, self._path)
+        self.simulation = Recorded(scene, self._path)
         try:
             self.draw_list = DrawList(self.simulation)
         except BaseException:
@@ -74,8 +78,17 @@ class Session:
         self._guard = Guard(self.simulation)
         self.measures = self.simulation.measure()
 
+    def finish(self) -> str:
+        """Ends a clip, and waits until it is drawn. Returns a line where there was one."""
+        line = self.keepsakes.end_clip(self.simulation, self.size)
+        return self.keepsakes.wait() or line
+
     def close(self) -> None:
-        """Gives back what the scene holds."""
+        """Gives back what the scene holds. Clips that are not drawn yet never will be: see `finish`."""
+        self.keepsakes.close()
+        self._close_scene()
+
+    def _close_scene(self) -> None:
         self.draw_list.close()
         self.simulation.close()
 
@@ -108,6 +121,17 @@ class Session:
                 self.note = snapshot(self.simulation, self._out)
             case "first_view":
                 self.camera.reset()
+            case "screenshot":
+                self._look()
+                self.note = self.keepsakes.screenshot(
+                    self.simulation, self.draw_list, self.camera, self.view, self.size
+                )
+            case "clip":
+                if self.keepsakes.clip_is_on:
+                    self._end_clip()
+                else:
+                    self._record_anew()
+                    self.note = self.keepsakes.begin_clip()
             case "hide":
                 self.hidden = not self.hidden
             case "quit":
@@ -129,8 +153,24 @@ class Session:
         name = names[(names.index(self.simulation.scene.name) + step) % len(names)]
         scene = self._first if name == self._first.name else load_scene(name)
         self._let_go()
-        self.close()
+        self._end_clip()
+        note = self.note
+        self._close_scene()
         self._open(scene)
+        self.note = note
+
+    def _record_anew(self) -> None:
+        self.simulation.begin_anew()
+        self._guard = Guard(self.simulation)  # what is repeated from here on knows no earlier good frame
+
+    def _end_clip(self) -> None:
+        self.note = self.keepsakes.end_clip(self.simulation, self.size)
+
+    def _look(self) -> None:
+        """Adds to what is recorded how the user looks at it."""
+        camera, take = self.camera, self.simulation.take
+        take.look("view", self.view)
+        take.look("camera", camera.azimuth, camera.elevation, camera.distance, *camera.target.tolist())
 
     def _next_solver(self) -> None:
         """Goes on with the next method that the scene can have; the hand keeps what it holds."""
@@ -142,6 +182,10 @@ class Session:
                 break
             except WrongUse as error:
                 self.note = str(error)
+        self._draw_anew()
+
+    def _draw_anew(self) -> None:
+        """Another method's cloth lies in other fields."""
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
         self._guard = Guard(self.simulation)
@@ -158,6 +202,7 @@ class Session:
         widget_changed: bool,
     ) -> None:
         """Takes one displayed frame's mouse: its screen point in a window of `size` pixels, the buttons held."""
+        self.size = size
         aspect = size[0] / size[1]
         mouse = Mouse(cursor[0] * aspect, cursor[1], held)
         gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
@@ -190,19 +235,21 @@ class Session:
     # -- time ------------------------------------------------------------------------------------------
 
     def advance(self, frames: int) -> None:
-        """Moves the cloth on by so many frames, unless it is frozen."""
+        """Moves the cloth on by so many frames, unless it is frozen. Called once for each picture."""
+        self.note = self.keepsakes.news() or self.note
         if not self.frozen:
             self._simulate(frames)
 
     def _simulate(self, frames: int) -> None:
         if frames == 0:
             return
+        self._look()
         start = time.perf_counter()
         for k in range(frames):
             self._lead((k + 1) / frames)
             self.simulation.advance_frame()
             if not self._guard.sound():
-                self.note = self._guard.restore()
+                self._restore()
                 self._let_go()
                 self.frozen = True
                 break
@@ -210,6 +257,12 @@ class Session:
         self.physics_ms = 1e3 * (time.perf_counter() - start) / frames
         if self.grip is not None:
             self.grip.led_to = self.grip.handle.target
+        if self.simulation.take.is_long and not self.keepsakes.clip_is_on:
+            self._record_anew()
+
+    def _restore(self) -> None:
+        self.note = self._guard.restore()
+        self.simulation.take.add("restore")
 
     def _lead(self, share: float) -> None:
         """Moves the hand this share of the way that the cursor went since the last picture.

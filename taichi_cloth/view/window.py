@@ -9,19 +9,20 @@ from collections.abc import Callable
 from math import degrees
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeVar
 
 import taichi as ti
 
 from ..interact.camera import OrbitCamera
 from ..interact.keys import KEYS
-from ..scene import Scene
 from ..simulation import Simulation
 from .clock import FrameClock
 from .draw_mesh import DrawMesh, Lighting
 from .journal import Journal, line_of
 from .panel import Panel, numbers
 from .session import Session
+
+S = TypeVar("S", bound=Session)
 
 TITLE = "taichi_cloth"
 BUTTON_CODES = {"left": ti.ui.LMB, "middle": ti.ui.MMB, "right": ti.ui.RMB}
@@ -31,31 +32,35 @@ LONGEST_HOLD = 0.1  # [s] a held key acts at most this long in one picture, what
 
 
 def run(
-    scene: Scene,
+    open_session: Callable[[], S],
     *,
-    path: str | None = None,
     size: tuple[int, int] = (1280, 720),
     frames: int | None = None,
     log: Path | None = None,
     announce: Callable[[Simulation], None] = lambda simulation: None,
-) -> None:
-    """Opens a window and returns when the user closes it, or after `frames` displayed frames.
+) -> S:
+    """Opens a window on a session and returns when the user closes it, or after `frames` displayed frames.
 
-    Taichi must have been started, and `display.window_obstacle()` must have found nothing: Taichi ends the
-    process where it cannot open a window. `announce` is called before the first frame. Raises OSError when
-    the log cannot be written.
+    The session comes back, closed. Taichi must have been started, and `display.window_obstacle()` must have found
+    nothing: Taichi ends the process where it cannot open a window. `announce` is called before the first frame.
+    Raises OSError when the log cannot be written.
     """
     with contextlib.ExitStack() as stack:
         journal = stack.enter_context(Journal(log)) if log else None
         # The toolkit drops its settings, imgui.ini, into the working folder.
         folder = stack.enter_context(TemporaryDirectory(prefix="taichi_cloth_"))
-        session = Session(scene, path)
-        stack.callback(session.close)
+        session = stack.enter_context(contextlib.closing(open_session()))
         announce(session.simulation)
-        stack.enter_context(contextlib.chdir(folder))
-        window = ti.ui.Window(TITLE, size, vsync=True, pos=POSITION)
-        stack.callback(window.destroy)  # before the fields go, and before Taichi does
-        loop(window, session, Panel(size, Path(folder) / "imgui.ini"), frames, journal)
+        with contextlib.chdir(folder):
+            window = ti.ui.Window(TITLE, size, vsync=True, pos=POSITION)
+            try:
+                loop(window, session, Panel(size, Path(folder) / "imgui.ini"), frames, journal)
+            finally:
+                window.destroy()  # before the fields go, and before Taichi does
+        line = session.finish()
+        if line:
+            print(line, flush=True)
+    return session
 
 
 def loop(window: Any, session: Session, panel: Panel, frames: int | None, journal: Journal | None) -> None:

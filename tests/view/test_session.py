@@ -17,6 +17,7 @@ from taichi_cloth.interact.pointer import Owner
 from taichi_cloth.mesh.obj import read_obj
 from taichi_cloth.scene import load_scene, scene_names
 from taichi_cloth.scene.model import SOLVER_NAMES
+from taichi_cloth.view.keepsakes import Keepsakes
 from taichi_cloth.view.session import HOLD, Session
 
 SIZE = (1280, 720)
@@ -194,7 +195,8 @@ def test_an_export_that_fails_is_told(session: Session) -> None:
     assert session.simulation.frame == 1
 
 
-def test_every_key_has_a_meaning(session: Session) -> None:
+def test_every_key_has_a_meaning(session: Session, tmp_path: Path) -> None:
+    session.keepsakes = Keepsakes(tmp_path)
     for key in KEYS:
         session.hold(key.action, 0.1) if key.held else session.act(key.action)
     assert {key.action for key in KEYS if key.held} == set(HOLD)

@@ -51,7 +51,7 @@ class ClientMessage(ctypes.Structure):
 class Desk:
     """The program in its window, with a hand on mouse and keyboard. Screen points run from the bottom left, 0…1."""
 
-    def __init__(self, screen: Screen, folder: Path, *arguments: str) -> None:
+    def __init__(self, screen: Screen, folder: Path, *arguments: str, command: str = "run") -> None:
         self.screen = screen
         self.folder = folder / "working"
         self.folder.mkdir()
@@ -68,7 +68,7 @@ class Desk:
         self.last: Line = {}
         with self._errors.open("w") as errors:
             self.program = subprocess.Popen(
-                [sys.executable, "-m", "taichi_cloth", "run", *arguments, "--log", self._log],
+                [sys.executable, "-m", "taichi_cloth", command, *arguments, "--log", self._log],
                 cwd=self.folder,
                 env=self._environment,
                 stdout=errors,
@@ -207,8 +207,8 @@ def desk(screen: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
         no_window(obstacle)
     with contextlib.ExitStack() as stack:
 
-        def start(*arguments: str) -> Desk:
-            desk = Desk(screen, tmp_path, *arguments)
+        def start(*arguments: str, command: str = "run") -> Desk:
+            desk = Desk(screen, tmp_path, *arguments, command=command)
             stack.callback(desk.close)
             return desk
 

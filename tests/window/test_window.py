@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from imageio_ffmpeg import count_frames_and_secs
+from PIL import Image
 
+from taichi_cloth import cli
 from taichi_cloth.mesh.obj import read_obj
+from taichi_cloth.record.recorded import Recorded
+from taichi_cloth.record.recording import Recording, read_recording
+from taichi_cloth.scene import load_scene
 from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.view.draw_list import VIEWS
 from taichi_cloth.view.panel import HEIGHT, MARGIN, NAME, WIDTH
@@ -232,7 +239,7 @@ def test_the_camera(desk: Start) -> None:
     desk.until(lambda line: range_of(line) < 0.9 * range_of(turned), "zooming in with the mouse")
     near = desk.now()
     desk.release("middle")
-    with desk.holding("s"):
+    with desk.holding("o"):
         desk.until(lambda line: range_of(line) > 1.1 * range_of(near), "zooming out with a key")
     with desk.holding("Up"):
         desk.until(lambda line: line["target"][1] > first["target"][1] + 0.05, "moving up with a key")
@@ -286,3 +293,58 @@ def test_the_window_may_be_resized(desk: Start) -> None:
     desk.move(*slider_point(desk, "stiffness", 0.2))  # the panel keeps its pixels
     assert desk.press("left")["mouse"] == "panel"
     desk.until(lambda line: abs(line["live"]["stiffness"] - 0.2) < 0.05, "stiffness at 0.2")
+
+
+def test_a_clip_and_a_screenshot_are_kept_and_can_be_repeated(desk: Start, capsys: pytest.CaptureFixture[str]) -> None:
+    desk = desk("curtain", "--size", "640x480")
+    start = somewhere_on_the_cloth(desk)
+    desk.key("c")
+    desk.move(*start)
+    assert desk.press("left")["mouse"] == "cloth"
+    desk.move(start[0] + 0.1, start[1] + 0.1)
+    desk.key("t")
+    solver = desk.until(lambda line: line["solver"] != "verlet", "another method")["solver"]
+    desk.release("left")
+    desk.key("v")
+    desk.until(lambda line: line["view"] != "shaded", "another view")
+    before = desk.now()["frame"]
+    desk.key("c")
+    desk.key("s")
+    desk.now()
+    desk.key("Escape")
+    assert desk.exit_code() == 0
+    assert desk.said()[-1] == "wrote out/curtain/clip_001.mp4"
+
+    folder = desk.folder / "out" / "curtain"
+    assert sorted(path.name for path in folder.iterdir()) == [
+        f"{name}_001.{kind}" for name, kind in (("clip", "mp4"), ("clip", "toml"), ("shot", "png"), ("shot", "toml"))
+    ]
+    clip, shot = (read_recording(folder / f"{name}_001.toml") for name in ("clip", "shot"))
+    assert {call for _, call, _ in clip.rows} >= {"load", "grab", "release", "change_solver", "camera", "view"}
+    assert clip.first_frame + clip.frames >= before
+    assert count_frames_and_secs(str(folder / "clip_001.mp4"))[0] == clip.frames + 1
+    with Image.open(folder / "shot_001.png") as picture:
+        assert picture.size == shot.size == (640, 480)
+    for name in ("clip", "shot"):
+        assert cli.main(["replay", str(folder / f"{name}_001.toml"), "--check"]) == 0
+        said = capsys.readouterr()
+        assert said.out.endswith("the same to the last bit\n")
+        assert said.err == ""
+    assert f'method = "{solver} ' in (folder / "shot_001.toml").read_text()
+
+
+def test_a_recording_is_repeated_in_the_window_and_then_the_users(desk: Start, tmp_path: Path) -> None:
+    with Recorded(load_scene("curtain")) as simulation:
+        for k in range(20):
+            simulation.grab(566, (1.0, 0.6, 0.1 * k))
+            simulation.advance_frame()
+        Recording.of(simulation, (640, 480)).write(tmp_path / "taken.toml")
+    desk = desk(str(tmp_path / "taken.toml"), command="replay")
+    assert (desk.width, desk.height) == (640, 480)
+    end = desk.until(lambda line: line["frame"] == 20 and line["frozen"], "the end")
+    assert end["grabbed"] == 566
+    desk.key("r")
+    desk.until(lambda line: line["frame"] == 0, "a reset")
+    desk.key("Escape")
+    assert desk.exit_code() == 0
+    assert desk.said() == [f"{tmp_path / 'taken.toml'}: 20 frames repeated: the same to the last bit"]

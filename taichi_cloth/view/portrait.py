@@ -1,0 +1,18 @@
+"""One picture of a running scene as a user looks at it, without the window."""
+
+from __future__ import annotations
+
+from copy import copy
+
+from ..interact.camera import OrbitCamera
+from .contact_sheet import Picture
+from .draw_list import DrawList
+from .raster import Raster
+
+
+def portrait(raster: Raster, draw_list: DrawList, camera: OrbitCamera, view: str) -> Picture:
+    """The scene as it is now; the target is in the middle, where no panel stands in the way."""
+    camera = copy(camera)
+    camera.shift = 0.0
+    mesh = draw_list.update(view, camera.eye)
+    return raster.draw(mesh, camera.view_projection(raster.width / raster.height), draw_list.lighting)
