@@ -92,7 +92,7 @@ def choosing() -> str:
         measured = [usual_row(scene, solver) for scene in scenes]
         short = [name for name, error in references(solver) if error.startswith("**")]
         alive, failed = survived(solver)
-        cells = [f"{setting.removeprefix(solver).strip()}: {ms} ms, {error}" for setting, ms, error, *_ in measured]
+        cells = [f"{row[0].removeprefix(solver).strip()}: {row[1]}\N{NO-BREAK SPACE}ms, {row[2]}" for row in measured]
         count = f"{len(short)} of {len(references(solver))}"
         rows.append([f"[`{solver}`](solvers/{solver}.md)", *cells, count, f"{alive} of {int(alive) + int(failed)}"])
     return table(
@@ -117,8 +117,8 @@ def solver(name: str) -> str:
         reasons.setdefault(why, []).append(case)
     deaths = "\n".join(f"- {', '.join(cases)}: {why}" for why, cases in reasons.items())
     return f"""\
-On the shipped scenes, against `spring` with many times the substeps ([scene_errors.md](../scene_errors.md)); errors in %
-of the side:
+On the shipped scenes, against `spring` with many times the substeps ([scene_errors.md](../scene_errors.md)); errors are
+in % of the side:
 
 {errors}
 

@@ -1,4 +1,4 @@
-"""Lets the documents point at files of the repository, as they do where it is browsed: MkDocs knows only its own folder.
+"""Lets the documents point at files of the repository, as they do where it is browsed; MkDocs knows docs/ only.
 
 A file outside docs/ that a page links to comes along into the site, under files/; a link to a folder or to a page
 that is no part of the site becomes plain text.
