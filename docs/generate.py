@@ -145,7 +145,7 @@ def keys() -> str:
         title = f"## {section}" if section else "## At the top of a file"
         says = inspect.cleandoc(docs[section]) if section else "Before all sections."
         rows = [
-            [f"`{key}`", f"`{default}`", unit, bounds, text]
+            [f"`{key}`", f"`{default}`", unit, bounds.removesuffix(f" {unit}"), text]
             for at, key, default, unit, bounds, text in key_table()
             if at == section
         ]
