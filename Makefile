@@ -1,6 +1,6 @@
 # Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test bounds long lint venv wheel screenshots bench validate stress errors neighbours peers clean
+.PHONY: help run test bounds long lint venv wheel screenshots docs bench validate stress errors neighbours peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -30,7 +30,8 @@ help:
 	@echo "make errors  time beside error: the table that --target-error reads, its pictures, docs/scene_errors.md (half an hour)"
 	@echo "make neighbours  how long self-collision's search takes, beside brute force, an octree and a k-d tree"
 	@echo "make peers  the same cloth in other programs, installed into environments of their own"
-	@echo "make screenshots   draw the pictures in screenshots/ anew"
+	@echo "make screenshots   draw the pictures in screenshots/ and docs/pictures/ anew"
+	@echo "make docs   render docs/ to site/, as pages to read in a browser"
 
 run: .venv/ready
 	$(BIN)/taichi-cloth run $(SCENE)
@@ -51,6 +52,13 @@ lint: .venv/tools
 
 screenshots: .venv/tools
 	$(BIN)/python screenshots/make.py
+	$(BIN)/python screenshots/parameters.py
+	$(BIN)/python screenshots/pages.py
+
+# The advert that the theme prints for its successor is not wanted in every log.
+docs: .venv/tools
+	$(BIN)/python docs/generate.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 bench: .venv/ready
 	$(BIN)/taichi-cloth bench $(BENCH)
@@ -91,4 +99,4 @@ venv: .venv/ready
 	@touch $@
 
 clean:
-	rm -rf .venv out dist build
+	rm -rf .venv out dist build site

@@ -6,13 +6,15 @@
         for _ in range(240):
             simulation.advance_frame()
         print(simulation.positions(), simulation.measure())
+        tc.picture(simulation).save("curtain.png")
 
-Importing the package does not import Taichi; the first use of `Simulation` starts it on the CPU unless
+Importing the package does not import Taichi; the first use of `Simulation` or `picture` starts it on the CPU unless
 it runs already (`taichi_cloth.start` gives the choice).
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .runtime import start
@@ -20,18 +22,30 @@ from .scene import Scene, SceneError, load_scene, scene_names
 
 if TYPE_CHECKING:
     from .simulation import Simulation
+    from .view.picture import Picture, picture
 
 __version__ = "0.1.0"
 
-__all__ = ["Scene", "SceneError", "Simulation", "__version__", "load_scene", "scene_names", "start"]
+__all__ = [
+    "Picture",
+    "Scene",
+    "SceneError",
+    "Simulation",
+    "__version__",
+    "load_scene",
+    "picture",
+    "scene_names",
+    "start",
+]
+
+# Public names whose modules need Taichi to run.
+_LATE = {"Simulation": "simulation", "Picture": "view.picture", "picture": "view.picture"}
 
 
 def __getattr__(name: str) -> Any:
-    if name == "Simulation":
+    if name in _LATE:
         from .runtime import start_if_needed
 
         start_if_needed()
-        from .simulation import Simulation
-
-        return Simulation
+        return getattr(import_module(f".{_LATE[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

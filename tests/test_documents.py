@@ -1,23 +1,193 @@
-"""The documents do not point at what is not there."""
+"""The documents do not point at what is not there, quote what is so, and name what exists."""
 
 from __future__ import annotations
 
 import re
+import shlex
+import string
+import subprocess
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+import taichi_cloth as tc
+from taichi_cloth.cli import build_parser
+from taichi_cloth.scene import parse_override
+from taichi_cloth.scene.model import PRESET_NAMES, SOLVER_NAMES
+
 TOP = Path(__file__).parents[1]
-DOCUMENTS = [*TOP.glob("*.md"), *(TOP / "docs").rglob("*.md")]
+DOCS = TOP / "docs"
+DOCUMENTS = [*TOP.glob("*.md"), *DOCS.rglob("*.md")]
 LINK = re.compile(r"\]\(([^)#]+)[^)]*\)")
+ANCHOR = re.compile(r"\]\(([^)#]*)#([^)]+)\)")
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def text_of(document: Path) -> str:
+    return document.read_text(encoding="utf-8")
+
+
+def name_of(document: Path) -> str:
+    return document.relative_to(TOP).as_posix()
+
+
+def blocks(document: Path, language: str) -> list[str]:
+    return re.findall(rf"^ *```{language}\n(.*?)```", text_of(document), re.DOTALL | re.MULTILINE)
+
+
+def each(documents: list[Path]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("document", documents, ids=name_of)
+
+
+# -- links ---------------------------------------------------------------------------------------------
+
+
+@each(DOCUMENTS)
 def test_every_link_to_a_file_leads_to_one(document: Path) -> None:
-    targets = [link for link in LINK.findall(document.read_text(encoding="utf-8")) if "://" not in link]
+    targets = [link for link in LINK.findall(text_of(document)) if "://" not in link]
     assert [link for link in targets if not (document.parent / link).exists()] == []
 
 
 def test_links_are_found() -> None:
     assert "screenshots/hero.webp" in LINK.findall((TOP / "README.md").read_text(encoding="utf-8"))
     assert LINK.findall("[a](b.md) ![c](d/e.png#f)") == ["b.md", "d/e.png"]
+
+
+def slug(heading: str) -> str:
+    """The anchor of a heading where Markdown is browsed and in the site: lower case, no punctuation, dashes."""
+    words = re.sub(r"[`*]|\[([^\]]*)\]\([^)]*\)", r"\1", heading).strip().lower()
+    return "".join(c for c in words if c in "-_ " or c not in string.punctuation + "·×→").replace(" ", "-")
+
+
+@each(DOCUMENTS)
+def test_every_anchor_is_a_heading(document: Path) -> None:
+    wrong = []
+    for link, anchor in ANCHOR.findall(text_of(document)):
+        target = document.parent / link if link else document
+        if "://" not in link and anchor not in map(slug, HEADING.findall(text_of(target))):
+            wrong.append(f"{link}#{anchor}")
+    assert wrong == []
+
+
+def test_an_anchor_is_lower_case_without_punctuation() -> None:
+    assert slug("What fails, and why") == "what-fails-and-why"
+    assert slug("[[spheres]]") == "spheres"
+    assert slug("`spring` and [lines](lines.md)") == "spring-and-lines"
+
+
+# -- what is quoted ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def generate() -> ModuleType:
+    spec = spec_from_file_location("generate", DOCS / "generate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@each([path for path in DOCUMENTS if "<!-- generated:" in text_of(path)])
+def test_quotes_are_up_to_date(document: Path, generate: ModuleType) -> None:
+    assert generate.brought_up_to_date(text_of(document)) == text_of(document), "run: python docs/generate.py"
+
+
+def test_a_quote_that_is_out_of_date_is_seen(generate: ModuleType) -> None:
+    old = "a\n<!-- generated: nobody -->\nnothing\n<!-- end -->\nb"
+    new = generate.brought_up_to_date(old)
+    assert "14 twist" in new
+    assert new.startswith("a\n<!-- generated: nobody -->\n\n- ")
+    assert new.endswith("\n\n<!-- end -->\nb")
+
+
+@pytest.mark.parametrize("name", SOLVER_NAMES)
+def test_every_solver_has_its_page(name: str) -> None:
+    page = text_of(DOCS / "solvers" / f"{name}.md")
+    assert page.startswith(f"# {name}\n")
+    assert f"<!-- generated: solver {name} -->" in page
+
+
+def test_all_that_is_public_is_described() -> None:
+    page = text_of(DOCS / "api.md")
+    public = [name for name in tc.__all__ if not name.startswith("_")]
+    assert [name for name in public if f"### tc.{name}\n" not in page] == []
+
+
+def test_every_strip_is_drawn_and_small(generate: ModuleType) -> None:
+    shown = re.findall(r"\]\((pictures/parameters/.+?\.png)\)", text_of(DOCS / "parameters.md"))
+    drawn = [path.relative_to(DOCS).as_posix() for path in (DOCS / "pictures" / "parameters").glob("*.png")]
+    assert sorted(shown) == sorted(drawn)
+    assert [path for path in shown if (DOCS / path).stat().st_size > 150_000] == []
+
+
+# -- what is to be typed -------------------------------------------------------------------------------
+
+
+def commands(document: Path) -> list[str]:
+    lines = "".join(blocks(document, "sh")).splitlines()
+    return [line.partition("#")[0] for line in lines if re.match(r"\s*taichi-cloth\b", line)]
+
+
+@each([path for path in DOCUMENTS if commands(path)])
+def test_commands_are_understood(document: Path) -> None:
+    known = {*tc.scene_names(), "robust"}
+    for command in commands(document):
+        words = shlex.split(command)[1:] or ["run"]
+        words = words if not words[0].startswith("-") else ["run", *words]
+        told = vars(build_parser().parse_args(words))  # ends the program where it does not understand
+        scenes = [told.get("scene"), told.get("file"), *(told.get("scenes") or [])]
+        names = [name for scene in scenes for name in (scene if isinstance(scene, list) else [scene]) if name]
+        assert [name for name in names if name not in known and not name.endswith(".toml")] == [], command
+        assert told.get("solver") in (None, "robust", *SOLVER_NAMES), command
+        scene = next((name for name in names if name in tc.scene_names()), "curtain")
+        tc.load_scene(scene, **dict(parse_override(text) for text in told.get("set") or []))
+
+
+@each([path for path in DOCUMENTS if blocks(path, "toml")])
+def test_scenes_can_be_loaded_block_by_block_and_all_together(document: Path, tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    for block in (*blocks(document, "toml"), "\n".join(blocks(document, "toml"))):
+        file.write_text(block, encoding="utf-8")
+        tc.load_scene(file)
+
+
+@each([path for path in DOCUMENTS if blocks(path, "python")])
+def test_python_runs(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile("\n".join(blocks(document, "python")), name_of(document), "exec"), {})
+
+
+@each(DOCUMENTS)
+def test_names_in_scene_words_exist(document: Path) -> None:
+    """`solver = "lines"`, `preset="denim"`, `load_scene("curtain")`, --solver lines, fabric=silk."""
+    text = text_of(document)
+    solvers = re.findall(r"""(?:\bsolver ?= ?"|--solver |\[solver\] name = "|change_solver\(")(\w+)""", text)
+    fabrics = re.findall(r"""(?:\bpreset ?= ?"|\bfabric ?= ?"?)([a-z]+)""", text)
+    scenes = re.findall(r"""load_scene\("([^"]+)"|taichi-cloth (?:run|render) ([\w-]+)""", text)
+    assert {name for name in solvers if not name.isupper()} <= {*SOLVER_NAMES, "robust"}
+    assert set(fabrics) <= set(PRESET_NAMES)
+    named = {first or second for first, second in scenes}
+    assert {name for name in named if not name.isupper()} <= {*tc.scene_names(), "my_scene", "sheet"}
+
+
+# -- the site ------------------------------------------------------------------------------------------
+
+
+def test_the_site_is_built_without_a_warning_and_fetches_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("material", reason="needs the extra docs")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, encoding="utf-8")
+    assert done.returncode == 0, done.stdout + done.stderr
+    pages = list(tmp_path.rglob("*.html"))
+    assert len(pages) > 20
+    for page in pages:
+        fetched = re.findall(
+            r"<(?:script|img|iframe|link)\b[^>]* (?:src|href)=\"?https?:[^>]+", page.read_text("utf-8")
+        )
+        assert fetched == [], page.name
+    assert (tmp_path / "files" / "screenshots" / "hero.webp").stat().st_size > 100_000
+    assert not list(tmp_path.rglob("*.pyc"))

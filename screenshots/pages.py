@@ -1,0 +1,51 @@
+"""Draws docs/pictures/walk, the scene of docs/writing_a_scene.md as it grows, and docs/pictures/notebook, what
+examples/notebook.ipynb shows. `make screenshots` runs it too.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import tempfile
+from pathlib import Path
+
+import nbclient
+import nbformat
+import numpy as np
+from parameters import write
+from PIL import Image
+
+import taichi_cloth as tc
+
+TOP = Path(__file__).parents[1]
+PICTURES = TOP / "docs" / "pictures"
+MOMENT = 100  # [frames] of the scene that grows
+
+
+def draw_walk() -> None:
+    """The scene with the first block of the page, with the first two, and so on."""
+    blocks = re.findall(r"```toml\n(.*?)```", (TOP / "docs/writing_a_scene.md").read_text(encoding="utf-8"), re.DOTALL)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "sheet.toml"
+        for k in range(len(blocks)):
+            file.write_text("\n".join(blocks[: k + 1]), encoding="utf-8")
+            with tc.Simulation(tc.load_scene(file)) as simulation:
+                for _ in range(MOMENT):
+                    simulation.advance_frame()
+                write(PICTURES / "walk" / f"{k + 1}.png", tc.picture(simulation, 480, 270).pixels)
+
+
+def draw_notebook() -> None:
+    notebook = nbformat.read(TOP / "examples" / "notebook.ipynb", 4)
+    nbclient.NotebookClient(notebook).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    shown = [output["data"]["image/png"] for output in outputs if "image/png" in output.get("data", {})]
+    for k, picture in enumerate(shown):
+        with Image.open(io.BytesIO(base64.b64decode(picture))) as image:
+            write(PICTURES / "notebook" / f"{k + 1}.png", np.asarray(image))
+
+
+if __name__ == "__main__":
+    draw_walk()
+    draw_notebook()
