@@ -36,9 +36,9 @@ def check_kind(path: Path) -> None:
     if path.suffix not in (".mp4", ".webp"):
         raise WrongUse(f"{path}: a film ends in .mp4 or .webp")
     if path.suffix not in kinds():
-        needs, extra = ("ffmpeg", "video") if path.suffix == ".mp4" else ("Pillow", "docs")
+        needs, package = ("ffmpeg", "'taichi-cloth[video]'") if path.suffix == ".mp4" else ("Pillow", "pillow")
         other = ", or name a .webp" if ".webp" in kinds() else ""
-        raise WrongUse(f"{path} needs {needs}: pip install 'taichi-cloth[{extra}]'{other}")
+        raise WrongUse(f"{path} needs {needs}: pip install {package}{other}")
 
 
 def find_ffmpeg() -> str | None:
