@@ -67,7 +67,7 @@ class Simulation:
     """One running scene. Needs Taichi to be started (`taichi_cloth.start()`).
 
     `advance_frame()` moves it by 1/60 s. Positions are in metres, y up; particles are numbered row by row
-    from the top-left corner of the sheet. Close it, or use it in a `with` block, when it is done with.
+    from the top-left corner of the sheet, those of a mesh file as it has them. Close it, or use it in a `with` block, when it is done with.
     """
 
     def __init__(self, scene: Scene, path: str | None = None) -> None:
@@ -119,7 +119,7 @@ class Simulation:
         solver = kind(cloth, topology, stiffness, self._stages, path)
         if scene.grips:
             centers = np.array([pose(one, 0.0)[0] for one in scene.grips])
-            grip(solver.work, topology, holder_of(scene), centers)
+            grip(solver.work, topology, holder_of(scene, topology), centers)
         repelled = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
         solver.frequency = hypot(solver.frequency, repelled)
         damping_time = solver.damping_time(scene.fabric.damping_time)

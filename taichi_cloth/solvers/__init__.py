@@ -6,6 +6,7 @@ import taichi as ti
 
 from ..errors import WrongUse
 from ..kernels.places import LANES
+from ..mesh.topology import NO_GRID
 from .base import FrameInput, Solver, Stages
 from .lines import Lines
 from .projective import Projective
@@ -15,6 +16,7 @@ from .verlet import Verlet
 from .xpbd import Xpbd
 
 SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Verlet, Xpbd, Spring, Lines, Rk4, Projective)}
+NO_GRID_NEEDED = tuple(name for name, solver in SOLVERS.items() if not solver.needs_grid)
 
 
 def path_for(
@@ -23,16 +25,23 @@ def path_for(
     """The layout a solver works on, for a grid of (rows, columns) on the arch that Taichi was started on.
 
     `triangles`: bodies keep out whole triangles. Raises WrongUse for an unknown one, on a GPU for one that would run
-    there on a single thread, and for strips where they cannot serve: several sheets, and triangles.
+    there on a single thread, and for strips where they cannot serve: several sheets, triangles, and meshes that are no
+    grid; for a method that needs one, too.
     """
+    if shape == NO_GRID and kind.needs_grid:
+        raise WrongUse(f"{kind.name} needs a grid: a mesh file has no rows; {', '.join(NO_GRID_NEEDED)} do not")
     if asked is not None and asked not in kind.paths:
         near = difflib.get_close_matches(asked, kind.paths, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise WrongUse(f"{kind.name} has no path {asked!r}: {', '.join(kind.paths)}{hint}")
+    if asked == "lanes" and shape == NO_GRID:
+        raise WrongUse("path lanes needs a grid: list and gather can do any mesh")
     if ti.cfg.arch not in (ti.x64, ti.arm64):
         if asked not in (None, "gather"):
             raise WrongUse(f"path {asked} is for --arch cpu; a GPU has the path gather")
-        return "gather"
+        asked = "gather"
+    if asked == "gather" and shape == NO_GRID and triangles:
+        raise WrongUse("path gather keeps bodies from the triangles of a grid only: list can do any mesh")
     if asked == "lanes" and sheets > 1:
         raise WrongUse("path lanes is for one sheet: list and gather can do several")
     if asked == "lanes" and triangles:

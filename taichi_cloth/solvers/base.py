@@ -165,6 +165,7 @@ class Solver:
     sweep: ClassVar[Any] = staticmethod(nothing)
     after: ClassVar[Any] = staticmethod(nothing)
     paths: ClassVar[tuple[str, ...]] = ("lanes", "list", "gather")  # the first that fits a grid is taken
+    needs_grid: ClassVar[bool] = False
     own_velocity: ClassVar[bool] = True
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes
     constrains: ClassVar[bool] = True  # springs need to know where a particle was a substep ago

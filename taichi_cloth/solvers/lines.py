@@ -172,6 +172,7 @@ class Lines(Solver):
     before = staticmethod(before)
     sweep = staticmethod(sweep)
     after = staticmethod(after)
+    needs_grid = True
     constrains = False  # springs push velocities themselves
 
     def __init__(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..mesh.grid import MOST_BATCHES
 from ..mesh.topology import Topology
 from . import fields
-from .pool import Pool
+from .pool import Pool, capacity
 
 
 @dataclass(eq=False)
@@ -34,7 +34,7 @@ class ClothState:
     rest: Any  # [m] (E,)
     stiffness: Any  # (E,) in the solver's unit
     multiplier: Any  # [kg·m] (E,) λ of each spring, summed over the iterations of a substep
-    batch_first: Any  # (MOST_BATCHES + 1,) first spring of each batch, and the count of all springs
+    batch_first: Any  # (batches + 1,) first spring of each batch, and the count of all springs
     triangles: Any  # ivec3 (T,)
     slot_count: Any  # 0-D
     spring_count: Any  # 0-D
@@ -43,7 +43,7 @@ class ClothState:
 
     def upload(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
         """Fills every field for this cloth at its start, at rest. `stiffness`: of every spring, (E,)."""
-        first = np.full(MOST_BATCHES + 1, topology.spring_count)  # batches that are not there are empty
+        first = np.full(self.batch_first.shape[0], topology.spring_count)  # batches that are not there are empty
         first[: len(topology.batches)] = [batch.first for batch in topology.batches]
         fields.put(self.ends, topology.ends)
         fields.put(self.rest, topology.rest)
@@ -75,7 +75,7 @@ def inverse_mass(topology: Topology) -> NDArray[np.float32]:
     return np.where(topology.pinned, 0, 1 / topology.mass).astype(np.float32)
 
 
-def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
+def _allocate(particles: int, springs: int, triangles: int, batches: int) -> ClothState:
     return ClothState(
         origin=ti.Vector.field(3, ti.f32, ()),
         x=fields.places(particles),
@@ -87,7 +87,7 @@ def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
         rest=fields.numbers(springs),
         stiffness=fields.numbers(springs),
         multiplier=fields.numbers(springs),
-        batch_first=fields.numbers(MOST_BATCHES + 1, kind=ti.i32),
+        batch_first=fields.numbers(batches - SPARE + 1, kind=ti.i32),
         triangles=ti.Vector.field(3, ti.i32, triangles),
         slot_count=fields.number(),
         spring_count=fields.number(),
@@ -97,11 +97,13 @@ def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
 
 
 _pool = Pool(_allocate)
+SPARE = capacity(MOST_BATCHES) - MOST_BATCHES  # a grid has no room for batches that it cannot have: each is a launch
 
 
 def take(topology: Topology) -> ClothState:
     """A state with room for this cloth; `upload` fills it."""
-    return _pool.take(topology.particle_count, topology.spring_count, topology.triangle_count)
+    batches = len(topology.batches) + SPARE
+    return _pool.take(topology.particle_count, topology.spring_count, topology.triangle_count, batches)
 
 
 def give_back(state: ClothState) -> None:

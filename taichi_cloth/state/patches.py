@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from ..mesh.topology import Topology
+from ..mesh.topology import NO_GRID, Topology
 from . import fields
 from .pool import attached
 
@@ -29,8 +29,11 @@ def patch(work: Any, topology: Topology) -> None:
         "patches",
         lambda: Patches(ti.Vector.field(3, ti.i32, count), fields.numbers(COLOURS + 1, kind=ti.i32)),
     )
-    row, column = topology.cells.T % 2
-    colour = 4 * row + 2 * column + np.arange(topology.triangle_count) % 2
+    if topology.shape == NO_GRID:
+        colour = np.zeros(topology.triangle_count, np.int64)  # one after the other: no path in parallel
+    else:
+        row, column = topology.cells.T % 2
+        colour = 4 * row + 2 * column + np.arange(topology.triangle_count) % 2
     order = np.argsort(colour, kind="stable")
     fields.put(found.corners, topology.triangles[order])
     fields.put(found.first, np.searchsorted(colour[order], np.arange(COLOURS + 1)))
