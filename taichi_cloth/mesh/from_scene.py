@@ -35,8 +35,7 @@ def stiffness_of(scene: Scene, section: str, topology: Topology) -> NDArray[np.f
     constants = _constants(scene, section)
     if section == "springs":
         return topology.by_family(constants)
-    # Threads that differ more than a mesh of triangles can follow would take edges that push.
-    each: NDArray[np.float64] = np.maximum(np.array(list(constants.values())) @ topology.shares, 0.0)
+    each: NDArray[np.float64] = np.array(list(constants.values())) @ topology.shares
     return each
 
 

@@ -1,16 +1,17 @@
 """A cloth of triangles and quads as springs, bonds and masses. NumPy only.
 
 Springs
-    structural: every edge. An edge of a quad is a thread: it stands for half of the area on both its sides, constant
-        width/length as in a grid. An edge of a triangle has no thread to follow: with k = (2/3)·(thread + 2·shear)·A/length²
-        for each triangle of area A at it (van Gelder 1998, *Approximate simulation of elastic membranes by triangulated
-        spring meshes*, eq. 6: k = E·ΣA/length²) the mesh has on average the stiffness C11 = warp + shear,
-        C22 = weft + shear and C12 = C66 = shear [N/m] that a grid of these springs has, whatever its triangles are.
+    structural: every edge. An edge of a quad is a thread that stands for half of the area on both its sides: its constant
+        is warp or weft times width/length, as in a grid. An edge of triangles follows no thread: k = E·A/length² for each
+        triangle of area A at it (van Gelder 1998, *Approximate simulation of elastic membranes by triangulated spring
+        meshes*), with E = (warp + weft + 4·shear)/3 [N/m]. So C11 + C22 + 2·C12 of the membrane is that of a grid of these
+        springs (C11 = warp + shear, C22 = weft + shear, C12 = C66 = shear) whatever the triangles are, but alike in all
+        directions, with a Poisson's ratio of 1/3. Where warp = weft = 2·shear, a grid is like this, too.
     shear: the diagonals of quads, both or the one that cuts them. Triangles have that from their edges.
     bend: the two ends of threads that go straight on through a point of quads; the two points across an edge between
         triangles. As in a grid, no linear bending.
 
-Threads: `weft` along the x axis of the file, `warp` across it, between them by the square of the cosine.
+Threads of quads: `weft` along the x axis of the file, `warp` across it, between them by the square of the cosine.
 
 Bending as in `bending.py`, by stencils: along the threads and over the cells of quads, and hinges between triangles.
 Those (Bergou et al. 2006, *A quadratic bending model for inextensible surfaces*, section 3.1) have the energy
@@ -90,7 +91,7 @@ def imported(
         batches=tuple(batches),
         bonds=_bonds(file, flat, threads, bending),
         triangles=file.triangles,
-        cells=_cells(file, flat),
+        cells=_cells(file),
     )
 
 
@@ -117,9 +118,8 @@ def _edges(file: ClothFile, flat: Floats) -> Springs:
     weft = way[:, 0] ** 2 / squared
     quads, triangles = (area / squared for area in _strips(file, flat))
     shares = np.zeros((len(CONSTANTS), len(ends)))
-    # What averages to C11 − C22 = warp − weft over edges in all directions differs three times as much from edge to edge.
-    shares[WEFT] = weft * quads + (2 * weft - 1 / 2) * (2 / 3) * triangles
-    shares[WARP] = (1 - weft) * quads + (3 / 2 - 2 * weft) * (2 / 3) * triangles
+    shares[WEFT] = weft * quads + triangles / 3
+    shares[WARP] = (1 - weft) * quads + triangles / 3
     shares[SHEAR] = 4 / 3 * triangles
     return Springs(ends, shares)
 
@@ -235,12 +235,9 @@ def _cotangent(corner: Floats, a: Floats, b: Floats) -> Floats:
     return found
 
 
-def _cells(file: ClothFile, flat: Floats) -> NDArray[np.int32]:
-    """Row and column of each triangle in squares of a mean edge, laid over the two longest sides of the file's box."""
-    edges = file.edges[0]
-    side = float(np.linalg.norm(flat[edges[:, 1]] - flat[edges[:, 0]], axis=1).mean())
-    sizes = np.ptp(flat, axis=0)
-    plane = np.sort(np.argsort(sizes, kind="stable")[1:])
-    low = flat.min(axis=0)[plane]
-    cells: NDArray[np.int32] = ((flat[file.triangles].mean(axis=1)[:, plane] - low) // side).astype(np.int32)
-    return cells
+def _cells(file: ClothFile) -> NDArray[np.int32]:
+    """How many edges each triangle, or the quad that it is half of, is from the first point of its piece; and 0."""
+    steps = np.append(file.steps[0], len(file.points))  # what stands for the fourth point of a triangle is far
+    nearest = steps[file.faces].min(axis=1)
+    rings = np.concatenate([nearest[~file.is_quad], nearest[file.is_quad].repeat(2)])
+    return np.stack([rings, np.zeros_like(rings)], axis=-1).astype(np.int32)

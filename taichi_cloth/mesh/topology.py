@@ -43,7 +43,7 @@ class Topology:
     batches: tuple[Batch, ...]
     bonds: Bonds  # that resist bending
     triangles: NDArray[np.int32]  # (T, 3)
-    cells: NDArray[np.int32]  # (T, 2) row and column of the triangle in the weave
+    cells: NDArray[np.int32]  # (T, 2) row and column of the triangle in the weave; in a mesh its ring, and 0
     shape: tuple[int, int] = NO_GRID  # rows and columns of the grid
     sheets: int = 1  # how many there are, the rows of one after those of another (`pile.py`)
 

@@ -338,7 +338,7 @@ class Look:
 
     cloth: str = _key("#b5303c", "first colour of the checks", colour=True)
     check: str = _key("#e9dcc3", "second colour of the checks", colour=True)
-    check_cells: int = _key(3, "cells to a check", low=1, high=2048)
+    check_cells: int = _key(3, "cells to a check; in a mesh file checks are rings around its first point", low=1, high=2048)
     pole: bool = _key(False, "draw a pole along the top edge")
 
 
