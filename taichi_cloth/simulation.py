@@ -67,7 +67,8 @@ class Simulation:
     """One running scene. Needs Taichi to be started (`taichi_cloth.start()`).
 
     `advance_frame()` moves it by 1/60 s. Positions are in metres, y up; particles are numbered row by row
-    from the top-left corner of the sheet, those of a mesh file as it has them. Close it, or use it in a `with` block, when it is done with.
+    from the top-left corner of the sheet, those of a mesh file as it has them. Close it, or use it in a `with` block,
+    when it is done with.
     """
 
     def __init__(self, scene: Scene, path: str | None = None) -> None:
@@ -112,7 +113,14 @@ class Simulation:
         """Makes the cloth and the solver of a scene, at the start."""
         kind = SOLVERS[scene.solver.name]
         topology = topology_of(scene, kind.springs)
-        path = path_for(kind, topology.shape, self._path, sheets=topology.sheets, triangles=self._stages.triangles)
+        path = path_for(
+            kind,
+            topology.shape,
+            self._path,
+            sheets=topology.sheets,
+            triangles=self._stages.triangles,
+            mapped=scene.maps is not None and bool(scene.maps.stiffness),
+        )
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)

@@ -68,8 +68,8 @@ def bust() -> tuple[NDArray[np.float64], list[list[int]]]:
 
 
 def round_sheet() -> tuple[NDArray[np.float64], list[list[int]]]:
-    """A level disc of radius 1: ring k has 6·k points, so that all triangles are nearly equilateral. Seen from above, its
-    faces run counter-clockwise.
+    """A level disc of radius 1: ring k has 6·k points, so that all triangles are nearly equilateral. Its faces run
+    counter-clockwise, seen from above.
     """
     points, faces = [[0.0, 0.0, 0.0]], []
     inner = [0]

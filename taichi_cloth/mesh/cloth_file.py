@@ -1,7 +1,7 @@
 """An OBJ file that is to be cloth: triangles and quads, and what must be right about them. NumPy only.
 
-Points keep their order: particle i is the i-th `v` of the file. So nothing is left out, joined or cut beyond what is said
-here; whatever a cloth cannot be made of is told with its line.
+Points keep their order: particle i is the i-th `v` of the file. So nothing is left out or joined, and what no cloth can
+be made of is told with its line.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ KEPT = 8  # files
 
 @dataclass(frozen=True, eq=False)
 class ClothFile:
-    """N points around the middle of the box that holds them, and F faces that pass every side in opposite directions."""
+    """N points around the middle of the box that holds them, and F faces whose normals look to one side."""
 
     points: Floats  # (N, 3) in the file's unit
     faces: Whole  # (F, 4) −1 in the last column: a triangle
@@ -56,8 +56,8 @@ class ClothFile:
 
     @cached_property
     def triangles(self) -> NDArray[np.int32]:
-        """(T, 3) the triangles, then two of each quad, cut as a grid's are: between points an even number of edges apart
-        from the first one, so that diagonals alternate.
+        """(T, 3) the triangles, then two of each quad, cut as a grid's are: between points that are an even number of
+        edges from the first one, so that diagonals alternate.
         """
         quads = self.faces[self.is_quad]
         turned = self.steps[0][quads[:, 0]] % 2 == 1
@@ -67,7 +67,7 @@ class ClothFile:
 
 
 def cloth_file(file: str, folder: str) -> ClothFile:
-    """A shipped mesh by name, or a path as a scene in `folder` gives it. Raises ValueError, one line, as `read_cloth`."""
+    """A shipped mesh by name, or a path as a scene in `folder` gives it. Raises ObjError as `read_cloth` does."""
     path = mesh_path(file, folder)
     try:
         about = path.stat()
@@ -86,7 +86,9 @@ def read_cloth(path: Path) -> ClothFile:
     obj = parse_obj(path, texture=True)
     for k, face in enumerate(obj.faces):
         if len(face) > 4:
-            reason = f"a face of {len(face)} corners: cloth is made of triangles and quads; triangulate it when exporting"
+            reason = (
+                f"a face of {len(face)} corners: cloth is made of triangles and quads; triangulate it when exporting"
+            )
             raise obj.error(k, reason)
     faces = np.array([(*face, -1)[:4] for face in obj.faces], np.int64)
     _check_points(obj, faces)
@@ -123,7 +125,9 @@ def _check_edges(obj: Obj, faces: Whole) -> None:
         edge = int(times.argmax())
         a, b = once[edge] + 1
         lines = ", ".join(str(obj.lines[face]) for face in owner[which == edge][:4])
-        reason = f"the edge from point {a} to {b} belongs to {times[edge]} faces (lines {lines}): a cloth's to two at most"
+        reason = (
+            f"the edge from point {a} to {b} belongs to {times[edge]} faces (lines {lines}): a cloth's to two at most"
+        )
         raise ObjError(obj.path, 0, reason)
     _, first, same = np.unique(sides, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[same.reshape(-1)] != np.arange(len(sides)))

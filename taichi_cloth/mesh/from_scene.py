@@ -7,18 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.errors import PinError, shown
 from ..scene.model import CORNERS, EDGES, GROUP, REGION, Cloth, Scene
+from . import grid
 from .cloth_file import ClothFile, cloth_file
 from .grid import DIRECTIONS
 from .imported import imported
+from .maps import read_map
 from .pile import pile, pinned
 from .topology import CONSTANTS, Topology, sheet
 
+HELD_FROM = 0.5  # of a map
 SMALLEST, LARGEST = 0.001, 1000.0  # [m] longest side of a file's box, as of a sheet
 
 
@@ -27,16 +32,36 @@ def topology_of(scene: Scene, section: str) -> Topology:
     bending = scene.fabric.bending if section == "fabric" else 0.0
     topology = _unpinned(scene, _directions(scene, section), bending)
     pins = [*scene.cloth.pins, *(pin for grip in scene.grips for pin in grip.pins)]
-    return replace(topology, pinned=held(scene, topology, pins))
+    fixed = held(scene, topology, pins)
+    if scene.maps and scene.maps.pin:
+        fixed[map_of(scene, "pin") >= HELD_FROM] = True
+    return replace(topology, pinned=fixed)
 
 
 def stiffness_of(scene: Scene, section: str, topology: Topology) -> NDArray[np.float64]:
     """Of every spring, (E,), 0…1 or [N/m]."""
     constants = _constants(scene, section)
+    each: NDArray[np.float64]
     if section == "springs":
-        return topology.by_family(constants)
-    each: NDArray[np.float64] = np.array(list(constants.values())) @ topology.shares
-    return each
+        each = topology.by_family(constants)
+    else:
+        each = np.array(list(constants.values())) @ topology.shares
+    if scene.maps and scene.maps.stiffness:
+        low, high = scene.maps.stiffness_lo, scene.maps.stiffness_hi
+        each = each * (low + (high - low) * map_of(scene, "stiffness")[topology.ends].mean(axis=1))
+    return np.minimum(each, 1.0) if section == "springs" else each
+
+
+def map_of(scene: Scene, name: str) -> NDArray[np.float64]:
+    """One of `model.MAP_NAMES`, 0…1 for every particle, (N,). Raises ValueError, one line, for a file that is none."""
+    assert scene.maps is not None
+    path = Path(scene.maps.folder) / getattr(scene.maps, name)
+    cloth = scene.cloth
+    if cloth.file:
+        file = _file(cloth)
+        return read_map(path, len(file.points), file.spots, cloth.file)
+    spots = np.tile(grid.spots(cloth.rows, cloth.columns), (cloth.sheets, 1))
+    return read_map(path, len(spots), spots, "the sheet")
 
 
 def holder_of(scene: Scene, topology: Topology) -> NDArray[np.int64]:
@@ -49,9 +74,9 @@ def holder_of(scene: Scene, topology: Topology) -> NDArray[np.int64]:
 
 def held(scene: Scene, topology: Topology, pins: Iterable[str | int]) -> NDArray[np.bool_]:
     """Which particles these pins are, (N,). Raises PinError for a pin that the cloth has not."""
-    found: NDArray[np.bool_] = np.zeros(topology.particle_count, bool)
+    found = np.zeros(topology.particle_count, bool)
     for pin in pins:
-        found |= _held(scene, topology, pin)
+        found[_held(scene, topology, pin)] = True
     return found
 
 
@@ -62,9 +87,9 @@ def check_mesh(cloth: Cloth) -> None:
         raise ValueError(f"the cloth would be {longest:g} m large, not {SMALLEST} to {LARGEST:g} m: choose its scale")
 
 
-def check_pin(scene: Scene, pin: str | int) -> None:
-    """Raises PinError for a pin that the cloth has not."""
-    held(scene, _unpinned(scene, [False] * len(DIRECTIONS), 0.0), [pin])
+def particles_of(scene: Scene) -> Topology:
+    """The cloth at its start without springs and pins."""
+    return _unpinned(scene, [False] * len(DIRECTIONS), 0.0)
 
 
 def count_of(scene: Scene) -> str:
@@ -118,13 +143,13 @@ def _unpinned(scene: Scene, directions: Sequence[bool], bending: float) -> Topol
     )
 
 
-def _held(scene: Scene, topology: Topology, pin: str | int) -> NDArray[np.bool_]:
-    """Which particles one pin is, (N,)."""
+def _held(scene: Scene, topology: Topology, pin: str | int) -> NDArray[Any]:
+    """The particles of one pin: indices, or which, (N,)."""
     cloth, count = scene.cloth, topology.particle_count
     if isinstance(pin, int):
         if not 0 <= pin < count:
             raise PinError(f"{shown(pin)} is no particle: indices run from 0 to {count - 1}")
-        return np.arange(count) == pin
+        return np.array([pin])
     if pin.startswith(REGION):
         return _in_region(scene, topology, pin.removeprefix(REGION))
     if not cloth.file:
@@ -139,7 +164,7 @@ def _held(scene: Scene, topology: Topology, pin: str | int) -> NDArray[np.bool_]
     if name not in groups:
         known = ", ".join(groups) or "none"
         raise PinError(f"{cloth.file} has no group {shown(name)}; it has {known}", name, groups)
-    return np.isin(np.arange(count), groups[name])
+    return groups[name]
 
 
 def _in_region(scene: Scene, topology: Topology, name: str) -> NDArray[np.bool_]:
@@ -149,7 +174,7 @@ def _in_region(scene: Scene, topology: Topology, name: str) -> NDArray[np.bool_]
         known = ", ".join(regions) or "none"
         raise PinError(f"there is no region {shown(name)} in [[regions]]; there is {known}", name, regions)
     region, start = regions[name], topology.start
-    inside: NDArray[np.bool_] = ((start >= region.low) & (start <= region.high)).all(axis=1)
+    inside: NDArray[np.bool_] = np.all((start >= region.low) & (start <= region.high), axis=1)
     if not inside.any():
         low, high = (", ".join(f"{c:.4g}" for c in end) for end in (start.min(axis=0), start.max(axis=0)))
         raise PinError(f"no particle starts in region {shown(name)}: the cloth is from [{low}] to [{high}] m")

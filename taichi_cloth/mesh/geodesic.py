@@ -18,9 +18,9 @@ def distances_from(
 
     A front goes on from two corners of a triangle to the third as if it came straight from one point in the triangle's
     plane, or along a side (Kimmel and Sethian 1998, *Computing geodesic paths on manifolds*, with round fronts as in
-    Novotni and Klein 2002, *Computing geodesic distances on triangular meshes*). All triangles go on at once, until none
-    brings a point nearer. Distances on a flat sheet without holes are exact but for rounding where the front comes from one
-    source. A point that no way leads to is its own source, 0 away.
+    Novotni and Klein 2002, *Computing geodesic distances on triangular meshes*). All triangles go on at once, until
+    none brings a point nearer. On a flat sheet without holes distances from one source are exact but for rounding. A
+    point that no way leads to is its own source, 0 away.
     """
     count = len(places)
     away = np.full(count, np.inf)
@@ -56,8 +56,8 @@ class _Ways:
         self.y = np.sqrt(np.maximum(self.from_a**2 - self.x**2, 0.0))
 
     def straight(self, to_a: Floats, to_b: Floats, which: NDArray[np.bool_]) -> Floats:
-        """Distance of c from a point below the base that is so far from a and from b; infinite where the way to it passes
-        beside the base.
+        """Distance of c from a point below the base that is so far from a and from b; infinite where the way to it
+        passes beside the base.
         """
         p, q, base, x, y = to_a[which], to_b[which], self.base[which], self.x[which], self.y[which]
         u = (p**2 - q**2 + base**2) / (2 * base)

@@ -1,12 +1,13 @@
 """A cloth of triangles and quads as springs, bonds and masses. NumPy only.
 
 Springs
-    structural: every edge. An edge of a quad is a thread that stands for half of the area on both its sides: its constant
-        is warp or weft times width/length, as in a grid. An edge of triangles follows no thread: k = E·A/length² for each
-        triangle of area A at it (van Gelder 1998, *Approximate simulation of elastic membranes by triangulated spring
-        meshes*), with E = (warp + weft + 4·shear)/3 [N/m]. So C11 + C22 + 2·C12 of the membrane is that of a grid of these
-        springs (C11 = warp + shear, C22 = weft + shear, C12 = C66 = shear) whatever the triangles are, but alike in all
-        directions, with a Poisson's ratio of 1/3. Where warp = weft = 2·shear, a grid is like this, too.
+    structural: every edge. An edge of a quad is a thread that stands for half of the area on both its sides: its
+        constant is warp or weft times width/length, as in a grid. An edge of triangles follows no thread: it has
+        k = E·A/length² for each triangle of area A at it (van Gelder 1998, *Approximate simulation of elastic membranes
+        by triangulated spring meshes*), with E = (warp + weft + 4·shear)/3 [N/m]. So C11 + C22 + 2·C12 of the membrane
+        is that of a grid of these springs (C11 = warp + shear, C22 = weft + shear, C12 = C66 = shear) whatever the
+        triangles are, but alike in all directions, with a Poisson's ratio of 1/3. A grid is like this, too, where
+        warp = weft = 2·shear.
     shear: the diagonals of quads, both or the one that cuts them. Triangles have that from their edges.
     bend: the two ends of threads that go straight on through a point of quads; the two points across an edge between
         triangles. As in a grid, no linear bending.
@@ -15,9 +16,9 @@ Threads of quads: `weft` along the x axis of the file, `warp` across it, between
 
 Bending as in `bending.py`, by stencils: along the threads and over the cells of quads, and hinges between triangles.
 Those (Bergou et al. 2006, *A quadratic bending model for inextensible surfaces*, section 3.1) have the energy
-½·c·(|e|·θ)² of an edge e bent by θ, and with c = B/(A₀ + A₁) equilateral triangles resist like a plate of B
-(Seung and Nelson 1988, *Defects in flexible membranes with crystalline order*, section II; with the paper's 3·B/(A₀ + A₁),
-which is meant for finer functions than places of points, they would be three times too stiff). Sheets are flat at rest.
+½·c·(|e|·θ)² of an edge e bent by θ. With c = B/(A₀ + A₁) equilateral triangles resist like a plate of B (Seung and
+Nelson 1988, *Defects in flexible membranes with crystalline order*); with the paper's 3·B/(A₀ + A₁) they would be three
+times too stiff. Sheets are flat at rest.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def imported(
     diagonals: int = 2,
     bending: float = 0.0,
 ) -> Topology:
-    """The cloth of a file, `scale` [m] to its unit; else as `sheet`. `families` that have springs. Nothing is pinned."""
+    """The cloth of a file, `scale` [m] to its unit, with springs of these families; else as `sheet`. No pins."""
     flat = file.points * scale
     origin = origin_near(center)
     places = laid(flat, np.subtract(center, origin), rotation)
@@ -107,8 +108,9 @@ def _strips(file: ClothFile, flat: Floats) -> tuple[Floats, Floats]:
     """[m²] beside each edge, (E,): half of the quads there, and all of the triangles."""
     owner, (edges, which) = file.sides[1], file.edges
     area, quad = _areas(file, flat)[owner], file.is_quad[owner]
-    halves = np.bincount(which, area / 2 * quad, len(edges))
-    return halves, np.bincount(which, area * ~quad, len(edges))
+    halves: Floats = np.bincount(which, area / 2 * quad, len(edges)).astype(float)
+    whole: Floats = np.bincount(which, area * ~quad, len(edges)).astype(float)
+    return halves, whole
 
 
 def _edges(file: ClothFile, flat: Floats) -> Springs:
@@ -137,7 +139,7 @@ def _over(file: ClothFile, edges: Springs, threads: Whole) -> Springs:
     ends = file.edges[0]
     ways = np.stack([ends[before].sum(axis=1) - point, ends[after].sum(axis=1) - point], axis=-1)
     width = edges.shares[[WEFT, WARP]].sum(axis=0)  # of a thread, over its length
-    _, across = _hinges(file, both=True)
+    across = _hinges(file, both=True)
     both = np.concatenate([ways, across[:, 2:]])
     return _alike(both, BEND, np.concatenate([(width[before] + width[after]) / 2, np.ones(len(across))]))
 
@@ -177,9 +179,9 @@ def _threads(file: ClothFile) -> Whole:
     return np.stack([point, around[point, k], around[point, m]], axis=-1).astype(np.int64)
 
 
-def _hinges(file: ClothFile, *, both: bool = False) -> tuple[Whole, Whole]:
-    """Edges between two faces of which one at least is a triangle, or both are: the edge, (H,), and its two points and the
-    one across it in each of the two triangles, (H, 4).
+def _hinges(file: ClothFile, *, both: bool = False) -> Whole:
+    """Edges between two faces of which one at least is a triangle, or both are: their two points, and the one across
+    them in each of the two triangles, (H, 4).
     """
     edges, which = file.edges
     sides, owner = file.sides
@@ -188,7 +190,8 @@ def _hinges(file: ClothFile, *, both: bool = False) -> tuple[Whole, Whole]:
     quads = file.is_quad[owner[pair]].sum(axis=1)
     pair = pair[quads == 0 if both else quads < 2]
     across = np.stack([_opposite(file, sides[pair[:, k]]) for k in (0, 1)], axis=-1)
-    return which[pair[:, 0]], np.concatenate([edges[which[pair[:, 0]]], across], axis=1)
+    corners: Whole = np.concatenate([edges[which[pair[:, 0]]], across], axis=1)
+    return corners
 
 
 def _opposite(file: ClothFile, sides: Whole) -> Whole:
@@ -219,7 +222,7 @@ def _bonds(file: ClothFile, flat: Floats, threads: Whole, bending: float) -> Bon
     signs = np.tile([1.0, -1.0, 1.0, -1.0], (len(quads), 1))
     twist = Stencils(quads, signs, 2 * bending / _areas(file, flat)[file.is_quad])
 
-    _, corners = _hinges(file)
+    corners = _hinges(file)
     x = flat[corners]
     area = sum(np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, k] - x[:, 0]), axis=1) / 2 for k in (2, 3))
     at = {(i, k): _cotangent(x[:, i], x[:, 1 - i], x[:, k]) for i in (0, 1) for k in (2, 3)}

@@ -1,8 +1,8 @@
 """Reads the points and faces of a Wavefront OBJ file. NumPy only.
 
 Lines `v x y z` are points and lines `f a b c …` faces: corners are counted from 1, or backwards from the last point so
-far with −1. Lines `vt u v` and what stands behind a first slash place them on a picture. Lines `g`, `o` and `usemtl` name
-the faces that follow. All else (normals, smoothing, materials) is left aside.
+far with −1. Lines `vt u v` and what stands behind a first slash place them on a picture. Lines `g`, `o` and `usemtl`
+name the faces that follow. All else (normals, smoothing, materials) is left aside.
 """
 
 from __future__ import annotations

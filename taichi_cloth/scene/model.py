@@ -18,7 +18,10 @@ FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 
 EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, a particle's index, or a text
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
-GROUP, REGION = "group:", "region:"  # that begins like this: points of a mesh file by name, a section [[regions]] by name
+GROUP, REGION = (
+    "group:",
+    "region:",
+)  # that begins like this: points of a mesh file, and of [[regions]], by name
 
 # The methods by name, here because importing a solver would import Taichi. With each its usual substeps and iterations,
 # which run where a scene names only the method. `verlet`: those of the browser demos. `spring`, `rk4`: they take as
@@ -80,8 +83,8 @@ class Cloth:
     weight: float = _key(0.0, "sewn to each corner", "kg", low=0.0, high=1000.0)
     pins: Pins = _key(
         ("top",),
-        "held in place: edges (top, bottom, left, right), corners (top-left, …), particle indices, region:NAME; of a file,"
-        " where the default is none, group:NAME instead of edges",
+        "held in place: edges (top, bottom, left, right), corners (top-left, …), particle indices, region:NAME; of a"
+        " file, where the default is none, group:NAME instead of edges",
     )
     sheets: int = _key(1, "how many such sheets there are, the rows of one after those of another", low=1, high=100)
     gap: float = _key(0.1, "from sheet to sheet, the first at center, the next in front of it", "m", low=-1e3, high=1e3)
@@ -100,6 +103,24 @@ class Region:
     name: str = _key("", "what pins call it")
     low: Vec3 = _key((0.0, 0.0, 0.0), "its corner with the lowest x, y and z", "m", low=-1e5, high=1e5)
     high: Vec3 = _key((0.0, 0.0, 0.0), "its corner with the highest", "m", low=-1e5, high=1e5)
+
+
+MAP_NAMES = ("pin", "stiffness")
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Numbers 0…1 for every particle: a picture laid over the cloth, black 0 and white 1, or a list of numbers.
+
+    A picture is laid across a sheet, its top along the sheet's; on a mesh file as its texture points say. Numbers are
+    those of the particles in order, one a line (.csv), or a NumPy array (.npy).
+    """
+
+    pin: str = _key("", "picture or numbers, by path from the folder of the scene file: from 0.5 on held in place")
+    stiffness: str = _key("", "the same: a spring's constant is times the factor that the mean of its two ends gives")
+    stiffness_lo: float = _key(0.0, "that factor at 0", low=0.0, high=1000.0)
+    stiffness_hi: float = _key(1.0, "that factor at 1", low=0.0, high=1000.0)
+    folder: str = field(default="", metadata={"derived": "of the scene file"})
 
 
 @dataclass(frozen=True)
@@ -338,7 +359,7 @@ class Look:
 
     cloth: str = _key("#b5303c", "first colour of the checks", colour=True)
     check: str = _key("#e9dcc3", "second colour of the checks", colour=True)
-    check_cells: int = _key(3, "cells to a check; in a mesh file checks are rings around its first point", low=1, high=2048)
+    check_cells: int = _key(3, "cells to a check; on a mesh file checks are rings of so many edges", low=1, high=2048)
     pole: bool = _key(False, "draw a pole along the top edge")
 
 
@@ -353,6 +374,7 @@ class Scene:
     seed: int = _key(0, "seed of the gusts", low=0, high=2**31 - 1)
     cloth: Cloth = field(default_factory=Cloth)
     regions: tuple[Region, ...] = ()
+    maps: Maps | None = None
     springs: Springs = field(default_factory=Springs)
     fabric: Fabric = field(default_factory=Fabric)
     solver: Solver = field(default_factory=Solver)

@@ -13,6 +13,7 @@ from .model import (
     COLLIDERS,
     GRID_KEYS,
     GROUP,
+    MAP_NAMES,
     PROJECTION,
     REGION,
     RESPONSES,
@@ -83,6 +84,8 @@ def check_scene(scene: Scene) -> Scene:
     checked = _sections(data, scene.name, scene.name)
     found = tuple(replace(mesh, folder=given.folder) for mesh, given in zip(checked.meshes, scene.meshes, strict=True))
     checked = replace(checked, meshes=found, cloth=replace(checked.cloth, folder=scene.cloth.folder))
+    if checked.maps and scene.maps:
+        checked = replace(checked, maps=replace(checked.maps, folder=scene.maps.folder))
     checked = _consistent(checked, scene.name)
     return scene if checked == scene else checked
 
@@ -176,10 +179,13 @@ def _with_preset(scene: Scene, data: dict[str, Any], file: str) -> Scene:
 
 
 def _with_meshes(scene: Scene, folder: Path, file: str) -> Scene:
-    """The scene with meshes that know where their files are, and that are closed surfaces; and the cloth, if it is one."""
+    """The scene with files that know their folder, and meshes that are closed surfaces."""
     meshes = tuple(_found(mesh, folder, file, f"meshes[{k}].file") for k, mesh in enumerate(scene.meshes))
     cloth = _found(scene.cloth, folder, file, "cloth.file") if scene.cloth.file else scene.cloth
-    return replace(scene, meshes=meshes, cloth=cloth)
+    maps = scene.maps
+    if maps and any(getattr(maps, name) for name in MAP_NAMES):
+        maps = replace(maps, folder=str(folder))
+    return replace(scene, meshes=meshes, cloth=cloth, maps=maps)
 
 
 def _found(mesh: Found, folder: Path, file: str, where: str) -> Found:
@@ -245,16 +251,17 @@ def _check_cloth(scene: Scene, file: str) -> None:
     lists = {"cloth": scene.cloth.pins} | {f"grips[{k}]": grip.pins for k, grip in enumerate(scene.grips)}
     pins = {f"{place}.pins[{k}]": pin for place, pins in lists.items() for k, pin in enumerate(pins)}
     if scene.cloth.file or any(isinstance(pin, str) and pin.startswith((GROUP, REGION)) for pin in pins.values()):
-        from ..mesh.from_scene import check_mesh, check_pin  # NumPy: only for scenes that have one
+        from ..mesh.from_scene import check_mesh, held, particles_of  # NumPy: only for scenes that have one
 
         if scene.cloth.file:
             try:
                 check_mesh(scene.cloth)
             except ValueError as error:
                 raise SceneError(file, "cloth.file", str(error)) from None
+        particles = particles_of(scene)
         for place, pin in pins.items():
             try:
-                check_pin(scene, pin)
+                held(scene, particles, [pin])
             except PinError as error:
                 raise SceneError(file, place, str(error), nearest(error.name, error.known)) from None
         return
@@ -262,6 +269,17 @@ def _check_cloth(scene: Scene, file: str) -> None:
     for place, pin in pins.items():
         if isinstance(pin, int) and not 0 <= pin <= last:
             raise SceneError(file, place, f"{shown(pin)} is no particle: indices run from 0 to {last}")
+
+
+def _check_maps(scene: Scene, file: str) -> None:
+    for name in MAP_NAMES:
+        if scene.maps and getattr(scene.maps, name):
+            from ..mesh.from_scene import map_of  # NumPy: only for scenes that have one
+
+            try:
+                map_of(scene, name)
+            except ValueError as error:
+                raise SceneError(file, f"maps.{name}", str(error)) from None
 
 
 def _consistent(scene: Scene, file: str) -> Scene:
@@ -272,6 +290,7 @@ def _consistent(scene: Scene, file: str) -> Scene:
         raise SceneError(file, "look.pole", "is drawn along the top edge of a sheet, and cloth.file names a mesh")
     _check_regions(scene, file)
     _check_cloth(scene, file)
+    _check_maps(scene, file)
     for name in (*COLLIDERS, "ground"):
         found = getattr(scene, name)
         for k, one in enumerate(found if isinstance(found, tuple) else [found] if found else []):

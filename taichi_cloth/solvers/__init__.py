@@ -20,16 +20,22 @@ NO_GRID_NEEDED = tuple(name for name, solver in SOLVERS.items() if not solver.ne
 
 
 def path_for(
-    kind: type[Solver], shape: tuple[int, int], asked: str | None = None, *, sheets: int = 1, triangles: bool = False
+    kind: type[Solver],
+    shape: tuple[int, int],
+    asked: str | None = None,
+    *,
+    sheets: int = 1,
+    triangles: bool = False,
+    mapped: bool = False,
 ) -> str:
     """The layout a solver works on, for a grid of (rows, columns) on the arch that Taichi was started on.
 
-    `triangles`: bodies keep out whole triangles. Raises WrongUse for an unknown one, on a GPU for one that would run
-    there on a single thread, and for strips where they cannot serve: several sheets, triangles, and meshes that are no
-    grid; for a method that needs one, too.
+    `triangles`: bodies keep out whole triangles; `mapped`: stiffness differs from spring to spring. Raises WrongUse for
+    an unknown one, on a GPU for one that would run there on a single thread, and for strips where they cannot serve:
+    several sheets, triangles, mapped stiffness, and meshes that are no grid; for a method that needs one, too.
     """
     if shape == NO_GRID and kind.needs_grid:
-        raise WrongUse(f"{kind.name} needs a grid: a mesh file has no rows; {', '.join(NO_GRID_NEEDED)} do not")
+        raise WrongUse(f"{kind.name} needs a grid, and a mesh file has no rows: take {', '.join(NO_GRID_NEEDED)}")
     if asked is not None and asked not in kind.paths:
         near = difflib.get_close_matches(asked, kind.paths, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
@@ -46,7 +52,9 @@ def path_for(
         raise WrongUse("path lanes is for one sheet: list and gather can do several")
     if asked == "lanes" and triangles:
         raise WrongUse("path lanes cannot keep bodies from triangles: list and gather can")
-    if sheets > 1 or triangles:
+    if asked == "lanes" and mapped:
+        raise WrongUse("path lanes has one stiffness along a column: list and gather can do maps.stiffness")
+    if sheets > 1 or triangles or mapped:
         return asked or "list"
     # Strips of one column or less are mostly empty: then springs one by one are as fast.
     return asked or next(path for path in kind.paths if path != "lanes" or shape[1] >= LANES)

@@ -17,6 +17,7 @@ from taichi_cloth.scene.model import (
     Cloth,
     Key,
     Keyframes,
+    Maps,
     Mesh,
     Part,
     Region,
@@ -60,7 +61,7 @@ def tables(section: type, **more: Any) -> st.SearchStrategy[Any]:
 
 # A mesh must be there, and distances to it must fit into the memory.
 MESHES = {"file": st.just("bust"), "scale": st.just(1.5), "resolution": st.integers(4, 32), "margin": st.just(0.01)}
-FILES = {Mesh: MESHES, Cloth: {"file": st.just("")}}
+FILES = {Mesh: MESHES, Cloth: {"file": st.just("")}, Maps: {"pin": st.just(""), "stiffness": st.just("")}}
 
 
 def possible(section: Any) -> Any:
@@ -109,7 +110,7 @@ def test_every_key_is_written_with_its_unit() -> None:
     assert "\n[wind]\nx = 3.0  # m/s\n" in text
     assert text.count("[[boxes]]") == 3
     for part in parts().values():
-        left_out = ("limit", "regions", "tethers", "grips", "capsules", "planes", "meshes", "self_collision")
+        left_out = ("limit", "regions", "maps", "tethers", "grips", "capsules", "planes", "meshes", "self_collision")
         assert (f"[{part.name}]" in text) == (part.name not in left_out)
         assert f"[{part.name}]" not in text or all(f"\n{key} = " in text for key in keys_of(part.section))
 
