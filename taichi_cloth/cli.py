@@ -272,10 +272,12 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
 
 def summary(simulation: Simulation, arch: str) -> str:
     """The line every run prints: scene, solver, substeps × iterations, path, grid, stages, arch, seed."""
+    from .mesh.from_scene import count_of
+
     scene = simulation.scene
     line = (
         f"{scene.name} · {simulation.method}"
-        f" · {scene.cloth.columns}×{scene.cloth.rows} · {' '.join(simulation.stages)} · {arch} · seed {scene.seed}"
+        f" · {count_of(scene)} · {' '.join(simulation.stages)} · {arch} · seed {scene.seed}"
     )
     return "\n".join(filter(None, [line, simulation.advice]))
 
@@ -376,8 +378,11 @@ def check_file(args: argparse.Namespace) -> int:
             table.add_row(*map(str, row))
         wide_console().print(table)
         return 0
+    from .mesh.from_scene import count_of, pieces_of
+
     scene = load_scene(args.file)
-    print(f"{args.file}: fine ({scene.cloth.columns}×{scene.cloth.rows} particles, solver {scene.solver.name})")
+    particles = f"{count_of(scene)} particles" + (f" in {pieces} pieces" if (pieces := pieces_of(scene)) > 1 else "")
+    print(f"{args.file}: fine ({particles}, solver {scene.solver.name})")
     return 0
 
 

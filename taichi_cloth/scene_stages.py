@@ -8,7 +8,7 @@ from .contact.bodies import colliders_of, counts_of, meets_triangles
 from .mesh.solid import distances_of
 from .scene import Scene
 from .scene.model import COLLIDERS, PROJECTION, REFLECTION, REPULSION
-from .solvers import Stages
+from .solvers import Stages, Unfit
 from .state import distances
 
 # Those that a run names besides spring families and colliders: the field of `Stages`, and the word for it.
@@ -48,3 +48,20 @@ def stages_of(scene: Scene) -> Stages:
 def words_for(stages: Stages) -> list[str]:
     """The words for those that are on."""
     return [word for stage, word in WORDS.items() if getattr(stages, stage)]
+
+
+def unfit_for(scene: Scene) -> Unfit:
+    """What a cloth cannot be run with, and why."""
+    rows = strips = threads = ""
+    if scene.tear is not None:
+        rows = strips = "one that tears loses its rows"
+    if scene.cloth.file:
+        rows = strips = "cloth.file is a mesh without rows"
+    if scene.cloth.sheets > 1:
+        strips = f"cloth.sheets is {scene.cloth.sheets}"
+    if scene.maps is not None and scene.maps.stiffness:
+        strips = "maps.stiffness makes springs differ"
+    if any(meets_triangles(collider) for collider in colliders_of(scene)):
+        strips = "a body is kept from triangles"
+        threads = "a body is kept from the triangles of a mesh" if scene.cloth.file else ""
+    return Unfit(rows, strips, threads)

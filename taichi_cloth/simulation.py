@@ -17,7 +17,6 @@ from .contact.bodies import (
     bodies_at,
     body_table,
     colliders_of,
-    meets_triangles,
     penetration,
     pose,
     repulsion_frequency,
@@ -38,7 +37,7 @@ from .scene.errors import shown
 from .scene.live import LiveKey, check_live
 from .scene.model import FRAME_SECONDS, PRESET_NAMES, USUAL, Collider, Ground
 from .scene.presets import in_fabric
-from .scene_stages import stages_of, words_for
+from .scene_stages import stages_of, unfit_for, words_for
 from .solvers import SOLVERS, FrameInput, Solver, path_for
 from .state import distances
 from .state.fields import put
@@ -61,7 +60,8 @@ class Simulation:
     """One running scene. Needs Taichi to be started (`taichi_cloth.start()`).
 
     `advance_frame()` moves it by 1/60 s. Positions are in metres, y up; particles are numbered row by row
-    from the top-left corner of the sheet. Close it, or use it in a `with` block, when it is done with.
+    from the top-left corner of the sheet, those of a mesh file as it has them. Close it, or use it in a `with` block,
+    when it is done with.
     """
 
     def __init__(self, scene: Scene, path: str | None = None) -> None:
@@ -79,9 +79,9 @@ class Simulation:
         self._tear: Tear | None = None
         self._hand: Hand | None = None
         self.frame = 0
-        self._open(scene, np.zeros(scene.cloth.sheets * scene.cloth.rows * scene.cloth.columns, bool))
+        self._open(scene, None)
 
-    def _open(self, scene: Scene, repinned: NDArray[np.bool_], **live: float) -> None:
+    def _open(self, scene: Scene, repinned: NDArray[np.bool_] | None, **live: float) -> None:
         """Makes the cloth and the solver of a scene, at the start. `repinned`: particles that `pin` has changed, (N,).
 
         A live parameter keeps what it was set to, unless the scene says something else of it than the last one did, or
@@ -89,17 +89,16 @@ class Simulation:
         """
         kind = SOLVERS[scene.solver.name]
         topology = topology_of(scene, kind.springs)
+        repinned = np.zeros(topology.particle_count, bool) if repinned is None else repinned
         topology = replace(topology, pinned=topology.pinned ^ repinned)
-        touching = any(meets_triangles(collider) for collider in colliders_of(scene))
-        tears = scene.tear is not None
-        path = path_for(kind, topology.shape, self._path, sheets=topology.sheets, triangles=touching, tears=tears)
+        path = path_for(kind, topology.shape, self._path, unfit_for(scene))
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)
         solver = kind(cloth, topology, stiffness, stages_of(scene), path)
         if scene.grips:
             centers = np.array([pose(one, 0.0)[0] for one in scene.grips])
-            grip(solver.work, topology, np.where(repinned, -1, holder_of(scene)), centers)
+            grip(solver.work, topology, np.where(repinned, -1, holder_of(scene, topology)), centers)
         repelled = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
         solver.frequency = hypot(solver.frequency, repelled)
         damping_time = solver.damping_time(scene.fabric.damping_time)
@@ -122,7 +121,7 @@ class Simulation:
         self._letting_out = Release(solver.stages.bodies)
         self._near = False  # whether crossings were asked for
         torn = () if self._tear is None else (self._tear.ends,)
-        self._tear = Tear(topology, *torn) if tears else None
+        self._tear = Tear(topology, *torn) if scene.tear is not None else None
         self._weave()
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
         self._give_back = weakref.finalize(self, _give_back, self._solver)
@@ -234,7 +233,7 @@ class Simulation:
         has changed.
         """
         scene = check_scene(scene)
-        for name in ("rows", "columns", "sheets"):
+        for name in ("file", "rows", "columns", "sheets"):
             ours, theirs = getattr(self.scene.cloth, name), getattr(scene.cloth, name)
             if ours != theirs:
                 raise WrongUse(f"{scene.name} has {theirs} {name}, the cloth that runs has {ours}")

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 HERE = Path(__file__).parent
 RINGS, SPOKES = 46, 44
+SHEET_RINGS = 22  # 1519 points
+DISC_SPOKES = 96
 
 # Sections of a head on its shoulders and a foot: height, half width, half depth, and how far forward its middle is [m].
 SECTIONS = """
@@ -65,12 +67,51 @@ def bust() -> tuple[NDArray[np.float64], list[list[int]]]:
     return np.concatenate([rings, ends]), quads + below + above
 
 
+def round_sheet() -> tuple[NDArray[np.float64], list[list[int]]]:
+    """A level disc of radius 1: ring k has 6·k points, so that all triangles are nearly equilateral. Its faces run
+    counter-clockwise, seen from above.
+    """
+    points, faces = [[0.0, 0.0, 0.0]], []
+    inner = [0]
+    for k in range(1, SHEET_RINGS + 1):
+        angle = np.linspace(0, 2 * np.pi, 6 * k, endpoint=False)
+        outer = list(range(len(points), len(points) + 6 * k))
+        points += [[k / SHEET_RINGS * np.cos(a), 0.0, -k / SHEET_RINGS * np.sin(a)] for a in angle]
+        for sector in range(6):
+            out = [outer[(sector * k + n) % len(outer)] for n in range(k + 1)]
+            within = [inner[(sector * (k - 1) + n) % len(inner)] for n in range(k)]
+            faces += [[within[n], out[n], out[n + 1]] for n in range(k)]
+            faces += [[within[n], out[n + 1], within[n + 1]] for n in range(k - 1)]
+        inner = outer
+    return np.array(points), faces
+
+
+def disc() -> tuple[NDArray[np.float64], list[list[int]]]:
+    """A solid round plate of radius 1 and thickness 0.1: quads around, and a fan above and below."""
+    angle = np.linspace(0, 2 * np.pi, DISC_SPOKES, endpoint=False)
+    low, high = (np.stack([np.cos(angle), np.full(len(angle), y), -np.sin(angle)], axis=-1) for y in (-0.05, 0.05))
+    index = np.arange(DISC_SPOKES)
+    right, bottom, top = np.roll(index, -1), 2 * DISC_SPOKES, 2 * DISC_SPOKES + 1
+    around = np.stack([index, right, right + DISC_SPOKES, index + DISC_SPOKES], axis=-1).tolist()
+    below = [[bottom, b, a] for a, b in zip(index, right, strict=True)]
+    above = [[top, a + DISC_SPOKES, b + DISC_SPOKES] for a, b in zip(index, right, strict=True)]
+    return np.concatenate([low, high, [[0.0, -0.05, 0.0], [0.0, 0.05, 0.0]]]), around + below + above
+
+
+MESHES = {
+    "bust": (bust, "A head on its shoulders"),
+    "round": (round_sheet, "A round sheet of radius 1"),
+    "disc": (disc, "A round plate of radius 1"),
+}
+
+
 def main() -> None:
-    points, faces = bust()
-    lines = ["# A head on its shoulders; written by make.py."]
-    lines += ["v " + " ".join(f"{c:.4f}".rstrip("0").rstrip(".") for c in point + 0.0) for point in points]
-    lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
-    (HERE / "bust.obj").write_text("\n".join(lines) + "\n")
+    for name, (make, what) in MESHES.items():
+        points, faces = make()
+        lines = [f"# {what}; written by make.py."]
+        lines += ["v " + " ".join(f"{c:.4f}".rstrip("0").rstrip(".") for c in point + 0.0) for point in points]
+        lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
+        (HERE / f"{name}.obj").write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

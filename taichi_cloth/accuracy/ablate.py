@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..bench.report import machine, markdown_table, printed_table, wide_console
 from ..bench.worker import frames as time_frames
+from ..errors import WrongUse
 from ..files import whole_file
 from ..measure.cloth import energies
 from ..scene import load_scene, scene_names
@@ -117,7 +118,9 @@ def outlines(places: Floats, shape: tuple[int, int]) -> Floats:
 
 
 def side_of(scene: Scene) -> float:
-    """The longer side of the cloth [m]."""
+    """The longer side of the cloth [m]. Raises WrongUse for one that is no sheet."""
+    if scene.cloth.file:
+        raise WrongUse(f"{scene.name}: errors are told as shares of a sheet's side, and cloth.file names a mesh")
     return max(scene.cloth.width, scene.cloth.height)
 
 

@@ -6,10 +6,10 @@ once (`places.py`).
 """
 
 from operator import attrgetter
+from typing import Any
 
 import taichi as ti
 
-from ..mesh.grid import MOST_BATCHES
 from .controls import DAMPING_TIME, MOST_STRAIN, STIFFNESS
 from .maths import TINY, dashpot_pull, project_compliant, project_distance, spring_pull
 from .motion import displace
@@ -152,10 +152,15 @@ def forget_multipliers(cloth: ti.template()):
         cloth.multiplier[e] = cloth.rest[e] * 0.0
 
 
+def most_batches(cloth: Any) -> int:
+    """How many colours of springs the cloth has room for; strips have passes instead."""
+    return 0 if cloth.in_lanes else cloth.batch_first.shape[0] - 1
+
+
 @ti.func
 def for_springs(cloth: ti.template(), stages: ti.template(), treat: ti.template(), controls: ti.template(), h: float):
     """One sweep: `treat` on every spring, colour by colour."""
-    for_springs_from(cloth, stages, 0, MOST_BATCHES, treat, controls, h)
+    for_springs_from(cloth, stages, 0, ti.static(most_batches(cloth)), treat, controls, h)
 
 
 @ti.func
@@ -177,7 +182,8 @@ def for_springs_from(
         for_strip_springs(cloth, stages, first, treat, controls, h)
     elif ti.static(cloth.gathers):  # one parallel loop for each colour; a colour that is not there is empty
         for s in ti.static(range(most)):
-            here, end = ti.min(first + s, MOST_BATCHES), ti.min(first + s + 1, MOST_BATCHES)
+            last = ti.static(most_batches(cloth))
+            here, end = ti.min(first + s, last), ti.min(first + s + 1, last)
             for e in range(cloth.batch_first[here], cloth.batch_first[end]):
                 treat.apply(cloth, stages, cloth.ends[e][0], cloth.ends[e][1], e, cloth.stiffness[e], controls, h)
     else:

@@ -77,6 +77,8 @@ def estimate(scene: Scene, solver: str, substeps: int, iterations: int, gravity:
 
     `gravity` [m/s²] is that of now.
     """
+    if scene.cloth.file:  # only grids were measured
+        return None
     cells = cells_of(scene)
     for row in rows_near(cells):
         if row.solver == solver and solver in NEEDED:  # as many as it needs, on any grid
@@ -112,6 +114,8 @@ def aim(scene: Scene, target: float, only: str | None = None) -> tuple[Scene, st
 
     `only`: with this solver. Raises WrongUse where there is none.
     """
+    if scene.cloth.file:
+        raise WrongUse("errors were measured on grids only: a cloth from a mesh file has no setting for a target")
     near = [row for row in rows_near(cells_of(scene)) if only in (None, row.solver)]
     rows = sorted((in_scene(row, scene) for row in near), key=lambda row: row.ms)
     good = [row for row in rows if row.error <= target]

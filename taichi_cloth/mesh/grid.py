@@ -41,6 +41,12 @@ def flat_positions(rows: int, columns: int, width: float, height: float) -> NDAr
     return np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
 
 
+def spots(rows: int, columns: int) -> NDArray[np.float64]:
+    """Where on a picture each particle is: 0…1 from the left and from the bottom, (rows·columns, 2)."""
+    v, u = np.meshgrid(np.linspace(1, 0, rows), np.linspace(0, 1, columns), indexing="ij")
+    return np.stack([u, v], axis=-1).reshape(-1, 2)
+
+
 def rotation_matrix(degrees: tuple[float, float, float]) -> NDArray[np.float64]:
     """3×3 matrix that turns about x, then y, then z by the given angles.
 

@@ -35,9 +35,9 @@ def pile(
     batches: list[Batch] = []
     ends: list[NDArray[np.int32]] = []
     for batch in one.batches:
-        batches.append(Batch(batch.direction, sheets * batch.first, sheets * batch.count))
+        batches.append(replace(batch, first=sheets * batch.first, count=sheets * batch.count))
         ends.append(_each(one.ends[batch.first : batch.first + batch.count], one.particle_count, sheets))
-    width = [np.tile(one.width[batch.first : batch.first + batch.count], sheets) for batch in one.batches]
+    shares = [np.tile(one.shares[:, batch.first : batch.first + batch.count], sheets) for batch in one.batches]
     springs = np.concatenate([np.zeros((0, 2), np.int32), *ends])
     return replace(
         one,
@@ -47,7 +47,7 @@ def pile(
         pinned=pinned(rows, columns, sheets, pins),
         ends=springs,
         rest=lengths(places, springs),
-        width=np.concatenate([np.zeros(0), *width]),
+        shares=np.concatenate([one.shares[:, :0], *shares], axis=1),
         batches=tuple(batches),
         bonds=Bonds(
             _each(one.bonds.ends, one.particle_count, sheets),

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .grid import DIRECTIONS
 from .incidence import incidence
 from .topology import Batch, Topology
 
@@ -28,14 +27,14 @@ class Tear:
         """`torn`: the ends of threads that gave way before, (K, 2); those that `whole` does not have are left out."""
         self.whole = whole
         self.torn: Mask = np.zeros(whole.spring_count, bool)
-        family = np.array([name for name, _, _ in DIRECTIONS])[whole.direction]
-        self._threads: Mask = family != "bend"
+        bends = whole.family("bend")
+        self._threads: Mask = np.ones(whole.spring_count, bool)
+        self._threads[bends] = False
         threads = _Pairs(whole, np.flatnonzero(self._threads))
         self._sides = threads.number(whole.triangles, whole.triangles[:, [1, 2, 0]])
         known = threads.number(*torn.T)
         self.torn[known[known >= 0]] = True
-        structural = np.flatnonzero(family == "structural")
-        self._bend_of, self._paths = _paths(whole, np.flatnonzero(family == "bend"), structural)
+        self._bend_of, self._paths = _paths(whole, bends, whole.family("structural"))
 
     @property
     def ends(self) -> NDArray[np.int32]:
@@ -73,7 +72,7 @@ class Tear:
             whole,
             ends=whole.ends[kept],
             rest=whole.rest[kept],
-            width=whole.width[kept],
+            shares=whole.shares[:, kept],
             batches=_batches(whole, kept),
             triangles=whole.triangles[whole_triangles],
             cells=whole.cells[whole_triangles],
@@ -123,7 +122,7 @@ def _batches(cloth: Topology, kept: Mask) -> tuple[Batch, ...]:
     counts = [int(kept[batch.first : batch.first + batch.count].sum()) for batch in cloth.batches]
     firsts = np.cumsum([0, *counts])
     return tuple(
-        Batch(batch.direction, int(first), count)
+        replace(batch, first=int(first), count=count)
         for batch, first, count in zip(cloth.batches, firsts, counts, strict=False)
         if count
     )

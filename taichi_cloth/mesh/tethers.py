@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .topology import Topology
+from .geodesic import distances_from, pieces_of
+from .topology import NO_GRID, Topology
 
 MOST = 4  # tethers of a particle
 
@@ -17,15 +18,22 @@ MOST = 4  # tethers of a particle
 def tethers(topology: Topology) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The pin at the end of each tether and its distance from the particle [m], both (tethers, N), nearest first.
 
-    A sheet starts flat, so that distances at the start are those on the sheet. A pin is tied to itself.
+    A sheet starts flat, so that distances at the start are those on the sheet; on a mesh they go along its triangles. A
+    pin is tied to itself, and so is a particle of a piece without pins.
     """
     start, count = topology.start, topology.particle_count
     pins = np.zeros((0, count), np.int32)
     reach = np.zeros((0, count))
-    for run in runs(topology.pinned.reshape(topology.shape)):
-        nearest = nearest_pin(run, topology.shape, start)
+    is_grid = topology.shape != NO_GRID
+    every = runs(topology.pinned.reshape(topology.shape)) if is_grid else pieces_of(topology.edges, topology.pinned)
+    for run in every:
+        if is_grid:
+            nearest = nearest_pin(run, topology.shape, start)
+            away = np.linalg.norm(start - start[nearest], axis=1)
+        else:
+            nearest, away = distances_from(run, topology.flat, topology.triangles)
         pins = np.concatenate([pins, nearest[None]])
-        reach = np.concatenate([reach, np.linalg.norm(start - start[nearest], axis=1)[None]])
+        reach = np.concatenate([reach, away[None]])
         order = np.argsort(reach, axis=0, kind="stable")[:MOST]
         pins, reach = np.take_along_axis(pins, order, 0), np.take_along_axis(reach, order, 0)
     return pins, reach

@@ -12,19 +12,20 @@ from . import grid
 from .bending import Bonds, bonds
 
 ORIGINS = 8.0  # [m] apart
+CONSTANTS = ("weft", "warp", "shear", "bend")  # [N/m] of a fabric, of which a spring has a share
+NO_GRID = (0, 0)
 
 
 @dataclass(frozen=True)
 class Batch:
-    """A run of springs `first … first + count` of one direction that share no particle (one colour)."""
+    """A run of springs `first … first + count` of one family, in a grid of one direction, that share no particle (one
+    colour).
+    """
 
-    direction: int  # index in `grid.DIRECTIONS`
+    family: str
     first: int
     count: int
-
-    @property
-    def family(self) -> str:
-        return grid.DIRECTIONS[self.direction][0]
+    direction: int = -1  # index in `grid.DIRECTIONS`; −1 in a mesh that is no grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +39,12 @@ class Topology:
     pinned: NDArray[np.bool_]  # (N,)
     ends: NDArray[np.int32]  # (E, 2) the two particles of a spring
     rest: NDArray[np.float64]  # [m] (E,) its rest length
-    width: NDArray[np.float64]  # (E,) share of a cell's width that a spring stands for: ½ along an edge
+    shares: NDArray[np.float64]  # (4, E) how much of each of `CONSTANTS` a spring has: half as much along an edge
     batches: tuple[Batch, ...]
     bonds: Bonds  # that resist bending
     triangles: NDArray[np.int32]  # (T, 3)
-    cells: NDArray[np.int32]  # (T, 2) row and column of the triangle in the weave
-    shape: tuple[int, int]  # rows and columns of the grid
+    cells: NDArray[np.int32]  # (T, 2) row and column of the triangle in the weave; in a mesh its ring, and 0
+    shape: tuple[int, int] = NO_GRID  # rows and columns of the grid
     sheets: int = 1  # how many there are, the rows of one after those of another (`pile.py`)
 
     @property
@@ -72,7 +73,12 @@ class Topology:
 
     def family(self, name: str) -> NDArray[np.int64]:
         """Indices of the springs of one family, `structural`, `shear` or `bend`."""
-        return np.flatnonzero([grid.DIRECTIONS[d][0] == name for d in self.direction])
+        return np.flatnonzero(self.by_family({name: 1.0}))
+
+    def by_family(self, numbers: dict[str, float]) -> NDArray[np.float64]:
+        """The number of its family for every spring, 0 for one that is not named, shape (E,)."""
+        found = [numbers.get(b.family, 0.0) for b in self.batches]
+        return np.repeat(found, [b.count for b in self.batches])
 
     def by_place(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Numbers of the springs, (E,), as (6, rows, columns): by direction and the upper left of the spring's place.
@@ -124,7 +130,7 @@ def sheet(
             continue
         for batch in grid.springs(rows, columns, down, along, alternate=family == "shear" and diagonals == 1):
             if len(batch):
-                batches.append(Batch(direction, first, len(batch)))
+                batches.append(Batch(family, first, len(batch), direction))
                 pairs.append(batch)
                 first += len(batch)
     ends = np.concatenate(pairs) if pairs else np.zeros((0, 2), np.int32)
@@ -144,13 +150,20 @@ def sheet(
         pinned=grid.pinned(rows, columns, pins),
         ends=ends,
         rest=lengths(places, ends),
-        width=np.where(along_edge, 0.5, 1.0),
+        shares=_shares(batches, (height / (rows - 1)) / (width / (columns - 1))) * np.where(along_edge, 0.5, 1.0),
         batches=tuple(batches),
         bonds=bonds(rows, columns, width, height, bending, halved=lumping == "area"),
         triangles=triangles,
         cells=cells,
         shape=(rows, columns),
     )
+
+
+def _shares(batches: list[Batch], slim: float) -> NDArray[np.float64]:
+    """Of `CONSTANTS`, of springs of a whole cell's width, (4, E); `slim` is a cell's height over its width."""
+    one = np.zeros((len(CONSTANTS), len(grid.DIRECTIONS)))
+    one[[0, 1, 2, 2, 3, 3], range(6)] = slim, 1 / slim, 1, 1, slim, 1 / slim
+    return np.repeat(one[:, np.array([b.direction for b in batches], int)], [b.count for b in batches], axis=1)
 
 
 def origin_near(center: tuple[float, float, float]) -> NDArray[np.float64]:

@@ -22,6 +22,14 @@ class SceneError(ValueError):
         super().__init__(one_line(text + (f" (did you mean {hint!r}?)" if hint else "")))
 
 
+class PinError(ValueError):
+    """A cloth has no such pin; `name` is what was asked for by name, of those that are `known`."""
+
+    def __init__(self, reason: str, name: str = "", known: Iterable[str] = ()) -> None:
+        self.name, self.known = name, tuple(known)
+        super().__init__(one_line(reason))
+
+
 def shown(value: Any) -> str:
     """A wrong value much as it was written, but never long."""
     if isinstance(value, (bool, datetime.date, datetime.time)):

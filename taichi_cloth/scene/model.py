@@ -16,8 +16,12 @@ Pins = tuple[str | int, ...]
 
 FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 
-EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, or a particle's index
+EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, a particle's index, or a text
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
+GROUP, REGION = (
+    "group:",
+    "region:",
+)  # that begins like this: points of a mesh file, and of [[regions]], by name
 
 # The methods by name, here because importing a solver would import Taichi. With each its usual substeps and iterations,
 # which run where a scene names only the method. `verlet`: those of the browser demos. `spring`, `rk4`: they take as
@@ -54,13 +58,20 @@ def _key(default: Any, help: str, unit: str = "", **bounds: Any) -> Any:
 
 @dataclass(frozen=True)
 class Cloth:
-    """A rectangular sheet. Row 0 is its top; before `rotation` columns run along +x and rows down −y."""
+    """A rectangular sheet, or what a mesh `file` holds.
+
+    Row 0 of a sheet is its top; before `rotation` columns run along +x and rows down −y. A file's axes are these, too.
+    """
 
     rows: int = _key(24, "particles from top to bottom", low=2, high=2048)
     columns: int = _key(30, "particles from left to right", low=2, high=2048)
     width: float = _key(4.35, "length of the top edge", "m", low=0.001, high=1000.0)
     height: float = _key(3.45, "length of the left edge", "m", low=0.001, high=1000.0)
-    center: Vec3 = _key((0.0, 2.2, 0.0), "middle of the sheet", "m", low=-1e5, high=1e5)
+    file: str = _key(
+        "", "instead of a sheet, a shipped mesh by name or an OBJ file: its path from the folder of the scene file"
+    )
+    scale: float = _key(1.0, "how many metres one unit of the file is", "m", low=0.0, high=1e6, above_low=True)
+    center: Vec3 = _key((0.0, 2.2, 0.0), "middle of the sheet, or of the file's box", "m", low=-1e5, high=1e5)
     rotation: Vec3 = _key((0.0, 0.0, 0.0), "turned about x, then y, then z", "degrees", low=-360.0, high=360.0)
     area_density: float = _key(0.2, "mass of a square metre", "kg/m²", low=0.001, high=1000.0)
     diagonals: int = _key(2, "shear springs in a cell: 2 cross, 1 alternates with the triangles", low=1, high=2)
@@ -71,11 +82,45 @@ class Cloth:
     )
     weight: float = _key(0.0, "sewn to each corner", "kg", low=0.0, high=1000.0)
     pins: Pins = _key(
-        ("top",), "edges (top, bottom, left, right), corners (top-left, …) or particle indices held in place"
+        ("top",),
+        "held in place: edges (top, bottom, left, right), corners (top-left, …), particle indices, region:NAME; of a"
+        " file, where the default is none, group:NAME instead of edges",
     )
     sheets: int = _key(1, "how many such sheets there are, the rows of one after those of another", low=1, high=100)
     gap: float = _key(0.1, "from sheet to sheet, the first at center, the next in front of it", "m", low=-1e3, high=1e3)
     turn: float = _key(0.0, "each is turned in its plane against the one before", "degrees", low=-360.0, high=360.0)
+    folder: str = field(default="", metadata={"derived": "of the scene file, for a mesh that is not shipped"})
+
+
+# Keys of [cloth] that a mesh file has no use for.
+GRID_KEYS = ("rows", "columns", "width", "height", "lumping", "weight", "sheets", "gap", "turn")
+
+
+@dataclass(frozen=True)
+class Region:
+    """A block of space with its sides along x, y and z: `region:NAME` is a pin for the particles that start in it."""
+
+    name: str = _key("", "what pins call it")
+    low: Vec3 = _key((0.0, 0.0, 0.0), "its corner with the lowest x, y and z", "m", low=-1e5, high=1e5)
+    high: Vec3 = _key((0.0, 0.0, 0.0), "its corner with the highest", "m", low=-1e5, high=1e5)
+
+
+MAP_NAMES = ("pin", "stiffness")
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Numbers 0…1 for every particle: a picture laid over the cloth, black 0 and white 1, or a list of numbers.
+
+    A picture is laid across a sheet, its top along the sheet's; on a mesh file as its texture points say. Numbers are
+    those of the particles in order, one a line (.csv), or a NumPy array (.npy).
+    """
+
+    pin: str = _key("", "picture or numbers, by path from the folder of the scene file: from 0.5 on held in place")
+    stiffness: str = _key("", "the same: a spring's constant is times the factor that the mean of its two ends gives")
+    stiffness_lo: float = _key(0.0, "that factor at 0", low=0.0, high=1000.0)
+    stiffness_hi: float = _key(1.0, "that factor at 1", low=0.0, high=1000.0)
+    folder: str = field(default="", metadata={"derived": "of the scene file"})
 
 
 @dataclass(frozen=True)
@@ -221,7 +266,7 @@ class Motion:
 class Grip(Motion):
     """Pins that go as one body does, from where they are at the start: a bar that the cloth hangs from, a hand."""
 
-    pins: Pins = _key((), "edges, corners or particle indices that it holds, as in [cloth]")
+    pins: Pins = _key((), "edges, corners, particle indices, regions or groups that it holds, as in [cloth]")
 
 
 @dataclass(frozen=True)
@@ -321,7 +366,7 @@ class Look:
 
     cloth: str = _key("#b5303c", "first colour of the checks", colour=True)
     check: str = _key("#e9dcc3", "second colour of the checks", colour=True)
-    check_cells: int = _key(3, "cells to a check", low=1, high=2048)
+    check_cells: int = _key(3, "cells to a check; on a mesh file checks are rings of so many edges", low=1, high=2048)
     pole: bool = _key(False, "draw a pole along the top edge")
 
 
@@ -335,6 +380,8 @@ class Scene:
     title: str = _key("", "one line that tells what the scene shows")
     seed: int = _key(0, "seed of the gusts", low=0, high=2**31 - 1)
     cloth: Cloth = field(default_factory=Cloth)
+    regions: tuple[Region, ...] = ()
+    maps: Maps | None = None
     springs: Springs = field(default_factory=Springs)
     fabric: Fabric = field(default_factory=Fabric)
     solver: Solver = field(default_factory=Solver)

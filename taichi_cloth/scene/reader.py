@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from .errors import SceneError, nearest, shown
+from .errors import PinError, SceneError, nearest, shown
 from .library import is_file_name, mesh_names, scene_path
 from .model import (
     COLLIDERS,
+    GRID_KEYS,
+    GROUP,
+    MAP_NAMES,
     PROJECTION,
+    REGION,
     RESPONSES,
     USUAL,
+    Cloth,
     Contact,
     Mesh,
     Part,
@@ -31,6 +36,8 @@ from .values import check_value
 MOST_BYTES = 1_000_000  # a scene file is a page of text
 MOST_COLLIDERS = 16  # of one kind
 NUMBERS = ("substeps", "iterations")  # those of `USUAL`
+_UNSAID = (*GRID_KEYS, "pins")  # keys whose defaults are those of a grid
+Found = TypeVar("Found", Mesh, Cloth)
 
 
 def load_scene(name_or_path: str | Path, /, **overrides: Any) -> Scene:
@@ -71,9 +78,15 @@ def check_scene(scene: Scene) -> Scene:
             data[part.name] = [_table(part, one) for one in given] if isinstance(given, (list, tuple)) else given
         elif given is not None or not part.optional:
             data[part.name] = _table(part, given)
+    if isinstance(scene.cloth, Cloth) and scene.cloth.file:  # what has its default was not said
+        plain = Cloth()
+        data["cloth"] = {k: v for k, v in data["cloth"].items() if not (k in _UNSAID and v == getattr(plain, k))}
     checked = _sections(data, scene.name, scene.name)
     found = tuple(replace(mesh, folder=given.folder) for mesh, given in zip(checked.meshes, scene.meshes, strict=True))
-    checked = _consistent(replace(checked, meshes=found), scene.name)
+    checked = replace(checked, meshes=found, cloth=replace(checked.cloth, folder=scene.cloth.folder))
+    if checked.maps and scene.maps:
+        checked = replace(checked, maps=replace(checked.maps, folder=scene.maps.folder))
+    checked = _consistent(checked, scene.name)
     return scene if checked == scene else checked
 
 
@@ -130,7 +143,17 @@ def _sections(data: dict[str, Any], file: str, name: str) -> Scene:
     for part in sections.values():
         if part.name in data:
             values[part.name] = _part(part, data[part.name], file)
+    if "cloth" in values and values["cloth"].file:
+        values["cloth"] = _of_a_file(values["cloth"], data["cloth"], file)
     return Scene(**values, name=name)
+
+
+def _of_a_file(cloth: Cloth, data: dict[str, Any], file: str) -> Cloth:
+    """A cloth whose mesh file takes the place of the keys of a grid."""
+    for key in GRID_KEYS:
+        if key in data:
+            raise SceneError(file, f"cloth.{key}", "is for a sheet, and cloth.file names a mesh: take one of them away")
+    return cloth if "pins" in data else replace(cloth, pins=())
 
 
 def _with_usual(scene: Scene, data: dict[str, Any]) -> Scene:
@@ -156,23 +179,28 @@ def _with_preset(scene: Scene, data: dict[str, Any], file: str) -> Scene:
 
 
 def _with_meshes(scene: Scene, folder: Path, file: str) -> Scene:
-    """The scene with meshes that know where their files are, and that are closed surfaces."""
-    return replace(scene, meshes=tuple(_found(mesh, k, folder, file) for k, mesh in enumerate(scene.meshes)))
+    """The scene with files that know their folder, and meshes that are closed surfaces."""
+    meshes = tuple(_found(mesh, folder, file, f"meshes[{k}].file") for k, mesh in enumerate(scene.meshes))
+    cloth = _found(scene.cloth, folder, file, "cloth.file") if scene.cloth.file else scene.cloth
+    maps = scene.maps
+    if maps and any(getattr(maps, name) for name in MAP_NAMES):
+        maps = replace(maps, folder=str(folder))
+    return replace(scene, meshes=meshes, cloth=cloth, maps=maps)
 
 
-def _found(mesh: Mesh, k: int, folder: Path, file: str) -> Mesh:
-    from ..mesh.solid import check_solid  # NumPy: only for scenes that have one
-
-    where = f"meshes[{k}].file"
+def _found(mesh: Found, folder: Path, file: str, where: str) -> Found:
     if is_file_name(mesh.file):
         mesh = replace(mesh, folder=str(folder))
     elif mesh.file not in mesh_names():
         reason = f"{shown(mesh.file)} is no shipped mesh: {', '.join(mesh_names())}, or the path of an OBJ file"
         raise SceneError(file, where, reason, nearest(mesh.file, mesh_names()))
-    try:
-        check_solid(mesh)
-    except ValueError as error:
-        raise SceneError(file, where, str(error)) from None
+    if isinstance(mesh, Mesh):
+        from ..mesh.solid import check_solid  # NumPy: only for scenes that have one
+
+        try:
+            check_solid(mesh)
+        except ValueError as error:
+            raise SceneError(file, where, str(error)) from None
     return mesh
 
 
@@ -212,20 +240,60 @@ def _check_response(body: Contact, where: str, file: str) -> None:
             raise SceneError(file, f"{where}.against", f"triangles are for projection, not for {body.response}")
 
 
+def _check_regions(scene: Scene, file: str) -> None:
+    for k, region in enumerate(scene.regions):
+        if region.name in [other.name for other in scene.regions[:k]]:
+            raise SceneError(file, f"regions[{k}].name", f"another region is called {shown(region.name)}, too")
+
+
+def _check_cloth(scene: Scene, file: str) -> None:
+    """Its mesh file, and all pins."""
+    lists = {"cloth": scene.cloth.pins} | {f"grips[{k}]": grip.pins for k, grip in enumerate(scene.grips)}
+    pins = {f"{place}.pins[{k}]": pin for place, pins in lists.items() for k, pin in enumerate(pins)}
+    if scene.cloth.file or any(isinstance(pin, str) and pin.startswith((GROUP, REGION)) for pin in pins.values()):
+        from ..mesh.from_scene import check_mesh, held, particles_of  # NumPy: only for scenes that have one
+
+        if scene.cloth.file:
+            try:
+                check_mesh(scene.cloth)
+            except ValueError as error:
+                raise SceneError(file, "cloth.file", str(error)) from None
+        particles = particles_of(scene)
+        for place, pin in pins.items():
+            try:
+                held(scene, particles, [pin])
+            except PinError as error:
+                raise SceneError(file, place, str(error), nearest(error.name, error.known)) from None
+        return
+    last = scene.cloth.rows * scene.cloth.columns * scene.cloth.sheets - 1
+    for place, pin in pins.items():
+        if isinstance(pin, int) and not 0 <= pin <= last:
+            raise SceneError(file, place, f"{shown(pin)} is no particle: indices run from 0 to {last}")
+
+
+def _check_maps(scene: Scene, file: str) -> None:
+    for name in MAP_NAMES:
+        if scene.maps and getattr(scene.maps, name):
+            from ..mesh.from_scene import map_of  # NumPy: only for scenes that have one
+
+            try:
+                map_of(scene, name)
+            except ValueError as error:
+                raise SceneError(file, f"maps.{name}", str(error)) from None
+
+
 def _consistent(scene: Scene, file: str) -> Scene:
     """What no key can say alone."""
-    last = scene.cloth.rows * scene.cloth.columns * scene.cloth.sheets - 1
     if scene.cloth.sheets > 1 and scene.tethers is not None:
         raise SceneError(file, "tethers", f"are for one sheet, and cloth.sheets is {scene.cloth.sheets}")
     if scene.tear is not None and scene.fabric.bending > 0:
         reason = "cannot cut what resists bending: set fabric.bending to 0, and let the springs of fabric.bend do it"
         raise SceneError(file, "tear", reason)
-    lists = {"cloth": scene.cloth.pins} | {f"grips[{k}]": grip.pins for k, grip in enumerate(scene.grips)}
-    for place, pins in lists.items():
-        for k, pin in enumerate(pins):
-            if isinstance(pin, int) and not 0 <= pin <= last:
-                reason = f"{shown(pin)} is no particle: indices run from 0 to {last}"
-                raise SceneError(file, f"{place}.pins[{k}]", reason)
+    if scene.cloth.file and scene.look.pole:
+        raise SceneError(file, "look.pole", "is drawn along the top edge of a sheet, and cloth.file names a mesh")
+    _check_regions(scene, file)
+    _check_cloth(scene, file)
+    _check_maps(scene, file)
     for name in (*COLLIDERS, "ground"):
         found = getattr(scene, name)
         for k, one in enumerate(found if isinstance(found, tuple) else [found] if found else []):

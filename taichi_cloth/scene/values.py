@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any
 
 from .errors import SceneError, nearest, shown
-from .model import CORNERS, EDGES, Key, Keyframes, Pins, Vec3
+from .model import CORNERS, EDGES, GROUP, REGION, Key, Keyframes, Pins, Vec3
 
 PIN_NAMES = (*EDGES, *CORNERS)
 
@@ -77,8 +77,15 @@ def _path(value: Any, key: Key, file: str, where: str) -> Keyframes:
 
 
 def _pin(value: Any, file: str, where: str) -> str | int:
-    """An edge or corner by name, or any whole number: whether the cloth has such a particle, the scene knows."""
-    if (isinstance(value, int) and not isinstance(value, bool)) or (isinstance(value, str) and value in PIN_NAMES):
+    """Whether the cloth has such an edge, particle, group or region, the scene knows."""
+    if isinstance(value, int) and not isinstance(value, bool):
         return value
-    reason = f"{shown(value)} is no pin: an edge or corner ({', '.join(PIN_NAMES)}) or the index of a particle"
+    if isinstance(value, str) and (value in PIN_NAMES or value.startswith((GROUP, REGION))):
+        if _CONTROL.search(value):
+            raise SceneError(file, where, f"one line of plain text is needed, not {shown(value)}")
+        return value
+    reason = (
+        f"{shown(value)} is no pin: an edge or corner ({', '.join(PIN_NAMES)}), the index of a particle, "
+        f"{REGION}NAME or {GROUP}NAME"
+    )
     raise SceneError(file, where, reason, nearest(value, PIN_NAMES) if isinstance(value, str) else "")

@@ -1,11 +1,11 @@
-"""A scene back as TOML, every key written out."""
+"""A scene back as TOML, every key that it has a use for written out."""
 
 from __future__ import annotations
 
 import json
 from typing import Any
 
-from .model import Scene, keys_of, parts
+from .model import GRID_KEYS, Cloth, Scene, keys_of, parts
 
 
 def scene_to_toml(scene: Scene, table: str = "") -> str:
@@ -38,4 +38,5 @@ def _keys(section: Any) -> list[str]:
     return [
         f"{name} = {toml_value(getattr(section, name))}" + (f"  # {key.unit}" if key.unit else "")
         for name, key in keys_of(type(section)).items()
+        if not (isinstance(section, Cloth) and section.file and name in GRID_KEYS)
     ]

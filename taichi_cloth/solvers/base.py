@@ -160,12 +160,12 @@ class Solver:
     sweep: ClassVar[Any] = staticmethod(nothing)
     after: ClassVar[Any] = staticmethod(nothing)
     paths: ClassVar[tuple[str, ...]] = ("lanes", "list", "gather")  # the first that fits a grid is taken
+    needs_rows: ClassVar[bool] = False  # whole ones, of a grid
     own_velocity: ClassVar[bool] = True
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes
     constrains: ClassVar[bool] = True  # springs need to know where a particle was a substep ago
     iterates: ClassVar[bool] = True  # `iterations` means something
     closing: ClassVar[bool] = False  # a frame ends with one more `before`
-    tears: ClassVar[bool] = True  # springs may go while it runs
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str

@@ -172,8 +172,8 @@ class Lines(Solver):
     before = staticmethod(before)
     sweep = staticmethod(sweep)
     after = staticmethod(after)
+    needs_rows = True
     constrains = False  # springs push velocities themselves
-    tears = False  # its chains are whole rows
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str

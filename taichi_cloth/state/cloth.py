@@ -11,7 +11,7 @@ from ..mesh.grid import MOST_BATCHES
 from ..mesh.topology import Topology
 from . import fields
 from .held import Held, room_to_hold
-from .pool import Pool
+from .pool import Pool, capacity
 
 
 @dataclass(eq=False)
@@ -35,7 +35,7 @@ class ClothState:
     rest: Any  # [m] (E,)
     stiffness: Any  # (E,) in the solver's unit
     multiplier: Any  # [kg·m] (E,) λ of each spring, summed over the iterations of a substep
-    batch_first: Any  # (MOST_BATCHES + 1,) first spring of each batch, and the count of all springs
+    batch_first: Any  # (batches + 1,) first spring of each batch, and the count of all springs
     triangles: Any  # ivec3 (T,)
     held: Held  # what the hand holds
     slot_count: Any  # 0-D
@@ -54,7 +54,7 @@ class ClothState:
 
     def weave(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
         """Fills what joins the particles: springs, their `stiffness`, (E,), and triangles."""
-        first = np.full(MOST_BATCHES + 1, topology.spring_count)  # batches that are not there are empty
+        first = np.full(self.batch_first.shape[0], topology.spring_count)  # batches that are not there are empty
         first[: len(topology.batches)] = [batch.first for batch in topology.batches]
         fields.put(self.ends, topology.ends)
         fields.put(self.rest, topology.rest)
@@ -81,7 +81,7 @@ def inverse_mass(topology: Topology) -> NDArray[np.float32]:
     return np.where(topology.pinned, 0, 1 / topology.mass).astype(np.float32)
 
 
-def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
+def _allocate(particles: int, springs: int, triangles: int, batches: int) -> ClothState:
     return ClothState(
         origin=ti.Vector.field(3, ti.f32, ()),
         x=fields.places(particles),
@@ -93,7 +93,7 @@ def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
         rest=fields.numbers(springs),
         stiffness=fields.numbers(springs),
         multiplier=fields.numbers(springs),
-        batch_first=fields.numbers(MOST_BATCHES + 1, kind=ti.i32),
+        batch_first=fields.numbers(batches - SPARE + 1, kind=ti.i32),
         triangles=ti.Vector.field(3, ti.i32, triangles),
         held=room_to_hold(particles),
         slot_count=fields.number(),
@@ -104,11 +104,13 @@ def _allocate(particles: int, springs: int, triangles: int) -> ClothState:
 
 
 _pool = Pool(_allocate)
+SPARE = capacity(MOST_BATCHES) - MOST_BATCHES  # a grid has no room for batches that it cannot have: each is a launch
 
 
 def take(topology: Topology) -> ClothState:
     """A state with room for this cloth; `upload` fills it."""
-    return _pool.take(topology.particle_count, topology.spring_count, topology.triangle_count)
+    batches = len(topology.batches) + SPARE
+    return _pool.take(topology.particle_count, topology.spring_count, topology.triangle_count, batches)
 
 
 def give_back(state: ClothState) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from ..mesh.topology import Topology
+from ..mesh.topology import NO_GRID, Topology
 from . import fields
 from .pool import attached
 
@@ -30,10 +30,13 @@ def patch(work: Any, topology: Topology) -> None:
         lambda: Patches(ti.Vector.field(3, ti.i32, count), fields.numbers(COLOURS + 1, kind=ti.i32)),
     )
     cells = topology.cells
-    row, column = cells.T % 2
-    second = np.zeros(len(cells), int)  # of its cell
-    second[1:] = (cells[1:] == cells[:-1]).all(axis=1)
-    colour = 4 * row + 2 * column + second
+    if topology.shape == NO_GRID:
+        colour = np.zeros(len(cells), np.int64)  # one after the other: no path in parallel
+    else:
+        row, column = cells.T % 2
+        second = np.zeros(len(cells), int)  # of its cell
+        second[1:] = (cells[1:] == cells[:-1]).all(axis=1)
+        colour = 4 * row + 2 * column + second
     order = np.argsort(colour, kind="stable")
     fields.put(found.corners, topology.triangles[order])
     fields.put(found.first, np.searchsorted(colour[order], np.arange(COLOURS + 1)))

@@ -217,7 +217,7 @@ def test_threads_side_by_side_give_the_same_bits_and_nearly_those_of_the_list() 
 
 def test_strips_are_refused_in_one_line_and_not_chosen() -> None:
     scene = poked("verlet", 1.0, replace(BEAD, against="triangles"), substeps=5, beyond=0.1)
-    with pytest.raises(WrongUse, match="path lanes cannot keep bodies from triangles"):
+    with pytest.raises(WrongUse, match="path lanes is for one even grid, and a body is kept from triangles"):
         Simulation(scene, "lanes")
     with Simulation(scene) as simulation:
         assert simulation.method.endswith("list")

@@ -46,7 +46,7 @@ def test_a_corner_is_a_pin_of_every_sheet_and_an_index_of_one() -> None:
 
 
 def test_strips_and_tethers_are_for_one_sheet() -> None:
-    with pytest.raises(WrongUse, match="path lanes is for one sheet"):
+    with pytest.raises(WrongUse, match=r"path lanes is for one even grid, and cloth\.sheets is"):
         Simulation(Scene(cloth=THREE), "lanes")
     with pytest.raises(SceneError, match=r"tethers: are for one sheet, and cloth\.sheets is 2"):
         load_scene("curtain", cloth_sheets=2, tethers_slack=1.01)

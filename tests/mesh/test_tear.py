@@ -84,7 +84,7 @@ def test_what_is_left_is_a_cloth(rows: int, columns: int, diagonals: int, data: 
     left = tear.left()
     alive = pairs(left)
     assert alive <= pairs(topology)
-    assert left.spring_count == len(left.rest) == len(left.width) == sum(b.count for b in left.batches)
+    assert left.spring_count == len(left.rest) == left.shares.shape[1] == sum(b.count for b in left.batches)
     assert left.spring_count == 0 or left.batches[0].first == 0
     for batch in left.batches:
         own = left.ends[batch.first : batch.first + batch.count]

@@ -12,7 +12,20 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from taichi_cloth.scene import Scene, key_table, load_scene, scene_names, scene_to_toml
-from taichi_cloth.scene.model import Key, Keyframes, Mesh, Part, Round, Vec3, keys_of, parts
+from taichi_cloth.scene.model import (
+    GRID_KEYS,
+    Cloth,
+    Key,
+    Keyframes,
+    Maps,
+    Mesh,
+    Part,
+    Region,
+    Round,
+    Vec3,
+    keys_of,
+    parts,
+)
 
 Write = Callable[[str | bytes], Path]
 
@@ -48,6 +61,7 @@ def tables(section: type, **more: Any) -> st.SearchStrategy[Any]:
 
 # A mesh must be there, and distances to it must fit into the memory.
 MESHES = {"file": st.just("bust"), "scale": st.just(1.5), "resolution": st.integers(4, 32), "margin": st.just(0.01)}
+FILES = {Mesh: MESHES, Cloth: {"file": st.just("")}, Maps: {"pin": st.just(""), "stiffness": st.just("")}}
 
 
 def possible(section: Any) -> Any:
@@ -58,7 +72,9 @@ def possible(section: Any) -> Any:
 
 
 def sections(part: Part) -> st.SearchStrategy[Any]:
-    one = tables(part.section, **(MESHES if part.section is Mesh else {})).map(possible)
+    one = tables(part.section, **FILES.get(part.section, {})).map(possible)
+    if part.section is Region:
+        return st.lists(one, max_size=3, unique_by=lambda region: region.name).map(tuple)
     if part.many:
         return st.lists(one, max_size=3).map(tuple)
     return st.none() | one if part.optional else one
@@ -86,12 +102,21 @@ def test_shipped_scenes_survive_being_written(write: Write, name: str) -> None:
     assert replace(load_scene(write(scene_to_toml(scene))), name=name) == scene
 
 
+def test_a_cloth_from_a_file_is_written_without_the_keys_of_a_grid(write: Write) -> None:
+    scene = load_scene(write('[cloth]\nfile = "bust"\nscale = 2.0\npins = [7]\n'))
+    text = scene_to_toml(scene)
+    assert load_scene(write(text)) == scene
+    assert '\nfile = "bust"\nscale = 2.0  # m\n' in text
+    assert not any(f"\n{key} = " in text.partition("[springs]")[0] for key in GRID_KEYS)
+
+
 def test_every_key_is_written_with_its_unit() -> None:
     text = scene_to_toml(load_scene("table", wind_x=3))
     assert "\n[wind]\nx = 3.0  # m/s\n" in text
     assert text.count("[[boxes]]") == 3
     for part in parts().values():
-        left_out = ("limit", "tethers", "tear", "grips", "capsules", "planes", "meshes", "self_collision")
+        left_out = ("limit", "regions", "maps", "tethers", "tear", "grips", "capsules", "planes", "meshes")
+        left_out += ("self_collision",)
         assert (f"[{part.name}]" in text) == (part.name not in left_out)
         assert f"[{part.name}]" not in text or all(f"\n{key} = " in text for key in keys_of(part.section))
 
