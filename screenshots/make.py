@@ -23,6 +23,7 @@ import taichi_cloth as tc
 from taichi_cloth.interact.camera import OrbitCamera
 from taichi_cloth.scene import scene_names
 from taichi_cloth.view.draw_list import VIEWS, DrawList
+from taichi_cloth.view.legend import stamp
 from taichi_cloth.view.png import write_png
 from taichi_cloth.view.raster import Raster
 
@@ -52,7 +53,8 @@ def pictures(name: str, size: tuple[int, int], view: str = "shaded", hand: bool 
         draw_list = DrawList(simulation)
         while True:
             mesh = draw_list.update(view, camera.eye)
-            yield raster.draw(mesh, camera.view_projection(size[0] / size[1]), draw_list.lighting)
+            picture = raster.draw(mesh, camera.view_projection(size[0] / size[1]))
+            yield stamp(picture) if view == "strain" else picture
             if hand:
                 pull(simulation)
                 camera.orbit(-0.00018, 0.0)

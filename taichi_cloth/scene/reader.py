@@ -149,8 +149,8 @@ def _with_preset(scene: Scene, data: dict[str, Any], file: str) -> Scene:
     for name, numbers in given.items():
         section = getattr(scene, name)
         missing = {key: value for key, value in numbers.items() if key not in data.get(name, {})}
-        keys = keys_of(type(section))
-        checked = {key: check_value(v, float, keys[key], file, f"{name}.{key}") for key, v in missing.items()}
+        keys, hints = keys_of(type(section)), hints_of(type(section))
+        checked = {key: check_value(v, hints[key], keys[key], file, f"{name}.{key}") for key, v in missing.items()}
         filled[name] = replace(section, **checked)
     return replace(scene, **filled)
 

@@ -25,6 +25,7 @@ from ..scene import scene_to_toml
 from ..simulation import Simulation
 from .contact_sheet import contact_sheet
 from .draw_list import DrawList
+from .legend import stamp
 from .png import write_png
 from .raster import Raster
 
@@ -151,7 +152,9 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
                 if rest == 0 and (picture in in_sheet or not plan.path(picture).exists()):
                     start = time.perf_counter()
                     mesh = draw_list.update(plan.view, camera.eye)
-                    pixels = raster.draw(mesh, view_projection, draw_list.lighting)
+                    pixels = raster.draw(mesh, view_projection)
+                    if plan.view == "strain":
+                        stamp(pixels)
                     line["draw_ms"] = round(1e3 * (time.perf_counter() - start), 3)
                     if picture in in_sheet:
                         sheet.append(pixels)
