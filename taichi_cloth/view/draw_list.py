@@ -164,7 +164,7 @@ class DrawList:
         return [draw_bodies.coloured(*solids.cylinder(left - overhang, right + overhang, radius), POLE)]
 
     def _floor(self, distance: float) -> list[draw_bodies.Soup]:
-        """The floor, and a faint grid of lines about an eighth of the way to the eye apart, in whole 1, 2 or 5 times."""
+        """The floor, and a faint grid of lines an eighth of the way to the eye apart or somewhat less."""
         if self.simulation.scene.ground is None:
             return []
         middle, lift = self._floor_middle(), np.array([0.0, 1e-3 * distance, 0.0])

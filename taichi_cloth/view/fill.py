@@ -68,6 +68,13 @@ def strain_colour(strain: float) -> tm.vec3:
 
 
 @ti.kernel
+def strain_colours(strain: numbers, colour: points):
+    """The colour of each of some strains."""
+    for k in range(strain.shape[0]):
+        colour[k] = strain_colour(strain[k])
+
+
+@ti.kernel
 def particle_strains(cloth: ti.template(), strain: ti.template(), springs: int):
     """At every particle the strain of largest size among the first `springs` springs that meet there."""
     ti.loop_config(serialize=True)

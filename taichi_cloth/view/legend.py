@@ -1,13 +1,12 @@
-"""The scale beside the view `strain`: a bar of its colours and the strains they stand for, in pictures and in the window."""
+"""The scale beside the view `strain`, in pictures and in the window: its colours and the strains they stand for."""
 
 from typing import Any
 
 import numpy as np
 import taichi as ti
-import taichi.math as tm
 from numpy.typing import NDArray
 
-from .fill import FULL_STRAIN, strain_colour
+from .fill import FULL_STRAIN, strain_colours
 from .lettering import HEIGHT, text_rectangles, text_width
 
 UNIT = 1 / 216  # of the picture's height: a pixel of a letter
@@ -18,12 +17,6 @@ INK = (0.22, 0.23, 0.25)
 Rectangles = NDArray[np.float64]
 
 
-@ti.kernel
-def _colours(strain: ti.types.ndarray(dtype=ti.f32, ndim=1), colour: ti.types.ndarray(dtype=tm.vec3, ndim=1)):
-    for k in range(strain.shape[0]):
-        colour[k] = strain_colour(strain[k])
-
-
 def rectangles() -> tuple[Rectangles, Rectangles]:
     """Rows of left, top, width and height, and their colours (N, 3).
 
@@ -31,7 +24,7 @@ def rectangles() -> tuple[Rectangles, Rectangles]:
     """
     strains = np.linspace(FULL_STRAIN, -FULL_STRAIN, STEPS, dtype=np.float32)
     colours = np.zeros((STEPS, 3), np.float32)
-    _colours(strains, colours)
+    strain_colours(strains, colours)
     left, step = -MARGIN - BAR_WIDTH, BAR_HEIGHT / STEPS
     tops = step * np.arange(STEPS) - BAR_HEIGHT / 2
     bar = [(left, top, BAR_WIDTH, step) for top in tops]

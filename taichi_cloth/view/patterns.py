@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from ..mesh.topology import Topology
 from ..scene.model import Look
 
 Shares = NDArray[np.float64]  # at each corner, (T, 3): 0 the first colour, 1 the second
-Places = NDArray[np.int64]
+Places = NDArray[np.signedinteger[Any]]
 
 BLEACHED = 0.55  # share of the second colour where only one thread of a gingham is dyed
 WALE = 0.5  # the same in the valleys of a twill
@@ -55,15 +56,17 @@ def _gingham(cells: Places, rows: Places, columns: Places, n: int) -> Shares:
 
 def _twill(cells: Places, rows: Places, columns: Places, n: int) -> Shares:
     """Diagonal ridges, 2·n cells apart."""
-    return WALE * np.abs((rows + columns) % (2 * n) - n) / n
+    share: Shares = WALE * np.abs((rows + columns) % (2 * n) - n) / n
+    return share
 
 
 def _ring(cells: Places, rows: Places, columns: Places, n: int) -> Shares:
     """A bright spot at every second particle each way."""
-    return ((rows % 2 == 0) & (columns % 2 == 0)).astype(float)
+    share: Shares = ((rows % 2 == 0) & (columns % 2 == 0)).astype(float)
+    return share
 
 
-def _flat(share: NDArray[np.generic]) -> Shares:
+def _flat(share: NDArray[Any]) -> Shares:
     """The same on all corners of a triangle."""
     return np.repeat(np.asarray(share, float)[:, None], 3, axis=1)
 

@@ -1,7 +1,7 @@
 """Draws triangles without window, display or Vulkan: a z-buffer rasteriser in Taichi.
 
 Three kernels make a picture. `place` projects the triangles, `cover` leaves in every sample the nearest of them;
-`resolve` walks the pixels and mixes the colours of each triangle it meets there once. A pixel has one sample, or four on
+`resolve` walks the pixels and mixes the colours of each triangle it meets there. A pixel has one sample, or four on
 a rotated grid: edges near the horizontal or the vertical then get five grey levels (a square grid: three).
 Colours come with their light, as in Taichi's own window (GGUI), so a scene looks the same in both.
 
@@ -55,9 +55,7 @@ class Raster:
         self._depths = np.empty((triangles, 4, 2), np.float32)
         self._paint = np.empty((triangles, 4, 3), np.float32)
 
-    def draw(
-        self, triangles: DrawMesh, view_projection: np.ndarray, background: Vec3 = BACKGROUND
-    ) -> np.ndarray:
+    def draw(self, triangles: DrawMesh, view_projection: np.ndarray, background: Vec3 = BACKGROUND) -> np.ndarray:
         """The picture as uint8 of shape (height, width, 3), row 0 on top.
 
         `view_projection`, shape (4, 4), acts on columns: clip = view_projection @ (x, y, z, 1). Clip w must be
@@ -73,7 +71,17 @@ class Raster:
             self._make_room(triangles.position.shape[0] // 3)
         picture = np.empty((self.height, self.width, 3), np.uint8)
 
-        place(triangles.position, triangles.colour, count, camera, self.samples, self._rows, self._corners, self._depths, self._paint)
+        place(
+            triangles.position,
+            triangles.colour,
+            count,
+            camera,
+            self.samples,
+            self._rows,
+            self._corners,
+            self._depths,
+            self._paint,
+        )
         cover(count, self._rows, self._corners, self._depths, self._sample_x, self._nearest)
         resolve(self._paint, self._nearest, self._sample_x, tm.vec3(background), picture)
         return picture
@@ -119,7 +127,9 @@ def place(
             a, b, c = p.xy / p.z, q.xy / q.z, r.xy / r.z
             if is_within_reach(a) and is_within_reach(b) and is_within_reach(c):
                 near = 1.0 / tm.vec3(p.z, q.z, r.z)
-                place_triangle(t, on_grid(a), on_grid(b), on_grid(c), near, colour, samples, rows, corners, depths, paint)
+                place_triangle(
+                    t, on_grid(a), on_grid(b), on_grid(c), near, colour, samples, rows, corners, depths, paint
+                )
 
 
 @ti.func

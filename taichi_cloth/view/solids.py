@@ -66,7 +66,7 @@ def box(center: Corners, size: Corners) -> tuple[Corners, Corners]:
 
 
 def floor(middle: Corners, reach: float, cells: int = 80) -> Corners:
-    """A level square around `middle` (3,) that ends `reach` [m] from it, finer towards the middle, where shadows fall."""
+    """A level square around `middle` (3,) that ends `reach` [m] from it, finer where shadows fall."""
     u = np.linspace(-1, 1, cells + 1)
     line = reach * (0.25 * u + 0.75 * u**5)
     x, z = np.meshgrid(middle[0] + line, middle[2] + line)

@@ -54,7 +54,7 @@ def floor_under(mesh: object, x: float, z: float) -> float:
 
 
 def test_the_cloth_throws_its_shadow_away_from_the_lamp() -> None:
-    """The lamp stands at the left, above and in front: at 0.72 m a metre down, light goes 0.46 m right and 0.52 m back."""
+    """The lamp is at the left, above and in front: in falling by 0.72 m, light goes 0.46 m right and 0.52 m back."""
     with Simulation(load_scene("curtain")) as simulation:
         draw_list = DrawList(simulation)
         mesh = draw_list.update("shaded", EYE)
