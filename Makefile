@@ -16,7 +16,8 @@ endif
 BOUNDS := tests/kernels tests/contact
 
 # The shipped scenes, for documents.
-SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack twist tear
+SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack twist tear \
+	sphere flag sail hammock cape banner
 
 help:
 	@echo "make run    open the cloth (without a screen: render 240 frames to out/curtain)"

@@ -22,13 +22,21 @@ from PIL import Image
 import taichi_cloth as tc
 from taichi_cloth.interact.camera import OrbitCamera
 from taichi_cloth.scene import scene_names
+from taichi_cloth.view.contact_sheet import contact_sheet
 from taichi_cloth.view.draw_list import VIEWS, DrawList
+from taichi_cloth.view.legend import stamp
 from taichi_cloth.view.png import write_png
 from taichi_cloth.view.raster import Raster
 
 HERE = Path(__file__).parent
 STILL_FRAME = {  # the moment shown, in frames of 1/60 s
+    "banner": 250,
+    "cape": 122,
     "drape15": 150,
+    "flag": 62,
+    "hammock": 240,
+    "sail": 170,
+    "sphere": 130,
     "table": 150,
     "slope": 185,
     "fast-ball": 57,
@@ -40,22 +48,22 @@ STILL_FRAME = {  # the moment shown, in frames of 1/60 s
     "responses": 240,
 }
 DEFAULT_STILL_FRAME = 85
+GALLERY = HERE.parent / "docs" / "gallery.md"
+THUMBNAIL = 3  # times smaller than a still
 PULL = (330, 450)  # first and last frame of the pull in the animation
 
 
-def pictures(name: str, size: tuple[int, int], view: str = "shaded", hand: bool = False) -> Iterator[np.ndarray]:
-    """The scene frame after frame; with a `hand`, the camera drifts by and the cloth is pulled once."""
+def pictures(name: str, size: tuple[int, int]) -> Iterator[np.ndarray]:
+    """The scene frame after frame, while the camera drifts by and a hand pulls the cloth once."""
     scene = tc.load_scene(name)
-    camera = OrbitCamera.from_scene(scene.camera)
-    raster = Raster(*size)
+    camera, raster = OrbitCamera.from_scene(scene.camera), Raster(*size)
     with tc.Simulation(scene) as simulation:
         draw_list = DrawList(simulation)
         while True:
-            mesh = draw_list.update(view, camera.eye)
-            yield raster.draw(mesh, camera.view_projection(size[0] / size[1]), draw_list.lighting)
-            if hand:
-                pull(simulation)
-                camera.orbit(-0.00018, 0.0)
+            mesh = draw_list.update("shaded", camera.eye)
+            yield raster.draw(mesh, camera.view_projection(size[0] / size[1]))
+            pull(simulation)
+            camera.orbit(-0.00018, 0.0)
             simulation.advance_frame()
 
 
@@ -73,9 +81,26 @@ def pull(simulation: tc.Simulation) -> None:
         simulation.release()
 
 
-def still(name: str, view: str = "shaded") -> np.ndarray:
-    moment = STILL_FRAME.get(name, DEFAULT_STILL_FRAME)
-    return next(picture for k, picture in enumerate(pictures(name, (960, 540), view)) if k == moment)
+def still(name: str, view: str = "shaded", size: tuple[int, int] = (960, 540)) -> np.ndarray:
+    """The scene at its moment."""
+    scene = tc.load_scene(name)
+    camera = OrbitCamera.from_scene(scene.camera)
+    with tc.Simulation(scene) as simulation:
+        for _ in range(STILL_FRAME.get(name, DEFAULT_STILL_FRAME)):
+            simulation.advance_frame()
+        draw_list = DrawList(simulation)
+        mesh = draw_list.update(view, camera.eye)
+        picture = Raster(*size).draw(mesh, camera.view_projection(size[0] / size[1]))
+        draw_list.close()
+    return stamp(picture) if view == "strain" else picture
+
+
+def gallery(names: list[str]) -> None:
+    """The page that shows every scene, from its title and its thumbnail."""
+    rows = [f"| [![{n}](gallery/{n}.png)](../screenshots/{n}.png) | `{n}` | {tc.load_scene(n).title} |" for n in names]
+    what = "Every shipped scene, each there for one idea: `taichi-cloth run NAME`. `make screenshots` wrote this."
+    head = f"# Gallery\n\n{what}\n"
+    GALLERY.write_text("\n".join([head, "| | scene | what it shows |", "|---|---|---|", *rows, ""]), encoding="utf-8")
 
 
 def window(moment: int) -> np.ndarray:
@@ -102,9 +127,14 @@ def window(moment: int) -> np.ndarray:
 
 def main() -> None:
     tc.start()
-    for name in scene_names():
-        write_png(HERE / f"{name}.png", still(name))
+    names = scene_names()
+    GALLERY.with_suffix("").mkdir(exist_ok=True)
+    for name in names:
+        picture = still(name)
+        write_png(HERE / f"{name}.png", picture)
+        write_png(GALLERY.with_suffix("") / f"{name}.png", contact_sheet([picture], 1, THUMBNAIL, gap=0))
         print(f"{name}.png")
+    gallery(names)
     for view in VIEWS[1:]:
         write_png(HERE / f"view_{view}.png", still("curtain", view))
         print(f"view_{view}.png")
@@ -114,7 +144,7 @@ def main() -> None:
     else:
         print("window.png is left as it is: Xvfb is not installed")
     # 10 s of the curtain at 20 pictures a second.
-    frames = zip(range(600), pictures("curtain", (640, 360), hand=True), strict=False)
+    frames = zip(range(600), pictures("curtain", (640, 360)), strict=False)
     hero = [picture for k, picture in frames if k % 3 == 0]
     first, *rest = (Image.fromarray(picture) for picture in hero)
     first.save(HERE / "hero.webp", save_all=True, append_images=rest, duration=50, loop=0, quality=60, method=4)

@@ -127,8 +127,7 @@ def test_pictures_show_what_is_left() -> None:
         draw_list.close()
         lost = simulation._tear.whole.triangle_count - simulation.topology.triangle_count
         assert lost > 0
-        shares = 1  # no floor, no shadow
-        assert whole["shaded"] - left["shaded"] == 3 * shares * lost
+        assert whole["shaded"] - left["shaded"] == 3 * lost
         assert left["wireframe"] < whole["wireframe"]
         assert left["particles"] == whole["particles"]
 

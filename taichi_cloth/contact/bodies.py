@@ -92,9 +92,10 @@ def pose(body: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
         return np.array([0.0, body.height, 0.0]), np.eye(3)
     center = np.array(body.center)
     axes = rotation_matrix(body.rotation) if isinstance(body, Collider) else np.eye(3)
-    if any(body.sway):
-        angle = 2 * np.pi * seconds / np.array(body.period) + np.radians(body.phase)
-        center = center + np.array(body.sway) * np.sin(angle)
+    if any(body.sway) or any(body.rock):
+        wave = np.sin(2 * np.pi * seconds / np.array(body.period) + np.radians(body.phase))
+        center = center + np.array(body.sway) * wave
+        axes = rotation_matrix(tuple(np.array(body.rock) * wave)) @ axes
     if body.path:
         rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in body.path])
         offset = np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
@@ -239,4 +240,4 @@ def meets_triangles(collider: Collider | Ground) -> bool:
 
 def is_still(body: Motion | Ground) -> bool:
     """Whether it never moves."""
-    return isinstance(body, Ground) or not (any(body.sway) or any(body.spin) or body.path)
+    return isinstance(body, Ground) or not (any(body.sway) or any(body.rock) or any(body.spin) or body.path)

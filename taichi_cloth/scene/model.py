@@ -35,6 +35,7 @@ USUAL = {
     "projective": (20, 10),
 }
 SOLVER_NAMES = tuple(USUAL)
+PATTERN_NAMES = ("plain", "check", "stripe", "gingham", "twill", "ring")  # view/patterns.py
 PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
 
 
@@ -247,13 +248,16 @@ class Contact:
 class Motion:
     """How a body goes: its middle is at center + sway·sin(2π·t/period + phase), and where `path` leads.
 
-    It is turned as `path` says, then at the rate `spin` about its middle.
+    It rocks in time with that about x, y and z, is turned as `path` says, then at the rate `spin`: about its middle.
     """
 
     center: Vec3 = _key((0.0, 1.0, 0.0), "middle of its path", "m", low=-1e5, high=1e5)
     sway: Vec3 = _key((0.0, 0.0, 0.0), "reach of its path along x, y, z", "m", low=-1000.0, high=1000.0)
     period: Vec3 = _key((8.0, 8.0, 8.0), "time of one sway along x, y, z", "s", low=0.01, high=1e6)
     phase: Vec3 = _key((0.0, 0.0, 0.0), "where on its path it starts", "degrees", low=-360.0, high=360.0)
+    rock: Vec3 = _key(
+        (0.0, 0.0, 0.0), "reach of its turning to and fro about x, y, z", "degrees", low=-360.0, high=360.0
+    )
     # Two poses a frame apart tell of less than half a turn, 10,800 degrees/s (`contact/bodies.turn_between`). Along all
     # three axes at once, 6000 degrees/s are 10,392.
     spin: Vec3 = _key((0.0, 0.0, 0.0), "how fast it turns, about which axis", "degrees/s", low=-6000.0, high=6000.0)
@@ -362,11 +366,18 @@ class Camera:
 
 @dataclass(frozen=True)
 class Look:
-    """Colours; nothing here changes the motion."""
+    """Colours; nothing here changes the motion. A fabric preset brings its own."""
 
-    cloth: str = _key("#b5303c", "first colour of the checks", colour=True)
-    check: str = _key("#e9dcc3", "second colour of the checks", colour=True)
-    check_cells: int = _key(3, "cells to a check; on a mesh file checks are rings of so many edges", low=1, high=2048)
+    cloth: str = _key("#b5303c", "first colour of the pattern", colour=True)
+    check: str = _key("#e9dcc3", "second colour of the pattern", colour=True)
+    check_cells: int = _key(
+        3,
+        "cells to a check, a stripe or half a twill's repeat; on a mesh file rings of so many edges",
+        low=1,
+        high=2048,
+    )
+    pattern: str = _key("check", "how both colours are woven", choices=PATTERN_NAMES)
+    sheen: float = _key(0.08, "how brightly the cloth gleams where it reflects the lamp", low=0.0, high=1.0)
     pole: bool = _key(False, "draw a pole along the top edge")
 
 

@@ -16,12 +16,14 @@ from .model import PRESET_NAMES, Cloth, Scene
 
 _MEASURED = ("area_density", "warp", "weft", "bias", "bending", "damping")
 _SHARES = ("structural", "shear", "bend")
+_LOOK = ("cloth", "check", "check_cells", "pattern", "sheen")
 
 # The keys of a scene that a fabric fills, by section.
 FILLED = {
     "cloth": ("area_density",),
     "fabric": ("warp", "weft", "shear", "bend", "bending", "damping_time"),
     "springs": _SHARES,
+    "look": _LOOK,
 }
 
 
@@ -45,6 +47,7 @@ class Preset:
     structural: float  # 0…1
     shear: float  # 0…1
     bend: float  # 0…1
+    look: dict[str, Any]  # keys of a scene's [look]
     sources: dict[str, str]
 
 
@@ -55,16 +58,16 @@ def load_preset(name: str) -> Preset:
     path = asset_folder() / "presets" / f"{name}.toml"
     file = str(path)
     data = tomllib.loads(path.read_text(encoding="utf-8"))
-    expected = {"title", "springs", *_MEASURED}
+    expected = {"title", "springs", "look", *_MEASURED}
     if set(data) != expected:
         raise SceneError(file, "", f"a fabric has {', '.join(sorted(expected))}, not {', '.join(sorted(data))}")
     numbers = {key: _number(data[key], "value", file, key) for key in _MEASURED}
     shares = {key: _number(data["springs"], key, file, "springs", most=1.0) for key in _SHARES}
     sources = {key: _source(data[key], file, key) for key in (*_MEASURED, "springs")}
-    return Preset(name, str(data["title"]), **numbers, **shares, sources=sources)
+    return Preset(name, str(data["title"]), **numbers, **shares, look=_look(data["look"], file), sources=sources)
 
 
-def preset_keys(preset: Preset, cloth: Cloth) -> dict[str, dict[str, float]]:
+def preset_keys(preset: Preset, cloth: Cloth) -> dict[str, dict[str, Any]]:
     """What the fabric sets in a scene with this grid: section → key → value.
 
     Of one diagonal a cell each spring stands for two. The sheet resists bending itself and needs no springs for it.
@@ -83,6 +86,7 @@ def preset_keys(preset: Preset, cloth: Cloth) -> dict[str, dict[str, float]]:
             "damping_time": preset.damping,
         },
         "springs": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
+        "look": preset.look,
     }
 
 
@@ -140,6 +144,12 @@ def _number(table: Any, key: str, file: str, where: str, most: float = 1e9) -> f
     if not fine:
         raise SceneError(file, f"{where}.{key}", f"a number above 0 and up to {most:g} is needed, not {shown(value)}")
     return float(value)  # type: ignore[arg-type]
+
+
+def _look(table: Any, file: str) -> dict[str, Any]:
+    if not isinstance(table, dict) or set(table) != set(_LOOK):
+        raise SceneError(file, "look", f"a fabric's look has {', '.join(_LOOK)}")
+    return table
 
 
 def _source(table: Any, file: str, where: str) -> str:

@@ -172,8 +172,9 @@ def _with_preset(scene: Scene, data: dict[str, Any], file: str) -> Scene:
     for name, numbers in given.items():
         section = getattr(scene, name)
         missing = {key: value for key, value in numbers.items() if key not in data.get(name, {})}
-        keys = keys_of(type(section))
-        checked = {key: check_value(v, float, keys[key], file, f"{name}.{key}") for key, v in missing.items()}
+        kind: type = type(section)
+        keys, hints = keys_of(kind), hints_of(kind)
+        checked = {key: check_value(v, hints[key], keys[key], file, f"{name}.{key}") for key, v in missing.items()}
         filled[name] = replace(section, **checked)
     return replace(scene, **filled)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..interact.camera import OrbitCamera
 from ..view.draw_list import DrawList
+from ..view.legend import stamp
 from ..view.png import write_png
 from ..view.raster import Raster
 from .trial import Trial
@@ -24,9 +25,9 @@ def picture(trial: Trial, path: Path) -> bool:
     draw_list = DrawList(simulation)
     try:
         mesh = draw_list.update("strain", camera.eye)
-        pixels = Raster(WIDTH, HEIGHT).draw(mesh, camera.view_projection(WIDTH / HEIGHT), draw_list.lighting)
+        pixels = Raster(WIDTH, HEIGHT).draw(mesh, camera.view_projection(WIDTH / HEIGHT))
     finally:
         draw_list.close()
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_png(path, pixels)
+    write_png(path, stamp(pixels))
     return True

@@ -14,7 +14,7 @@ from . import solids
 Floats = NDArray[np.float32]
 Soup = tuple[Floats, Floats, Floats]  # positions, normals and colours of its corners, each (3·T, 3)
 
-BLOCK, BAR, SLOPE, SOLID = (0.62, 0.48, 0.36), (0.40, 0.36, 0.52), (0.74, 0.76, 0.72), (0.80, 0.77, 0.70)
+BLOCK, BAR, SLOPE, SOLID = (0.66, 0.52, 0.38), (0.47, 0.40, 0.34), (0.70, 0.72, 0.70), (0.80, 0.77, 0.71)
 
 
 def split(bodies: list[Body]) -> tuple[list[Body], list[int]]:

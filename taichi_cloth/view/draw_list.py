@@ -1,4 +1,4 @@
-"""What a picture of a running scene is made of: one triangle soup, one light. Window and rasteriser draw it alike."""
+"""What a picture of a running scene is made of: one triangle soup, lit. Window and rasteriser draw it alike."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from ..simulation import Simulation
 from ..state.pool import Pool
-from . import draw_bodies, fill, solids
+from . import draw_bodies, fill, lighting, shadow, solids
 from .draw_mesh import DrawMesh
-from .lighting import studio
+from .patterns import pattern_colours, rgb
 
 VIEWS = ("shaded", "strain", "wireframe", "particles")
 
-FLOOR = (0.97, 0.98, 1.0)
-TILES = 40  # along each side of the floor
-TILE_TINTS = np.array([1.0, 0.965])  # a faint chequer
-POLE, BALL = (0.42, 0.30, 0.20), (0.30, 0.42, 0.56)
+FLOOR, LINE = (0.925, 0.92, 0.91), (0.845, 0.84, 0.83)
+POLE, BALL = (0.36, 0.24, 0.15), (0.13, 0.35, 0.50)
+GLOSS = 0.35  # of bodies; a cloth has its own
+READ = 0.45  # share of light and shade that is left in the colours of strain
 PINNED, HELD = (0.85, 0.45, 0.10), (1.0, 0.80, 0.20)
 FAMILY_COLOURS = {"structural": (0.16, 0.33, 0.55), "shear": (0.62, 0.44, 0.24), "bend": (0.5, 0.5, 0.5)}
 
@@ -34,7 +34,7 @@ class ParticleLook:
 
 
 def _allocate_mesh(corners: int) -> DrawMesh:
-    return DrawMesh(*(ti.Vector.field(3, ti.f32, corners) for _ in range(3)))
+    return DrawMesh(*(ti.Vector.field(3, ti.f32, corners) for _ in range(4)))
 
 
 def _allocate_look(particles: int) -> ParticleLook:
@@ -43,44 +43,47 @@ def _allocate_look(particles: int) -> ParticleLook:
 
 _meshes = Pool(_allocate_mesh)
 _looks = Pool(_allocate_look)
+_shadows: Pool[Any] = Pool(lambda: ti.field(ti.i32, (shadow.SIDE, shadow.SIDE)))
 
 
 class DrawList:
     """The draw mesh of one simulation; `update(view)` brings it up to date. Close it before the simulation.
 
-    Corners in order: what stands still, what moves, balls, their shadows, the cloth's shadow, the cloth. All but
-    the cloth is lit on one side.
+    Corners in order: the floor, what stands still, what moves, balls, the cloth.
     """
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
         scene, topology = simulation.scene, simulation.topology
         distance = float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
-        self.lighting = studio(scene.camera.target, distance)
         self._ball = solids.unit_sphere().astype(np.float32)
         self._ball_count = len(scene.spheres) + 1  # the last one marks the held particle
         self._grain = float(topology.rest.mean()) if topology.spring_count else 0.1  # [m] a typical spring
-        self._floor = self._floor_table(distance)
+        self._shadow_frame = ti.math.vec4(*scene.camera.target, 0.95 * distance)
+        self._reach = 2.4 * distance  # [m] where the floor ends
 
         bodies = simulation.bodies()
         standing, self._moving = draw_bodies.split(bodies)
         self._soups = [draw_bodies.soup(bodies[k]) for k in self._moving]
         still = [*self._pole(), *(draw_bodies.posed(body, draw_bodies.soup(body)) for body in standing)]
-        floor = self._floor_corners()
-        self._shares = 1 if scene.ground is None else 2  # a body and, on a floor, its shadow
-        self._first_moving = len(floor[0]) + self._shares * sum(len(p) for p, _, _ in still)
-        self._first_ball = self._first_moving + self._shares * sum(len(p) for p, _, _ in self._soups)
-        self._first_shadow = self._first_ball + self._shares * self._ball_count * len(self._ball)
+        floor = self._floor(distance)
+        self._first_solid = sum(len(p) for p, _, _ in floor)
+        self._first_moving = self._first_solid + sum(len(p) for p, _, _ in still)
+        self._first_ball = self._first_moving + sum(len(p) for p, _, _ in self._soups)
+        self._first_cloth = self._first_ball + self._ball_count * len(self._ball)
         self._weave()
-        self.mesh = _meshes.take(self._first_shadow + self._shares * max(self._cloth_corners.values()))
+        self.mesh = _meshes.take(self._first_cloth + max(self._cloth_corners.values()))
+        self.mesh.solids_from, self.mesh.cloth_from = self._first_solid, self._first_cloth
         self._look = _looks.take(topology.particle_count)
-        fill.fill_floor(self.mesh, 0, *floor, self._floor)
-        self._fill_bodies(len(floor[0]), still)
+        self._shadow = _shadows.take()
+        self._fill_bodies(0, floor)
+        self._fill_bodies(self._first_solid, still)
 
     def close(self) -> None:
         """Gives the fields back for the next draw list."""
         _meshes.give_back(self.mesh)
         _looks.give_back(self._look)
+        _shadows.give_back(self._shadow)
 
     def update(self, view: str, eye: tuple[float, float, float]) -> DrawMesh:
         """Writes the scene as it is now, seen from `eye` [m], in one of `VIEWS`."""
@@ -91,8 +94,8 @@ class DrawList:
         bodies = simulation.bodies() if self._moving else []
         moved = [draw_bodies.posed(bodies[k], soup) for k, soup in zip(self._moving, self._soups, strict=True)]
         self._fill_bodies(self._first_moving, moved)
-        corners = self._cloth_corners[view]
-        first = self._first_shadow + (self._shares - 1) * corners
+        first = self._first_cloth
+        mesh.corners = first + self._cloth_corners[view]
         fill.particle_normals(cloth, self._look.normal)
         if view == "shaded":
             fill.fill_weave(cloth, mesh, self._look.normal, first, self._triangle_colours)
@@ -104,12 +107,24 @@ class DrawList:
             width = 0.06 * self._grain
             fill.fill_springs(cloth, mesh, first, ti.math.vec3(*eye), width, self._drawn_springs, self._spring_colours)
         else:
-            free = ti.math.vec3(*_rgb(simulation.scene.look.cloth))
+            free = ti.math.vec3(*rgb(simulation.scene.look.cloth))
             fill.fill_particles(cloth, mesh, first, 0.22 * self._grain, free, ti.math.vec3(*PINNED))
-        self._shadow(self._first_shadow, first, corners)
-        mesh.two_sided_from = first
-        mesh.corners = first + corners
+        self._light(view, ti.math.vec3(*eye))
         return mesh
+
+    def _light(self, view: str, eye: Any) -> None:
+        """Casts the lamp's shadow and lights every corner."""
+        mesh, dark, frame = self.mesh, self._shadow, self._shadow_frame
+        shadow.clear(dark)
+        shadow.cast(mesh, self._first_solid, mesh.corners, dark, frame)
+        middle = ti.math.vec3(*self._floor_middle())
+        lighting.light_floor(mesh, self._first_solid, dark, frame, middle, self._reach)
+        lighting.light_solids(mesh, self._first_solid, self._first_cloth, GLOSS, eye, dark, frame)
+        if view in ("shaded", "strain"):
+            gloss, contrast = (self.simulation.scene.look.sheen, 1.0) if view == "shaded" else (0.0, READ)
+            lighting.light_cloth(mesh, self._first_cloth, mesh.corners, gloss, contrast, eye, dark, frame)
+        else:
+            lighting.light_solids(mesh, self._first_cloth, mesh.corners, 0.0, eye, dark, frame)
 
     def _update_balls(self) -> None:
         """Spheres of the scene, and a small one at the held particle (without size while the hand is empty)."""
@@ -125,20 +140,12 @@ class DrawList:
         fill.fill_balls(
             self.mesh, self._first_ball, self._ball, np.array(centers, np.float32), np.array(radii, np.float32), colours
         )
-        corners = self._ball_count * len(self._ball)
-        self._shadow(self._first_ball + corners, self._first_ball, corners)
 
     def _fill_bodies(self, first: int, soups: list[draw_bodies.Soup]) -> None:
-        """Bodies one after another, each with its shadow."""
+        """Bodies one after another."""
         for positions, normals, colours in soups:
             fill.fill_body(self.mesh, first, positions, normals, colours)
-            self._shadow(first + len(positions), first, len(positions))
-            first += self._shares * len(positions)
-
-    def _shadow(self, first: int, source: int, corners: int) -> None:
-        """The shadow of a part of the mesh, where there is a floor to take it."""
-        if self.simulation.scene.ground is not None:
-            fill.fill_shadow(self.mesh, first, source, corners, self._floor)
+            first += len(positions)
 
     # -- what stands still -----------------------------------------------------------------------------
 
@@ -150,23 +157,23 @@ class DrawList:
         overhang, radius = 0.06 * (right - left), 0.012 * scene.cloth.width
         return [draw_bodies.coloured(*solids.cylinder(left - overhang, right + overhang, radius), POLE)]
 
-    def _floor_corners(self) -> tuple[Floats, Floats]:
+    def _floor(self, distance: float) -> list[draw_bodies.Soup]:
+        """The floor, and a faint grid of lines an eighth of the way to the eye apart or somewhat less."""
         if self.simulation.scene.ground is None:
-            return np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
-        reach, height = float(self._floor[fill.SIZES][fill.REACH]), float(self._floor[fill.CENTER][1])
-        x, _, z = self.simulation.scene.camera.target
-        corners, parity = solids.floor((x, z), height, 2 * reach / TILES, TILES)
-        return corners.astype(np.float32), TILE_TINTS[parity].astype(np.float32)
+            return []
+        middle, lift = self._floor_middle(), np.array([0.0, 1e-3 * distance, 0.0])
+        spacing = round_length(distance / 8)
+        parts = (
+            (solids.floor(middle, self._reach), FLOOR),
+            (solids.floor_lines(middle + lift, 0.6 * self._reach, spacing, 2e-3 * distance), LINE),
+        )
+        return [draw_bodies.coloured(c, np.broadcast_to([0.0, 1.0, 0.0], c.shape), colour) for c, colour in parts]
 
-    def _floor_table(self, distance: float) -> Floats:
-        """What the kernels must know of the floor and its light; rows as named in `fill.py`."""
-        scene, lighting = self.simulation.scene, self.lighting
-        height = scene.ground.height if scene.ground else 0.0
+    def _floor_middle(self) -> NDArray[np.float64]:
+        """The point of the floor below what the camera looks at."""
+        scene = self.simulation.scene
         x, _, z = scene.camera.target
-        rows = [FLOOR, lighting.background, lighting.ambient, (x, height, z), (2.2 * distance, 0.72, 1e-3 * distance)]
-        for light in lighting.lights:
-            rows += [light.position, light.colour]
-        return np.array(rows, np.float32)
+        return np.array([x, scene.ground.height if scene.ground else 0.0, z])
 
     # -- colours ---------------------------------------------------------------------------------------
 
@@ -176,7 +183,7 @@ class DrawList:
         counts = topology.family_counts
         self._structural = counts.get("structural", 0)
         self._drawn_springs = self._structural + counts.get("shear", 0)
-        self._triangle_colours = self._weave_colours()
+        self._triangle_colours = pattern_colours(topology, self.simulation.scene.look)
         self._spring_colours = self._family_colours()
         self._cloth_corners = {
             "shaded": 3 * topology.triangle_count,
@@ -185,13 +192,6 @@ class DrawList:
             "particles": 24 * topology.particle_count,
         }
 
-    def _weave_colours(self) -> Floats:
-        """Colour of every triangle, (T, 3): a chequer of `check_cells` cells."""
-        look = self.simulation.scene.look
-        check = (self.simulation.topology.cells // look.check_cells).sum(axis=1) % 2
-        colours: Floats = np.array([_rgb(look.cloth), _rgb(look.check)], np.float32)[check]
-        return colours
-
     def _family_colours(self) -> Floats:
         """Colour of every spring, (E, 3), by family."""
         topology = self.simulation.topology
@@ -199,7 +199,7 @@ class DrawList:
         return np.array(colours, np.float32).reshape(-1, 3)
 
 
-def _rgb(colour: str) -> tuple[float, float, float]:
-    """#rrggbb as three factors 0…1."""
-    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return red, green, blue
+def round_length(length: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(k * power for k in (1, 2, 5) if k * power <= length))

@@ -1,4 +1,4 @@
-"""Kernels that write bodies, the cloth in each of its views, and shadows into a draw mesh."""
+"""Kernels that write bodies and the cloth in each of its views into a draw mesh, without their light."""
 
 import taichi as ti
 import taichi.math as tm
@@ -8,66 +8,21 @@ from ..kernels.maths import TINY, triangle_area_normal
 points = ti.types.ndarray(dtype=tm.vec3, ndim=1)
 numbers = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
-# Rows of the floor's table, each a vec3; `draw_list.floor_table` writes it.
-ALBEDO, BACKGROUND, AMBIENT, CENTER, SIZES, LAMPS = 0, 1, 2, 3, 4, 5
-REACH, SHADE, LIFT = (
-    0,
-    1,
-    2,
-)  # components of SIZES: where the floor ends [m], light left in shadow, its height over the floor [m]
+FULL_STRAIN = 0.1  # where the colour of the view `strain` is full: Provot's limit
 
 
 @ti.func
-def put(mesh: ti.template(), corner: int, position: tm.vec3, normal: tm.vec3, colour: tm.vec3):
+def put(mesh: ti.template(), corner: int, position: tm.vec3, normal: tm.vec3, albedo: tm.vec3):
     mesh.position[corner] = position
     mesh.normal[corner] = normal
-    mesh.colour[corner] = colour
-
-
-@ti.func
-def floor_colour(p: tm.vec3, floor: ti.template(), albedo: tm.vec3) -> tm.vec3:
-    """Colour of the floor at p, such that once lit it fades into the background with distance."""
-    light = floor[AMBIENT]
-    for k in range((floor.shape[0] - LAMPS) // 2):
-        light += floor[LAMPS + 2 * k + 1] * tm.max((floor[LAMPS + 2 * k] - p).normalized()[1], 0.0)
-    away = (p - floor[CENTER]).norm() / floor[SIZES][REACH]
-    return tm.mix(albedo, floor[BACKGROUND] / light, tm.smoothstep(0.4, 0.95, away))
-
-
-@ti.func
-def put_shadow(mesh: ti.template(), corner: int, p: tm.vec3, floor: ti.template()):
-    """The shadow that a corner at p throws on the floor, seen from the first lamp.
-
-    A corner under the floor throws it straight up to the floor, so that no shadow grows without end.
-    """
-    lamp = floor[LAMPS]
-    height = floor[CENTER][1]
-    fall = tm.max(p[1] - height, 0.0) / tm.max(lamp[1] - p[1], 1e-3)
-    place = p + (p - lamp) * fall
-    place[1] = height + floor[SIZES][LIFT]
-    put(mesh, corner, place, tm.vec3(0.0, 1.0, 0.0), floor_colour(place, floor, floor[ALBEDO] * floor[SIZES][SHADE]))
+    mesh.albedo[corner] = albedo
 
 
 @ti.kernel
 def fill_body(mesh: ti.template(), first: int, position: points, normal: points, colour: points):
-    """A body that stands still; the arrays have one element for each corner."""
+    """A body where it is; the arrays have one element for each corner."""
     for k in range(position.shape[0]):
         put(mesh, first + k, position[k], normal[k], colour[k])
-
-
-@ti.kernel
-def fill_floor(mesh: ti.template(), first: int, position: points, tint: numbers, floor: points):
-    """The floor; `tint` lightens or darkens each corner's tile."""
-    for k in range(position.shape[0]):
-        albedo = floor[ALBEDO] * tint[k]
-        put(mesh, first + k, position[k], tm.vec3(0.0, 1.0, 0.0), floor_colour(position[k], floor, albedo))
-
-
-@ti.kernel
-def fill_shadow(mesh: ti.template(), first: int, source: int, corners: int, floor: points):
-    """The shadow of a part of the mesh: corners `source … source + corners`."""
-    for k in range(corners):
-        put_shadow(mesh, first + k, mesh.position[source + k], floor)
 
 
 @ti.kernel
@@ -95,21 +50,28 @@ def particle_normals(cloth: ti.template(), normal: ti.template()):
 
 @ti.kernel
 def fill_weave(cloth: ti.template(), mesh: ti.template(), normal: ti.template(), first: int, colour: points):
-    """View `shaded`: every triangle in the colour of its check."""
+    """View `shaded`: every corner of a triangle in its colour of the pattern, (3·T, 3)."""
     for t in range(cloth.triangle_count[None]):
         for k in ti.static(range(3)):
             i = cloth.triangles[t][k]
-            put(mesh, first + 3 * t + k, cloth.origin[None] + cloth.x[i], normal[i], colour[t])
+            put(mesh, first + 3 * t + k, cloth.origin[None] + cloth.x[i], normal[i], colour[3 * t + k])
 
 
 @ti.func
 def strain_colour(strain: float) -> tm.vec3:
-    """Blue where shortened, pale at rest, red where stretched; full colour at 10 % (Provot's limit)."""
-    depth = tm.clamp(ti.abs(strain) / 0.1, 0.0, 1.0)
+    """Blue where shortened, pale at rest, red where stretched; full colour at FULL_STRAIN."""
+    depth = tm.clamp(ti.abs(strain) / FULL_STRAIN, 0.0, 1.0)
     full = tm.vec3(0.80, 0.10, 0.12)
     if strain < 0.0:
         full = tm.vec3(0.13, 0.30, 0.75)
     return tm.mix(tm.vec3(0.90, 0.89, 0.86), full, ti.sqrt(depth))
+
+
+@ti.kernel
+def strain_colours(strain: numbers, colour: points):
+    """The colour of each of some strains."""
+    for k in range(strain.shape[0]):
+        colour[k] = strain_colour(strain[k])
 
 
 @ti.kernel

@@ -25,6 +25,7 @@ from ..simulation import Simulation
 from .contact_sheet import contact_sheet
 from .draw_list import DrawList
 from .png import write_png
+from .portrait import portrait
 from .raster import Raster
 
 SHEET_PICTURES, SHEET_COLUMNS = 12, 4
@@ -135,7 +136,6 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
     scene = simulation.scene
     report = Report(scene.name, scene.seed, scene_to_toml(scene), plan.settings(), machine())
     camera = OrbitCamera.from_scene(scene.camera)
-    view_projection = camera.view_projection(plan.width / plan.height)
     raster = Raster(plan.width, plan.height, plan.samples)
     draw_list = DrawList(simulation)
     guard = Guard(simulation)
@@ -149,8 +149,7 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
                 line = _line(simulation, k)
                 if rest == 0 and (picture in in_sheet or not plan.path(picture).exists()):
                     start = time.perf_counter()
-                    mesh = draw_list.update(plan.view, camera.eye)
-                    pixels = raster.draw(mesh, view_projection, draw_list.lighting)
+                    pixels = portrait(raster, draw_list, camera, plan.view)
                     line["draw_ms"] = round(1e3 * (time.perf_counter() - start), 3)
                     if picture in in_sheet:
                         sheet.append(pixels)

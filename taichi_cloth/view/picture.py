@@ -12,6 +12,7 @@ from ..interact.camera import OrbitCamera
 from ..simulation import Simulation
 from .draw_list import VIEWS, DrawList
 from .png import encode_png, write_png
+from .portrait import portrait
 from .raster import Raster
 
 
@@ -40,7 +41,6 @@ def picture(simulation: Simulation, width: int = 640, height: int = 360, view: s
     raster = Raster(width, height)
     draw_list = DrawList(simulation)
     try:
-        mesh = draw_list.update(view, camera.eye)
-        return Picture(raster.draw(mesh, camera.view_projection(width / height), draw_list.lighting))
+        return Picture(portrait(raster, draw_list, camera, view))
     finally:
         draw_list.close()

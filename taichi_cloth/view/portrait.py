@@ -1,4 +1,4 @@
-"""One picture of a running scene as a user looks at it, without the window."""
+"""One picture of a running scene, drawn without a window."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from copy import copy
 from ..interact.camera import OrbitCamera
 from .contact_sheet import Picture
 from .draw_list import DrawList
+from .legend import stamp
 from .raster import Raster
 
 
 def portrait(raster: Raster, draw_list: DrawList, camera: OrbitCamera, view: str) -> Picture:
-    """The scene as it is now; the target is in the middle, where no panel stands in the way."""
+    """The scene as it is now; the target is in the middle, where no panel stands in the way. Strains have their scale."""
     camera = copy(camera)
     camera.shift = 0.0
     mesh = draw_list.update(view, camera.eye)
-    return raster.draw(mesh, camera.view_projection(raster.width / raster.height), draw_list.lighting)
+    picture = raster.draw(mesh, camera.view_projection(raster.width / raster.height))
+    return stamp(picture) if view == "strain" else picture

@@ -9,6 +9,7 @@ from ..errors import WrongUse
 from ..interact.camera import OrbitCamera
 from ..simulation import Simulation
 from .draw_list import DrawList
+from .portrait import portrait
 from .raster import Raster
 
 SEAM = 2  # [pixels] between the halves
@@ -25,19 +26,12 @@ class TwoPictures:
         self._half = Raster((width - SEAM) // 2, height, samples)
         self._picture = np.full((height, width, 3), 255, np.uint8)
 
-    @property
-    def aspect(self) -> float:
-        """Width over height of a half."""
-        return self._half.width / self._half.height
-
     def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Picture:
         """The picture as uint8 of shape (height, width, 3); a new array each time."""
         picture = self._picture.copy()
         width = self._half.width
         for side, left in zip(sides, (0, picture.shape[1] - width), strict=True):
-            view_projection = camera.view_projection(self.aspect)
-            drawn = self._half.draw(side.update(view, camera.eye), view_projection, side.lighting)
-            picture[:, left : left + width] = drawn
+            picture[:, left : left + width] = portrait(self._half, side, camera, view)
         return picture
 
 

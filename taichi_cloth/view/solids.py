@@ -65,14 +65,23 @@ def box(center: Corners, size: Corners) -> tuple[Corners, Corners]:
     return np.concatenate(corners), np.concatenate(normals)
 
 
-def floor(center: tuple[float, float], height: float, tile: float, tiles: int) -> tuple[Corners, NDArray[np.int64]]:
-    """A level square of tiles × tiles tiles of side `tile` [m], and for each corner its tile's parity, (3·T,).
+def floor(middle: Corners, reach: float, cells: int = 80) -> Corners:
+    """A level square around `middle` (3,) that ends `reach` [m] from it, finer where shadows fall."""
+    u = np.linspace(-1, 1, cells + 1)
+    line = reach * (0.25 * u + 0.75 * u**5)
+    x, z = np.meshgrid(middle[0] + line, middle[2] + line)
+    return _grid_corners(np.stack([x, np.full_like(x, middle[1]), z], axis=-1))
 
-    It is cut into tiles for the rasteriser, which shares triangles out among threads and drops those
-    that reach behind the eye. Tiles lie on whole multiples of their side, so that the floor stays put.
-    """
-    first = [np.floor(c / tile) - tiles // 2 for c in center]
-    x, z = (tile * (f + np.arange(tiles + 1)) for f in first)
-    points = np.stack([*np.broadcast_arrays(x[None, :], height, z[:, None])], axis=-1)
-    row, column = np.indices((tiles, tiles))
-    return _grid_corners(points), ((row + column) % 2).ravel().repeat(6)
+
+def floor_lines(middle: Corners, reach: float, spacing: float, width: float) -> Corners:
+    """Lines along x and z at whole multiples of `spacing`, cut into pieces as long; lengths in m."""
+    first, last = np.ceil((middle - reach) / spacing), np.floor((middle + reach) / spacing)
+    x, z = (spacing * np.arange(first[k], last[k] + 1) for k in (0, 2))
+    pieces = []
+    for across, along, end in ((x, z, False), (z, x, True)):
+        cuts = along
+        a, b = np.meshgrid(across, cuts, indexing="ij")
+        lines = np.stack([a[:, None] + np.array([[-width / 2], [width / 2]]), np.stack([b, b], axis=1)], axis=-1)
+        points = np.insert(lines[..., ::-1] if end else lines, 1, middle[1], axis=-1)  # (lines, 2, cuts, 3)
+        pieces += [_grid_corners(points[k]) for k in range(len(points))]
+    return np.concatenate(pieces)

@@ -17,8 +17,10 @@ from ..interact.camera import OrbitCamera
 from ..interact.keys import KEYS
 from ..simulation import Simulation
 from .clock import FrameClock
-from .draw_mesh import DrawMesh, Lighting
+from .draw_mesh import DrawMesh
 from .journal import Journal, line_of
+from .legend import WindowScale
+from .lighting import BACKGROUND
 from .panel import Panel, numbers
 from .session import Session
 
@@ -67,6 +69,7 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
     """One turn for every picture: input, physics, drawing."""
     canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
     clock = FrameClock(time.perf_counter())
+    scale = WindowScale()
     draw_ms, displayed = 0.0, 0
     text, told, told_at = "", 0.0, 0
     while window.running and session.running and displayed != frames:
@@ -90,6 +93,8 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
 
         start = time.perf_counter()
         draw(canvas, scene, lens, session)
+        if session.view == "strain":
+            scale.show(canvas, size)
         draw_ms = 1e3 * (time.perf_counter() - start)
         if journal:
             session.measure()
@@ -135,7 +140,7 @@ def draw(canvas: Any, scene: Any, lens: Any, session: Session) -> None:
     mesh = session.draw_list.update(session.view, session.camera.eye)
     aim(lens, session.camera)
     scene.set_camera(lens)
-    light(canvas, scene, session.draw_list.lighting)
+    canvas.set_background_color(BACKGROUND)
     submit(scene, mesh)
     canvas.scene(scene)
 
@@ -148,22 +153,7 @@ def aim(lens: Any, camera: OrbitCamera) -> None:
     lens.fov(degrees(camera.fov))
 
 
-def light(canvas: Any, scene: Any, lighting: Lighting) -> None:
-    canvas.set_background_color(lighting.background)
-    scene.ambient_light(lighting.ambient)
-    for lamp in lighting.lights:
-        scene.point_light(lamp.position, lamp.colour)
-
-
 def submit(scene: Any, mesh: DrawMesh) -> None:
-    """The soup in two draws: what is lit from one side, then what is lit from both."""
-    for first, end, two_sided in ((0, mesh.two_sided_from, False), (mesh.two_sided_from, mesh.corners, True)):
-        if end > first:
-            scene.mesh(
-                mesh.position,
-                normals=mesh.normal,
-                per_vertex_color=mesh.colour,
-                two_sided=two_sided,
-                vertex_offset=first,
-                vertex_count=end - first,
-            )
+    """The soup as it is: its colours have their light in them."""
+    scene.ambient_light((1.0, 1.0, 1.0))
+    scene.mesh(mesh.position, normals=mesh.normal, per_vertex_color=mesh.colour, vertex_count=mesh.corners)

@@ -201,3 +201,15 @@ def test_a_turning_plate_carries_what_lies_on_it() -> None:
     state.give_back(cloth)
     assert moved[:, 2] == pytest.approx(-topology.start[:, 0] * np.radians(90) / 60, rel=0.02)
     assert moved[:, 1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_body_rocks_in_time_with_its_sway() -> None:
+    """A quarter of its period in it is turned by all of its reach, with its middle as far out; half in, by nothing."""
+    leg = Capsule(center=(0.0, 1.0, 0.0), sway=(0.0, 0.0, 0.2), rock=(-30.0, 0.0, 0.0), period=(2.0, 1.0, 2.0))
+    center, axes = pose(leg, 0.5)
+    assert center == pytest.approx([0.0, 1.0, 0.2])
+    assert axes[:, 1] == pytest.approx([0.0, np.cos(np.pi / 6), -0.5])
+    center, axes = pose(leg, 1.0)
+    assert center == pytest.approx([0.0, 1.0, 0.0])
+    assert axes == pytest.approx(np.eye(3))
+    assert not is_still(Capsule(rock=(0.0, 1.0, 0.0)))

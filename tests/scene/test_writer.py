@@ -130,7 +130,7 @@ def test_the_table_has_every_key_once_with_default_unit_range_and_help() -> None
     assert ("[wind]", "x", "0.0", "m/s", "-100 to 100 m/s", "wind along x") in rows
     assert ("[[spheres]]", "radius", "0.5", "m", "above 0 to 1000 m", "radius as drawn") in rows
     assert ("", "seed", "0", "", "0 to 2147483647", "seed of the gusts") in rows
-    assert ("[look]", "check", '"#e9dcc3"', "", "#rrggbb", "second colour of the checks") in rows
+    assert ("[look]", "check", '"#e9dcc3"', "", "#rrggbb", "second colour of the pattern") in rows
     assert (
         "[solver]",
         "name",

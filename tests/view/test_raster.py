@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_cloth.view.draw_mesh import DrawMesh, Light, Lighting
+from taichi_cloth.scene.model import Vec3
+from taichi_cloth.view.draw_mesh import DrawMesh
 from taichi_cloth.view.raster import FAR_OUT, NEAR, Raster
 
 CAPACITY = 3 * 16_000
-AS_IT_IS = Lighting(ambient=(1.0, 1.0, 1.0), lights=(), background=(0.0, 0.0, 0.0))  # colour in, colour out
+BLACK = (0.0, 0.0, 0.0)
 WHITE = (1.0, 1.0, 1.0)
 
 Soup = Callable[..., DrawMesh]
@@ -22,17 +23,16 @@ Soup = Callable[..., DrawMesh]
 @pytest.fixture(scope="module")
 def soup() -> Soup:
     """Fills the module's one mesh (kernels compile anew for each) with triangles of shape (T, 3, 3)."""
-    mesh = DrawMesh(*(ti.Vector.field(3, ti.f32, CAPACITY) for _ in range(3)))
+    mesh = DrawMesh(*(ti.Vector.field(3, ti.f32, CAPACITY) for _ in range(4)))
 
-    def fill(position: Any, normal: Any = (0, 0, -1), colour: Any = WHITE, two_sided: bool = False) -> DrawMesh:
+    def fill(position: Any, colour: Any = WHITE) -> DrawMesh:
         corners = np.asarray(position, np.float32).reshape(-1, 3)
-        for field, values in ((mesh.position, corners), (mesh.normal, normal), (mesh.colour, colour)):
+        for field, values in ((mesh.position, corners), (mesh.colour, colour)):
             all_values = np.full((CAPACITY, 3), 0.5, np.float32)
             rows = np.asarray(values, np.float32)
             all_values[: len(corners)] = rows.reshape(-1, 3) if rows.size > 3 else rows
             field.from_numpy(all_values)
         mesh.corners = len(corners)
-        mesh.two_sided_from = 0 if two_sided else mesh.corners
         return mesh
 
     return fill
@@ -47,8 +47,8 @@ def at(x: Any, y: Any, w: Any = 1.0) -> np.ndarray:
     return np.stack(np.broadcast_arrays(np.multiply(x, w), np.multiply(y, w), w), axis=-1)
 
 
-def seen(mesh: DrawMesh, width: int, height: int, samples: int = 1, lighting: Lighting = AS_IT_IS) -> np.ndarray:
-    return Raster(width, height, samples).draw(mesh, pixel_camera(width, height), lighting)
+def seen(mesh: DrawMesh, width: int, height: int, samples: int = 1, background: Vec3 = BLACK) -> np.ndarray:
+    return Raster(width, height, samples).draw(mesh, pixel_camera(width, height), background)
 
 
 def samples_covered(mesh: DrawMesh, width: int, height: int, samples: int) -> np.ndarray:
@@ -119,8 +119,7 @@ def test_pixel_at_an_edge_shows_the_share_covered(soup: Soup, quarters: int, upr
     end = 3 + quarters / 4
     x, y = [-9, end, end, -9, end, -9], [-9, -9, 20, -9, 20, 20]  # a rectangle that ends in pixel 3
     mesh = soup(at(x, y) if upright else at(y, x), colour=(0.8, 0.4, 0.2))
-    lighting = Lighting(WHITE, (), background=(0.0, 0.92, 0.2))
-    picture = seen(mesh, 7, 7, samples=4, lighting=lighting)
+    picture = seen(mesh, 7, 7, samples=4, background=(0.0, 0.92, 0.2))
     line = picture[2] if upright else picture[:, 2]
     mixed = np.array([0.0, 0.92, 0.2]) + quarters / 4 * np.array([0.8, -0.52, 0.0])
     np.testing.assert_array_equal(line[2], np.rint(255 * np.array([0.8, 0.4, 0.2])))
@@ -146,7 +145,7 @@ def test_depth_of_a_tilted_triangle(soup: Soup) -> None:
     width, height = 60, 40
     x, y, w = np.array([3.0, 55.0, 20.0]), np.array([2.0, 10.0, 38.0]), np.array([1.0, 4.0, 2.0])
     raster = Raster(width, height, samples=1)
-    raster.draw(soup(at(x, y, w)), pixel_camera(width, height), AS_IT_IS)
+    raster.draw(soup(at(x, y, w)), pixel_camera(width, height), BLACK)
     depth = raster.depth()
     # The nearness is a plane over the screen: alpha x + beta y + gamma = 1/w.
     plane = np.linalg.solve(np.stack([x, y, np.ones(3)], axis=1), 1 / w)
@@ -167,13 +166,13 @@ def test_sphere(soup: Soup) -> None:
     eye_space = radius * faces + (0, 0, distance)
     camera = np.array([[focal / (width / 2), 0, 0, 0], [0, focal / (height / 2), 0, 0], [0, 0, 0, 0], [0, 0, 1, 0]])
     raster = Raster(width, height, samples=4)
-    picture = raster.draw(soup(eye_space), camera, AS_IT_IS)
+    picture = raster.draw(soup(eye_space), camera, BLACK)
 
     silhouette = focal * radius / np.sqrt(distance**2 - radius**2)  # the cone of tangents, cut by the screen
     assert picture[:, :, 0].sum() / 255 == pytest.approx(np.pi * silhouette**2, rel=3e-3)
 
     raster = Raster(width, height, samples=1)
-    raster.draw(soup(eye_space), camera, AS_IT_IS)
+    raster.draw(soup(eye_space), camera, BLACK)
     x, y = pixel_centers(width, height)
     ray = np.stack([(x - width / 2) / focal, (height / 2 - y) / focal, np.ones_like(x)], axis=-1)  # w = 1
     square, middle = (ray**2).sum(axis=-1), distance * ray[..., 2]
@@ -190,7 +189,7 @@ def test_sphere(soup: Soup) -> None:
 def test_row_0_is_on_top_and_y_points_up(soup: Soup) -> None:
     looking_down_minus_z = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]])
     upper_left = np.array([[-2, 2, -2], [0, 2, -2], [-2, 0, -2]])
-    picture = Raster(10, 6, samples=1).draw(soup(upper_left), looking_down_minus_z, AS_IT_IS)
+    picture = Raster(10, 6, samples=1).draw(soup(upper_left), looking_down_minus_z, BLACK)
     assert picture.shape == (6, 10, 3)
     assert picture[0, 0, 0] == 255
     assert picture[-1].max() == picture[:, -1].max() == 0
@@ -208,30 +207,7 @@ def test_colours_are_interpolated_in_perspective(soup: Soup) -> None:
     np.testing.assert_allclose(picture / 255, expected, atol=1.0 / 255)
 
 
-@pytest.mark.parametrize(
-    ("normal_z", "two_sided", "expected"),
-    [(-1, False, (0.25, 0.15, 0.5)), (1, False, (0.05, 0.05, 0.1)), (1, True, (0.25, 0.15, 0.5))],
-    ids=["towards the light", "away", "away, two-sided"],
-)
-def test_shading_by_hand(soup: Soup, normal_z: float, two_sided: bool, expected: tuple[float, ...]) -> None:
-    # Pixel (4, 3) sees (9, 7, 2). To the light it is (3, 0, -4): the cosine with (0, 0, -1) is 4/5.
-    lamp = Light(position=(12.0, 7.0, -2.0), colour=(0.5, 0.5, 0.5))
-    lighting = Lighting(ambient=(0.1, 0.2, 0.1), lights=(lamp,), background=(0.0, 0.0, 0.0))
-    triangle = at([-20, 60, -20], [-20, -20, 60], 2.0)
-    mesh = soup(triangle, normal=(0, 0, 2.5 * normal_z), colour=(0.5, 0.25, 1.0), two_sided=two_sided)
-    pixel = seen(mesh, 10, 8, lighting=lighting)[3, 4]
-    np.testing.assert_allclose(pixel / 255, expected, atol=0.6 / 255)
-
-
-def test_lights_add_up_and_end_at_white(soup: Soup) -> None:
-    ahead = Light(position=(9.0, 7.0, -2.0), colour=(0.2, 0.32, 5.0))
-    aside = Light(position=(12.0, 7.0, -2.0), colour=(0.5, 0.5, 0.5))  # cosine 4/5
-    lighting = Lighting(ambient=(0.0, 0.0, 0.0), lights=(ahead, aside), background=(0.0, 0.0, 0.0))
-    pixel = seen(soup(at([-20, 60, -20], [-20, -20, 60], 2.0)), 10, 8, lighting=lighting)[3, 4]
-    np.testing.assert_array_equal(pixel, [153, 184, 255])  # 0.6, 0.72, 5.4
-
-
-def test_a_surface_is_not_shaded_beyond_its_edge(soup: Soup) -> None:
+def test_a_surface_is_not_coloured_beyond_its_edge(soup: Soup) -> None:
     # Colour falls from 1 at x = 2.2 to 0 at the right edge, x = 3.2, and would be below 0 in the middle of pixel 3.
     mesh = soup(at([2.2, 3.2, 3.2], [4, -96, 104]), colour=[[1, 1, 1], [0, 0, 0], [0, 0, 0]])
     pixel = seen(mesh, 8, 8, samples=4)[4, 3, 0]
@@ -242,9 +218,8 @@ def test_a_surface_is_not_shaded_beyond_its_edge(soup: Soup) -> None:
 
 
 def test_without_triangles_there_is_background(soup: Soup) -> None:
-    lighting = Lighting(WHITE, (), background=(0.2, 0.4, 0.6))
     raster = Raster(5, 3)
-    picture = raster.draw(soup(np.zeros((0, 3, 3))), pixel_camera(5, 3), lighting)
+    picture = raster.draw(soup(np.zeros((0, 3, 3))), pixel_camera(5, 3), (0.2, 0.4, 0.6))
     np.testing.assert_array_equal(picture, np.broadcast_to([51, 102, 153], (3, 5, 3)))
     assert np.isinf(raster.depth()).all()
 
@@ -278,22 +253,15 @@ def test_no_trace_of_triangles_that_cannot_be_drawn(soup: Soup, triangle: np.nda
     assert alone.any()
 
 
-def test_a_normal_without_length_gets_ambient_light_only(soup: Soup) -> None:
-    lighting = Lighting(ambient=(0.2, 0.2, 0.2), lights=(Light((0.0, 0.0, 0.0), WHITE),), background=WHITE)
-    mesh = soup(at([-9, 40, -9], [-9, -9, 40]), normal=(0, 0, 0), two_sided=True)
-    np.testing.assert_array_equal(seen(mesh, 3, 3, lighting=lighting), 51)
-
-
 def test_same_bytes_twice(soup: Soup) -> None:
     rng = np.random.default_rng(2)
     centers = rng.uniform((0, 0, 1), (120, 90, 2), (5000, 1, 3))
     x, y, w = np.moveaxis(centers + rng.normal(0, (8, 8, 0.02), (5000, 3, 3)), -1, 0)
-    mesh = soup(at(x, y, w), colour=rng.uniform(0, 1, (15000, 3)), two_sided=True)
-    lighting = Lighting((0.2, 0.2, 0.2), (Light((0.0, 0.0, 0.0), WHITE),), (0.0, 0.0, 0.0))
+    mesh = soup(at(x, y, w), colour=rng.uniform(0, 1, (15000, 3)))
     raster = Raster(120, 90)
-    first = raster.draw(mesh, pixel_camera(120, 90), lighting)
+    first = raster.draw(mesh, pixel_camera(120, 90), BLACK)
     for again in (raster, raster, Raster(120, 90)):
-        assert again.draw(mesh, pixel_camera(120, 90), lighting).tobytes() == first.tobytes()
+        assert again.draw(mesh, pixel_camera(120, 90), BLACK).tobytes() == first.tobytes()
 
 
 def test_rasters_come_and_go(soup: Soup) -> None:
@@ -311,4 +279,4 @@ def test_impossible_pictures_are_refused(arguments: tuple[int, ...]) -> None:
 
 def test_a_matrix_of_another_shape_is_refused(soup: Soup) -> None:
     with pytest.raises(ValueError, match=r"\(4, 4\), not \(3, 4\)"):
-        Raster(5, 5).draw(soup(at([0, 4, 0], [0, 0, 4])), np.zeros((3, 4)), AS_IT_IS)
+        Raster(5, 5).draw(soup(at([0, 4, 0], [0, 0, 4])), np.zeros((3, 4)), BLACK)
