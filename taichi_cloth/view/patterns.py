@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.topology import Topology
+from ..mesh.topology import NO_GRID, Topology
 from ..scene.model import Look
 
 Shares = NDArray[np.float64]  # at each corner, (T, 3): 0 the first colour, 1 the second
@@ -20,7 +20,10 @@ WALE = 0.5  # the same in the valleys of a twill
 
 def pattern_colours(topology: Topology, look: Look) -> NDArray[np.float32]:
     """Colour of every corner, (3·T, 3), as factors 0…1 without light."""
-    rows, columns = np.divmod(topology.triangles, topology.shape[1])
+    if topology.shape == NO_GRID:  # rings around its middle
+        rows, columns = (np.repeat(of_cells[:, None], 3, axis=1) for of_cells in topology.cells.T)
+    else:
+        rows, columns = np.divmod(topology.triangles, topology.shape[1])
     share = PATTERNS[look.pattern](topology.cells, rows, columns, look.check_cells)
     first, second = np.array(rgb(look.cloth)), np.array(rgb(look.check))
     colours: NDArray[np.float32] = (first + share.reshape(-1, 1) * (second - first)).astype(np.float32)

@@ -12,7 +12,7 @@ from .raster import Raster
 
 
 def portrait(raster: Raster, draw_list: DrawList, camera: OrbitCamera, view: str) -> Picture:
-    """The scene as it is now; the target is in the middle, where no panel stands in the way. Strains have their scale."""
+    """The scene as it is now, its strains with their scale; the target is in the middle, as no panel is in the way."""
     camera = copy(camera)
     camera.shift = 0.0
     mesh = draw_list.update(view, camera.eye)
