@@ -161,7 +161,7 @@ class DrawList:
         """The floor, and a faint grid of lines an eighth of the way to the eye apart or somewhat less."""
         if self.simulation.scene.ground is None:
             return []
-        middle, lift = self._floor_middle(), np.array([0.0, 1e-3 * distance, 0.0])
+        middle, lift = self._floor_middle(), np.array([0.0, 3e-3 * distance, 0.0])
         spacing = round_length(distance / 8)
         parts = (
             (solids.floor(middle, self._reach), FLOOR),
