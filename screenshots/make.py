@@ -38,6 +38,7 @@ STILL_FRAME = {  # the moment shown, in frames of 1/60 s
     "veil": 60,
     "poles": 210,
     "responses": 240,
+    "round": 120,
 }
 DEFAULT_STILL_FRAME = 85
 PULL = (330, 450)  # first and last frame of the pull in the animation
