@@ -46,6 +46,7 @@ STILL_FRAME = {  # the moment shown, in frames of 1/60 s
     "veil": 60,
     "poles": 210,
     "responses": 240,
+    "round": 120,
 }
 DEFAULT_STILL_FRAME = 85
 GALLERY = HERE.parent / "docs" / "gallery.md"

@@ -46,8 +46,9 @@ class ClothFile:
     @cached_property
     def edges(self) -> tuple[Whole, Whole]:
         """The sides, each once with its lower point first, (E, 2), and which of them each of `sides` is, (S,)."""
-        edges, which = np.unique(np.sort(self.sides[0], axis=1), axis=0, return_inverse=True)
-        return edges, which.reshape(-1)
+        count = len(self.points)
+        keys, which = np.unique(_keys(np.sort(self.sides[0], axis=1), count), return_inverse=True)
+        return np.stack(np.divmod(keys, count), axis=-1), which
 
     @cached_property
     def steps(self) -> tuple[Whole, int]:
@@ -119,22 +120,21 @@ def _check_twins(obj: Obj, faces: Whole) -> None:
 def _check_edges(obj: Obj, faces: Whole) -> None:
     """An edge belongs to one face, or to two that pass it in opposite directions. Points are counted from 1."""
     sides, owner = _sides(faces)
-    once, which, times = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
-    which = which.reshape(-1)
+    count = len(obj.points)
+    once, which, times = np.unique(_keys(np.sort(sides, axis=1), count), return_inverse=True, return_counts=True)
     if times.max() > 2:
         edge = int(times.argmax())
-        a, b = once[edge] + 1
+        a, b = divmod(int(once[edge]), count)
         lines = ", ".join(str(obj.lines[face]) for face in owner[which == edge][:4])
-        reason = (
-            f"the edge from point {a} to {b} belongs to {times[edge]} faces (lines {lines}): a cloth's to two at most"
-        )
+        where = f"the edge from point {a + 1} to {b + 1} belongs to {times[edge]} faces (lines {lines})"
+        reason = f"{where}: a cloth's to two at most"
         raise ObjError(obj.path, 0, reason)
-    _, first, same = np.unique(sides, axis=0, return_index=True, return_inverse=True)
-    again = np.flatnonzero(first[same.reshape(-1)] != np.arange(len(sides)))
+    _, first, same = np.unique(_keys(sides, count), return_index=True, return_inverse=True)
+    again = np.flatnonzero(first[same] != np.arange(len(sides)))
     if len(again):
         side = int(again[0])
         a, b = sides[side] + 1
-        line = obj.lines[owner[first[same.reshape(-1)[side]]]]
+        line = obj.lines[owner[first[same[side]]]]
         reason = f"the face passes the edge from point {a} to {b} in the same direction as that on line {line}"
         raise obj.error(int(owner[side]), f"{reason}: make all normals look to one side")
 
@@ -188,6 +188,11 @@ def _sides(faces: Whole) -> tuple[Whole, Whole]:
     kept = np.ones(sides.shape[:2], bool)
     kept[:, 2] = is_quad
     return sides[kept], np.nonzero(kept)[0]
+
+
+def _keys(pairs: Whole, count: int) -> Whole:
+    """One number for each pair of `count` points."""
+    return pairs[:, 0] * count + pairs[:, 1]
 
 
 def _steps(edges: Whole, count: int) -> tuple[Whole, int]:

@@ -63,7 +63,7 @@ def imported(
     flat = file.points * scale
     origin = origin_near(center)
     places = laid(flat, np.subtract(center, origin), rotation)
-    edges, threads = _edges(file, flat), _threads(file)
+    edges, threads = _edges(file, flat, diagonals), _threads(file)
     made = {"structural": edges, "shear": _diagonals(file, diagonals), "bend": _over(file, edges, threads)}
     batches: list[Batch] = []
     ends: list[NDArray[np.int32]] = [np.zeros((0, 2), np.int32)]
@@ -113,7 +113,7 @@ def _strips(file: ClothFile, flat: Floats) -> tuple[Floats, Floats]:
     return halves, whole
 
 
-def _edges(file: ClothFile, flat: Floats) -> Springs:
+def _edges(file: ClothFile, flat: Floats, diagonals: int) -> Springs:
     ends = file.edges[0]
     way = flat[ends[:, 1]] - flat[ends[:, 0]]
     squared = (way**2).sum(axis=1)
@@ -122,7 +122,7 @@ def _edges(file: ClothFile, flat: Floats) -> Springs:
     shares = np.zeros((len(CONSTANTS), len(ends)))
     shares[WEFT] = weft * quads + triangles / 3
     shares[WARP] = (1 - weft) * quads + triangles / 3
-    shares[SHEAR] = 4 / 3 * triangles
+    shares[SHEAR] = 2 / 3 * diagonals * triangles  # as a grid has it from one diagonal a cell, or two
     return Springs(ends, shares)
 
 

@@ -77,7 +77,7 @@ def _grey(path: Path) -> Floats:
 
 def _listed(path: Path) -> Floats:
     numbers = []
-    for line, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+    for line, text in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1):
         try:
             if text.strip():
                 numbers.append(float(text))

@@ -35,8 +35,11 @@ def bonds_of(stencils: list[Stencils]) -> Bonds:
         for i, j in combinations(range(one.particles.shape[1]), 2):
             ends.append(np.sort(one.particles[:, [i, j]], axis=1))
             constants.append(-one.constant * one.factors[:, i] * one.factors[:, j])
-    pairs, which = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
-    constant = np.bincount(which.reshape(-1), np.concatenate(constants), len(pairs))
+    both = np.concatenate(ends)
+    count = int(both.max(initial=0)) + 1
+    keys, which = np.unique(both[:, 0] * count + both[:, 1], return_inverse=True)
+    pairs = np.stack(np.divmod(keys, count), axis=-1)
+    constant = np.bincount(which, np.concatenate(constants), len(pairs))
     used = constant != 0
     nowhere = np.full(used.sum(), -1, np.int64)  # no direction of a grid
     return Bonds(pairs[used].astype(np.int32), constant[used], nowhere)
