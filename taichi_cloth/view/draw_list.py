@@ -16,6 +16,7 @@ from .lighting import studio
 VIEWS = ("shaded", "strain", "wireframe", "particles")
 
 FLOOR = (0.97, 0.98, 1.0)
+MARK = 0.004  # radius of a bead, in sides of the cloth, where cells are small
 TILES = 40  # along each side of the floor
 TILE_TINTS = np.array([1.0, 0.965])  # a faint chequer
 POLE, BALL = (0.42, 0.30, 0.20), (0.30, 0.42, 0.56)
@@ -57,9 +58,10 @@ class DrawList:
         scene, topology = simulation.scene, simulation.topology
         distance = float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
         self.lighting = studio(scene.camera.target, distance)
-        self._ball = solids.unit_sphere().astype(np.float32)
-        self._ball_count = len(scene.spheres) + 1  # the last one marks the held particle
+        self._ball, self._bead = (solids.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
+        self._pins = simulation.added_pins
         self._grain = float(topology.rest.mean()) if topology.spring_count else 0.1  # [m] a typical spring
+        self._mark = max(0.3 * self._grain, MARK * max(scene.cloth.width, scene.cloth.height))  # [m] radius of a bead
         self._drawn_springs = len(topology.family("structural")) + len(topology.family("shear"))
         self._weave = self._weave_colours()
         self._spring_colours = self._family_colours()
@@ -73,7 +75,8 @@ class DrawList:
         self._shares = 1 if scene.ground is None else 2  # a body and, on a floor, its shadow
         self._first_moving = len(floor[0]) + self._shares * sum(len(p) for p, _, _ in still)
         self._first_ball = self._first_moving + self._shares * sum(len(p) for p, _, _ in self._soups)
-        self._first_shadow = self._first_ball + self._shares * self._ball_count * len(self._ball)
+        round_ones = len(scene.spheres) * len(self._ball) + (1 + len(self._pins)) * len(self._bead)
+        self._first_shadow = self._first_ball + self._shares * round_ones
         self._cloth_corners = {
             "shaded": 3 * topology.triangle_count,
             "strain": 3 * topology.triangle_count,
@@ -118,21 +121,25 @@ class DrawList:
         return mesh
 
     def _update_balls(self) -> None:
-        """Spheres of the scene, and a small one at the held particle (without size while the hand is empty)."""
+        """Spheres of the scene, and beads on what is held (without size while the hand is empty) and on new pins."""
         simulation = self.simulation
-        held = simulation.grabbed
-        if held is None:
-            marker = (simulation.topology.start[0], 0.0)
-        else:
-            marker = (simulation.positions()[held], 0.3 * self._grain)
         spheres = simulation.bodies()[: len(simulation.scene.spheres)]
-        centers, radii = zip(*((body.center, body.size[0]) for body in spheres), marker, strict=True)
-        colours = np.array([BALL] * (self._ball_count - 1) + [HELD], np.float32)
-        fill.fill_balls(
-            self.mesh, self._first_ball, self._ball, np.array(centers, np.float32), np.array(radii, np.float32), colours
-        )
-        corners = self._ball_count * len(self._ball)
-        self._shadow(self._first_ball + corners, self._first_ball, corners)
+        first = self._first_ball
+        if spheres:
+            centers, radii = zip(*((body.center, body.size[0]) for body in spheres), strict=True)
+            first = self._fill_balls(first, self._ball, centers, radii, [BALL] * len(spheres))
+        held = simulation.grabbed
+        beads = simulation.positions()[[held or 0, *self._pins]]
+        sizes = [0.0 if held is None else self._mark, *[self._mark] * len(self._pins)]
+        self._fill_balls(first, self._bead, beads, sizes, [HELD, *[PINNED] * len(self._pins)])
+
+    def _fill_balls(self, first: int, unit: Floats, centers: Any, radii: Any, colours: Any) -> int:
+        """Balls of one fineness, and then their shadows; where the next begin."""
+        places, sizes, tints = (np.array(values, np.float32) for values in (centers, radii, colours))
+        fill.fill_balls(self.mesh, first, unit, places, sizes, tints)
+        corners = len(places) * len(unit)
+        self._shadow(first + corners, first, corners)
+        return first + self._shares * corners
 
     def _fill_bodies(self, first: int, soups: list[draw_bodies.Soup]) -> None:
         """Bodies one after another, each with its shadow."""
