@@ -16,7 +16,7 @@ from .lighting import studio
 VIEWS = ("shaded", "strain", "wireframe", "particles")
 
 FLOOR = (0.97, 0.98, 1.0)
-MARK = 0.004  # radius of a bead, in sides of the cloth, where cells are small
+MARK = 0.008  # radius of a bead, in sides of the cloth, where cells are small
 TILES = 40  # along each side of the floor
 TILE_TINTS = np.array([1.0, 0.965])  # a faint chequer
 POLE, BALL = (0.42, 0.30, 0.20), (0.30, 0.42, 0.56)

@@ -171,7 +171,7 @@ def test_a_stage_is_switched_off(drawn: Drawn) -> None:
 def test_figures_tell_times_and_curves_have_their_legend(drawn: Drawn) -> None:
     session, notes, _ = drawn("drape15", "Numbers", Curves=True)
     assert session.curves
-    assert any("physics 0.0 + drawing 12.3 + measuring" in text for text in notes.texts)
+    assert any("physics 0.0 + drawing 12 + measuring" in text for text in notes.texts)
     assert any(text.startswith("225 particles, ") and text.endswith(" 2 pins") for text in notes.texts)
     assert f"curves of the last {SPAN:g} s:" in notes.texts
     assert any(text.startswith("kinetic energy: ") and text.endswith(" J") for text in notes.texts)
