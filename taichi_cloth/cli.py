@@ -22,6 +22,7 @@ from .cli_replay import render_film, run_replay
 from .errors import BlewUp, OutputInUse, WrongUse, one_line
 from .export.output import FORMATS, UPS
 from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
+from .scene.leave_out import scene_without
 from .scene.model import PRESET_NAMES, SOLVER_NAMES
 from .scene.presets import load_preset
 
@@ -228,6 +229,9 @@ def scene_options(parser: Parser, nargs: str | None = None) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the scene, as in wind_z=6"
     )
+    parser.add_argument(
+        "--without", action="append", default=[], metavar="STAGE", help="leave out a stage of the scene, as limit"
+    )
     parser.add_argument("--solver", metavar="NAME", help="method that advances the cloth (default: the scene's)")
     parser.add_argument(
         "--path", metavar="NAME", help="layout the solver works on, as lanes or list (default: chosen by the grid)"
@@ -260,7 +264,7 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
     overrides = dict(parse_override(text) for text in args.set)
     if args.solver:
         overrides["solver"] = args.solver
-    scene = load_scene(args.scene, **overrides)
+    scene = scene_without(load_scene(args.scene, **overrides), args.without)
     if args.target_error is None:
         return scene
     from .measure.estimate import aim

@@ -311,6 +311,11 @@ class Simulation:
         """Indices of all particles that the hand holds, (M,), the one that it took first."""
         return np.zeros(0, np.int64) if self._hand is None else self._hand.particles
 
+    @property
+    def added_pins(self) -> NDArray[np.int64]:
+        """Indices of the particles that `pin` has pinned besides the scene's own."""
+        return np.flatnonzero(self._repinned & self.topology.pinned)
+
     def grab(self, index: int, target: ArrayLike, radius: float = 0.0) -> None:
         """Holds a particle and leads it to `target` (x, y, z) [m] within the next frame.
 

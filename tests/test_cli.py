@@ -56,6 +56,7 @@ def mistake(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["render", "curtain", "--set", "wind_z"], "KEY=VALUE"),
         (["render", "curtain", "--set", "rows=1"], "rows: 1 is out of range: 2 to 2048"),
         (["render", "curtain", "--solver", "varlet"], "did you mean 'verlet'?"),
+        (["render", "curtain", "--without", "sphere"], "did you mean 'spheres'?"),
         (["render", "curtain", "--arch", "cudo"], "invalid choice: 'cudo'"),
         (["render", "curtain", "--path", "lane"], "verlet has no path 'lane'"),
         (["render", "curtain", "--quick"], "--quick"),

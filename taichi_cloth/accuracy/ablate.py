@@ -17,6 +17,7 @@ from ..errors import WrongUse
 from ..files import whole_file
 from ..measure.cloth import energies
 from ..scene import load_scene, scene_names
+from ..scene.leave_out import may_do_without, scene_without
 from ..scene.model import COLLIDERS, Scene
 from ..simulation import Simulation
 from ..solvers import SOLVERS
@@ -72,14 +73,13 @@ def without(scene: Scene) -> dict[str, Scene]:
     if scene.solver.damping > 0:
         found["damping"] = replace(scene, solver=replace(scene.solver, damping=0.0))
     if scene.wind is not None:
-        found["wind"] = replace(scene, wind=None)
+        found["wind"] = scene_without(scene, ["wind"])
         if scene.wind.turbulence > 0:
             found["gusts"] = replace(scene, wind=replace(scene.wind, turbulence=0.0))
         if scene.wind.lift > 0:
             found["lift"] = replace(scene, wind=replace(scene.wind, lift=0.0))
-    for name in ("limit", "tethers", "tear", *COLLIDERS, "ground", "self_collision"):
-        if getattr(scene, name):
-            found[name] = replace(scene, **{name: () if name in COLLIDERS else None})  # type: ignore[arg-type]
+    for name in may_do_without(scene):
+        found.setdefault(name, scene_without(scene, [name]))
     for name, key, off in CONTACT:
         changed: dict[str, Any] = {
             n: tuple(replace(one, **{key: off}) if hasattr(one, key) else one for one in getattr(scene, n))

@@ -26,10 +26,18 @@ KEYS = (
     Key("g", "G", "wind", "wind on, off"),
     Key("v", "V", "view", "next view"),
     Key("t", "T", "solver", "next solver"),
+    Key("y", "Y", "fabric", "next fabric"),
+    Key("x", "X", "stage", "stages off in turn"),
+    Key("p", "P", "pin", "pin, unpin here"),
+    Key("j", "J", "smaller_hand", "smaller hand"),
+    Key("l", "L", "larger_hand", "larger hand"),
+    Key("d", "D", "own_values", "scene's own values"),
+    Key("k", "K", "curves", "curves on, off"),
     Key("b", "B", "previous_scene", "previous scene"),
     Key("m", "M", "next_scene", "next scene"),
     Key("e", "E", "export", "write an OBJ file"),
     Key("f", "F", "first_view", "first view point"),
+    Key("Tab", "Tab", "page", "next page of panel"),
     Key("h", "H", "hide", "hide, show panel"),
     Key("s", "S", "screenshot", "screenshot"),
     Key("c", "C", "clip", "begin, end a clip"),
@@ -49,3 +57,12 @@ MOUSE = (
     ("right drag", "turn the view"),
     ("middle drag", "zoom"),
 )
+
+
+def table() -> list[str]:
+    """Mouse and keys as a Markdown table, two to a row: that of the README."""
+    entries = [*MOUSE, *((key.label, key.help) for key in KEYS)]
+    half = (len(entries) + 1) // 2
+    left, right = entries[:half], [*entries[half:], ("", "")]
+    rows = [f"| {a} | {what} | {b} | {other} |" for (a, what), (b, other) in zip(left, right, strict=False)]
+    return ["| mouse, key | | key | |", "|---|---|---|---|", *rows]

@@ -19,6 +19,7 @@ FLOOR, LINE = (0.925, 0.92, 0.91), (0.845, 0.84, 0.83)
 POLE, BALL = (0.36, 0.24, 0.15), (0.13, 0.35, 0.50)
 GLOSS = 0.35  # of bodies; a cloth has its own
 READ = 0.45  # share of light and shade that is left in the colours of strain
+MARK = 0.008  # radius of a bead, in sides of the cloth, where cells are small
 PINNED, HELD = (0.85, 0.45, 0.10), (1.0, 0.80, 0.20)
 FAMILY_COLOURS = {"structural": (0.16, 0.33, 0.55), "shear": (0.62, 0.44, 0.24), "bend": (0.5, 0.5, 0.5)}
 
@@ -56,9 +57,10 @@ class DrawList:
         self.simulation = simulation
         scene, topology = simulation.scene, simulation.topology
         distance = float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
-        self._ball = solids.unit_sphere().astype(np.float32)
-        self._ball_count = len(scene.spheres) + 1  # the last one marks the held particle
+        self._ball, self._bead = (solids.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
+        self._pins = simulation.added_pins
         self._grain = float(topology.rest.mean()) if topology.spring_count else 0.1  # [m] a typical spring
+        self._mark = max(0.3 * self._grain, MARK * float(np.ptp(topology.start, axis=0).max()))  # [m] radius of a bead
         self._shadow_frame = ti.math.vec4(*scene.camera.target, 0.95 * distance)
         self._reach = 2.4 * distance  # [m] where the floor ends
 
@@ -70,7 +72,8 @@ class DrawList:
         self._first_solid = sum(len(p) for p, _, _ in floor)
         self._first_moving = self._first_solid + sum(len(p) for p, _, _ in still)
         self._first_ball = self._first_moving + sum(len(p) for p, _, _ in self._soups)
-        self._first_cloth = self._first_ball + self._ball_count * len(self._ball)
+        round_ones = len(scene.spheres) * len(self._ball) + (1 + len(self._pins)) * len(self._bead)
+        self._first_cloth = self._first_ball + round_ones
         self._weave()
         self.mesh = _meshes.take(self._first_cloth + max(self._cloth_corners.values()))
         self.mesh.solids_from, self.mesh.cloth_from = self._first_solid, self._first_cloth
@@ -127,19 +130,23 @@ class DrawList:
             lighting.light_solids(mesh, self._first_cloth, mesh.corners, 0.0, eye, dark, frame)
 
     def _update_balls(self) -> None:
-        """Spheres of the scene, and a small one at the held particle (without size while the hand is empty)."""
+        """Spheres of the scene, and beads on what is held (without size while the hand is empty) and on new pins."""
         simulation = self.simulation
-        held = simulation.grabbed
-        if held is None:
-            marker = (simulation.topology.start[0], 0.0)
-        else:
-            marker = (simulation.positions()[held], 0.3 * self._grain)
         spheres = simulation.bodies()[: len(simulation.scene.spheres)]
-        centers, radii = zip(*((body.center, body.size[0]) for body in spheres), marker, strict=True)
-        colours = np.array([BALL] * (self._ball_count - 1) + [HELD], np.float32)
-        fill.fill_balls(
-            self.mesh, self._first_ball, self._ball, np.array(centers, np.float32), np.array(radii, np.float32), colours
-        )
+        first = self._first_ball
+        if spheres:
+            centers, radii = zip(*((body.center, body.size[0]) for body in spheres), strict=True)
+            first = self._fill_balls(first, self._ball, centers, radii, [BALL] * len(spheres))
+        held = simulation.grabbed
+        beads = simulation.positions()[[held or 0, *self._pins]]
+        sizes = [0.0 if held is None else self._mark, *[self._mark] * len(self._pins)]
+        self._fill_balls(first, self._bead, beads, sizes, [HELD, *[PINNED] * len(self._pins)])
+
+    def _fill_balls(self, first: int, unit: Floats, centers: Any, radii: Any, colours: Any) -> int:
+        """Balls of one fineness; where the next begin."""
+        places, sizes, tints = (np.array(values, np.float32) for values in (centers, radii, colours))
+        fill.fill_balls(self.mesh, first, unit, places, sizes, tints)
+        return first + len(places) * len(unit)
 
     def _fill_bodies(self, first: int, soups: list[draw_bodies.Soup]) -> None:
         """Bodies one after another."""

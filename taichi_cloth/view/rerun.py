@@ -99,13 +99,13 @@ class Rerun(Session):
             case "change_solver" | "change_fabric":
                 with suppress(WrongUse):  # it could not be had then, either
                     getattr(simulation, call)(*arguments)
-                self._draw_anew()
+                self._renew()
             case "change":
                 simulation.change(self.recording.changed(*arguments))
-                self._draw_anew()
+                self._renew()
             case "pin":
                 simulation.pin(*arguments)
-                self._draw_anew()
+                self._renew()
             case "load":
                 self._load(*arguments)
             case "restore":

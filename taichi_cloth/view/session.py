@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -20,8 +22,10 @@ from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
 from ..measure.cloth import Measures
 from ..record.recorded import Recorded
-from ..scene import Scene, load_scene, scene_names
-from ..scene.model import SOLVER_NAMES
+from ..scene import Scene, live_keys, load_scene, scene_names
+from ..scene.leave_out import may_do_without, scene_without
+from ..scene.model import PRESET_NAMES, SOLVER_NAMES
+from .curves import History
 from .draw_list import VIEWS, DrawList
 from .keepsakes import Keepsakes
 
@@ -35,6 +39,17 @@ HOLD = {
     "pan_down": (0.0, 0.0, -PAN_RATE),
     "pan_up": (0.0, 0.0, PAN_RATE),
 }  # held action → rates of zoom, pan right, pan up
+
+
+PAGES = ("Sliders", "Stages", "Numbers", "Keys")
+FABRICS = ("", *PRESET_NAMES)
+USUAL_HAND, LARGEST_HAND = 0.02, 0.25  # radius in sides of the cloth
+HAND_STEP = 1.25
+
+
+def words(name: str) -> str:
+    """A section's name as the user reads it."""
+    return name.replace("_", "-")
 
 
 @dataclass
@@ -55,18 +70,25 @@ class Session:
         self.frozen = False
         self.hidden = False
         self.view = VIEWS[0]
+        self.page = PAGES[0]
+        self.curves = False
         self.physics_ms = 0.0  # [ms] of one frame, mean over the last picture's frames
+        self.measuring_ms = 0.0  # [ms] of the last measurement
         self.note = ""  # one line for the user
         self.size = (1280, 720)  # [pixels] of the last picture
         self.pointer = Pointer()
         self.keepsakes = Keepsakes(out)
         self._first = scene
         self._path = path
-        self._out = Path("out").resolve()  # before the window changes the folder
+        self._out = out.absolute()  # the window works in another folder
         self._open(scene)
 
     def _open(self, scene: Scene) -> None:
         self.simulation = Recorded(scene, self._path)
+        self._whole = scene  # with all its stages
+        self.fabric = ""  # a shipped one, or the scene's own
+        self.history = History()
+        self._cursor: tuple[tuple[float, float], tuple[int, int]] | None = None
         try:
             self.draw_list = DrawList(self.simulation)
         except BaseException:
@@ -76,7 +98,23 @@ class Session:
         self.grip: Grip | None = None
         self.note = ""
         self._guard = Guard(self.simulation)
-        self.measures = self.simulation.measure()
+        self.radius = self.usual_radius
+        self.measure()
+
+    def _renew(self) -> None:
+        """What is drawn and watched follows a simulation that was opened anew."""
+        self.draw_list.close()
+        self.draw_list = DrawList(self.simulation)
+        self._guard = Guard(self.simulation)
+
+    def _change(self, change: Callable[[], None]) -> None:
+        """A change that opens the simulation anew; the note tells why where it cannot be."""
+        self.note = ""
+        try:
+            change()
+        except WrongUse as error:
+            self.note = str(error)
+        self._renew()
 
     def finish(self) -> str:
         """Ends a clip, and waits until it is drawn. Returns a line where there was one."""
@@ -105,14 +143,32 @@ class Session:
                 self._simulate(1)
             case "reset":
                 self._let_go()
-                self.simulation.reset()
-                self.note = ""
+                self._change(self.simulation.reset)
             case "wind":
                 self.simulation.set("wind", not self.simulation.get("wind"))
             case "view":
                 self.view = VIEWS[(VIEWS.index(self.view) + 1) % len(VIEWS)]
             case "solver":
                 self._next_solver()
+            case "fabric":
+                self.fabric = FABRICS[(FABRICS.index(self.fabric) + 1) % len(FABRICS)]
+                self._change(lambda: self.simulation.change_fabric(self.fabric))
+            case "stage":
+                self._next_stage_off()
+            case "pin":
+                self._pin()
+            case "smaller_hand":
+                self.radius = self.radius / HAND_STEP if self.radius > self.usual_radius / 2 else 0.0
+            case "larger_hand":
+                self.radius = min(max(self.radius * HAND_STEP, self.usual_radius / 2), self.largest_radius)
+            case "own_values":
+                self.radius = self.usual_radius
+                for key in live_keys(self.simulation.scene).values():
+                    self.simulation.set(key.name, key.value)
+            case "curves":
+                self.curves = not self.curves
+            case "page":
+                self.page = PAGES[(PAGES.index(self.page) + 1) % len(PAGES)]
             case "previous_scene":
                 self._turn_to(-1)
             case "next_scene":
@@ -182,13 +238,31 @@ class Session:
                 break
             except WrongUse as error:
                 self.note = str(error)
-        self._draw_anew()
+        self._renew()
 
-    def _draw_anew(self) -> None:
-        """Another method's cloth lies in other fields."""
-        self.draw_list.close()
-        self.draw_list = DrawList(self.simulation)
-        self._guard = Guard(self.simulation)
+    # -- stages ----------------------------------------------------------------------------------------
+
+    @property
+    def stages(self) -> dict[str, bool]:
+        """Stages that the scene names and can do without, and whether each is on. The wind has a switch of its own."""
+        return {
+            name: bool(getattr(self.simulation.scene, name)) for name in may_do_without(self._whole) if name != "wind"
+        }
+
+    def switch(self, stages: dict[str, bool]) -> None:
+        """Switches stages on and off. What never ran together is compiled first, which takes seconds."""
+        off = scene_without(self._whole, [name for name, on in stages.items() if not on])
+        sections: dict[str, Any] = {name: getattr(off, name) for name in stages}
+        self._change(lambda: self.simulation.change(replace(self.simulation.scene, **sections)))
+
+    def _next_stage_off(self) -> None:
+        """The first stage off, then the next one instead, and after the last all are on."""
+        names = list(self.stages)
+        off = [k for k, name in enumerate(names) if not self.stages[name]]
+        next_one = off[-1] + 1 if off else 0
+        self.switch({name: k != next_one for k, name in enumerate(names)})
+        if not self.note and next_one < len(names):
+            self.note = f"without {words(names[next_one])}"
 
     # -- the mouse -------------------------------------------------------------------------------------
 
@@ -205,6 +279,7 @@ class Session:
         self.size = size
         aspect = size[0] / size[1]
         mouse = Mouse(cursor[0] * aspect, cursor[1], held)
+        self._cursor = None if on_panel else (cursor, size)
         gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
         self.camera.orbit(*gesture.orbit)
         self.camera.zoom(gesture.zoom)
@@ -215,17 +290,44 @@ class Session:
         if self.grip is not None:
             self.simulation.grab(self.grip.index, self.grip.handle.move(self.camera, cursor, aspect))
 
+    @property
+    def usual_radius(self) -> float:
+        """A hand [m] that takes one particle of a coarse cloth and a patch of a fine one."""
+        return USUAL_HAND * self._side
+
+    @property
+    def largest_radius(self) -> float:
+        """[m] That of the slider."""
+        return LARGEST_HAND * self._side
+
+    @property
+    def _side(self) -> float:
+        return float(np.ptp(self.simulation.topology.start, axis=0).max())
+
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
-        simulation = self.simulation
-        positions = simulation.positions()
-        solid = partial(first_hit, simulation.bodies())
-        picked = pick(self.camera, cursor, size, positions, simulation.topology.triangles, solid)
-        if picked is None:
+        index = self._under(cursor, size)
+        if index is None:
             self.pointer.miss()
             return
-        particle = positions[picked.index]
-        self.grip = Grip(picked.index, Handle(self.camera, cursor, size[0] / size[1], particle), particle)
-        simulation.grab(picked.index, particle)
+        particle = self.simulation.positions()[index]
+        self.grip = Grip(index, Handle(self.camera, cursor, size[0] / size[1], particle), particle)
+        self.simulation.grab(index, particle, self.radius)
+
+    def _under(self, cursor: tuple[float, float], size: tuple[int, int]) -> int | None:
+        """The particle at a screen point."""
+        simulation = self.simulation
+        solid = partial(first_hit, simulation.bodies())
+        picked = pick(self.camera, cursor, size, simulation.positions(), simulation.topology.triangles, solid)
+        return None if picked is None else picked.index
+
+    def _pin(self) -> None:
+        """Pins what is held, or what is under the cursor; a pin is let go."""
+        held = self.simulation.grabbed
+        index = held if held is not None or self._cursor is None else self._under(*self._cursor)
+        if index is None:
+            self.note = "no cloth under the cursor to pin"
+            return
+        self._change(lambda: self.simulation.pin(index, on=not self.simulation.topology.pinned[index]))
 
     def _let_go(self) -> None:
         self.simulation.release()
@@ -274,6 +376,9 @@ class Session:
             self.simulation.grab(self.grip.index, start + share * (end - start))
 
     def measure(self) -> Measures:
-        """Measures the cloth."""
+        """Measures the cloth, for the figures and the curves."""
+        start = time.perf_counter()
         self.measures = self.simulation.measure()
+        self.measuring_ms = 1e3 * (time.perf_counter() - start)
+        self.history.add(self.simulation.seconds, self.measures)
         return self.measures

@@ -17,6 +17,7 @@ from ..interact.camera import OrbitCamera
 from ..interact.keys import KEYS
 from ..simulation import Simulation
 from .clock import FrameClock
+from .draw_curves import CurveDrawing
 from .draw_mesh import DrawMesh
 from .journal import Journal, line_of
 from .legend import WindowScale
@@ -68,8 +69,7 @@ def run(
 def loop(window: Any, session: Session, panel: Panel, frames: int | None, journal: Journal | None) -> None:
     """One turn for every picture: input, physics, drawing."""
     canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
-    clock = FrameClock(time.perf_counter())
-    scale = WindowScale()
+    clock, curves, scale = FrameClock(time.perf_counter()), CurveDrawing(), WindowScale()
     draw_ms, displayed = 0.0, 0
     text, told, told_at = "", 0.0, 0
     while window.running and session.running and displayed != frames:
@@ -79,7 +79,8 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
         cursor = window.get_cursor_pos()
 
         if now - told > NUMBERS_EVERY:
-            session.measure()
+            if not session.curves:
+                session.measure()
             text = numbers(session, draw_ms, (displayed - told_at) / (now - told))
             told, told_at = now, displayed
 
@@ -90,14 +91,17 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
         on_panel = not session.hidden and panel.place.contains(cursor, size)
         session.point(cursor, held_buttons(window), size, on_panel=on_panel, widget_changed=used)
         session.advance(due)
+        if session.curves or journal:
+            session.measure()
 
         start = time.perf_counter()
         draw(canvas, scene, lens, session)
         if session.view == "strain":
             scale.show(canvas, size)
+        if session.curves:
+            curves.draw(canvas, session.history, size[0] / size[1])
         draw_ms = 1e3 * (time.perf_counter() - start)
         if journal:
-            session.measure()
             journal.write(line_of(session, displayed, cursor, size[0] / size[1], draw_ms))
         window.show()
         displayed += 1

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_cloth.scene import load_scene, scene_names
-from taichi_cloth.view.panel import HEIGHT, LETTERS, MARGIN, NAME, WIDTH, Panel, numbers
+from taichi_cloth.interact.keys import KEYS
+from taichi_cloth.scene import live_keys, load_scene, scene_names
+from taichi_cloth.view.curves import SPAN
+from taichi_cloth.view.panel import COLUMN, HEIGHT, LETTERS, MARGIN, NAME, WIDTH, Panel, help_lines, numbers
 from taichi_cloth.view.panel_place import TITLE_HEIGHT, Place, saved_place
-from taichi_cloth.view.session import Session
+from taichi_cloth.view.session import PAGES, Session
 
 SIZE = (1280, 720)
 LETTER, PADDING, WIDGET_ROW, TEXT_ROW, SPACING = 7, 8, 23, 17, 4  # [pixels] Dear ImGui's look and font
@@ -53,12 +55,13 @@ class Notes:
 
 @pytest.fixture
 def drawn(tmp_path: Path) -> Iterator[Callable[..., tuple[Session, Notes, bool]]]:
-    """Draws the panel of a scene once: `drawn("curtain", Wind=True)`."""
+    """Draws a page of the panel of a scene once: `drawn("curtain", "Stages", Wind=True)`."""
     sessions = []
 
-    def draw(scene: str, **answers: Any) -> tuple[Session, Notes, bool]:
+    def draw(scene: str, page: str = "Sliders", **answers: Any) -> tuple[Session, Notes, bool]:
         session, notes = Session(load_scene(scene)), Notes(**answers)
         sessions.append(session)
+        session.page = page
         used = Panel(SIZE, tmp_path / "imgui.ini").draw(notes, session, numbers(session, 12.3, 59.9))
         return session, notes, used
 
@@ -71,16 +74,38 @@ Drawn = Callable[..., tuple[Session, Notes, bool]]
 
 
 @pytest.mark.parametrize("scene", scene_names())
-def test_labels_are_unique_and_everything_fits(drawn: Drawn, scene: str) -> None:
-    _, notes, used = drawn(scene)
-    assert not used, "nobody touched a widget"
-    assert len(set(notes.labels)) == len(notes.labels)
-    room = (WIDTH - 0.65 * WIDTH - PADDING - SPACING) / LETTER  # beside a slider
-    assert max(map(len, notes.labels)) <= room
-    assert max(map(len, notes.texts)) <= LETTERS
-    height = TITLE_HEIGHT + 2 * PADDING + len(notes.labels) * WIDGET_ROW + len(notes.texts) * TEXT_ROW
-    assert height <= HEIGHT
+def test_labels_are_unique_and_everything_fits(scene: str, tmp_path: Path) -> None:
+    """Every page, with curves on, with a long note and the longest help."""
+    session = Session(load_scene(scene))
+    session.curves = True
+    session.note = "spring would take 200,001 substeps a frame, more than 200,000: " + "its springs are stiff " * 4
+    panel = Panel(SIZE, tmp_path / "imgui.ini")
+    for page in PAGES:
+        assert session.page == page
+        for slider in [*live_keys(session.simulation.scene), "hand"] if page == "Sliders" else [""]:
+            panel._moved = slider
+            notes = Notes()
+            assert not panel.draw(notes, session, numbers(session, 12.3, 59.9)), "nobody touched a widget"
+            assert len(set(notes.labels)) == len(notes.labels)
+            room = (WIDTH - 0.65 * WIDTH - PADDING - SPACING) / LETTER  # beside a slider
+            assert max(map(len, notes.labels)) <= room
+            assert max(map(len, notes.texts)) <= LETTERS
+            height = TITLE_HEIGHT + 2 * PADDING + len(notes.labels) * WIDGET_ROW + len(notes.texts) * TEXT_ROW
+            assert height <= HEIGHT
+        session.act("page")
     assert SIZE[1] >= HEIGHT + 2 * MARGIN
+    session.close()
+
+
+def test_keys_stand_in_two_columns_that_do_not_touch() -> None:
+    assert all(line[COLUMN - 1 : COLUMN + 1].strip() == "" for line in help_lines())
+    assert all(f"{key.label:5} {key.help}" in "\n".join(help_lines()) for key in KEYS)
+
+
+def test_every_page_has_a_button_to_the_next(drawn: Drawn) -> None:
+    session, notes, _ = drawn("curtain", "Numbers", **{"Numbers > Keys": True})
+    assert "Numbers > Keys" in notes.labels
+    assert session.page == "Keys"
 
 
 @pytest.mark.parametrize(
@@ -100,7 +125,7 @@ def test_a_slider_of_whole_numbers_keeps_to_them(drawn: Drawn) -> None:
 
 
 def test_switches_and_buttons_act(drawn: Drawn) -> None:
-    session, _, used = drawn("curtain", Freeze=True, Wind=True, Step=True, **{"Next view": True})
+    session, _, used = drawn("curtain", "Stages", Freeze=True, Wind=True, Step=True, **{"Next view": True})
     assert used
     assert session.frozen
     assert session.simulation.get("wind") is False
@@ -109,9 +134,47 @@ def test_switches_and_buttons_act(drawn: Drawn) -> None:
 
 
 def test_a_scene_without_wind_has_no_widget_for_it(drawn: Drawn) -> None:
-    scene = next(name for name in scene_names() if load_scene(name).wind is None)
-    _, notes, _ = drawn(scene)
-    assert not [label for label in notes.labels if "Wind" in label]
+    for page in ("Sliders", "Stages"):
+        session, notes, _ = drawn("net", page)
+        assert session.simulation.scene.wind is None
+        assert not [label for label in notes.labels if "Wind" in label]
+
+
+def test_the_hand_has_a_slider_and_its_help(drawn: Drawn) -> None:
+    session, notes, used = drawn("curtain", Hand=0.4)
+    assert used
+    assert session.radius == pytest.approx(0.4)
+    assert any("on the sheet" in text for text in notes.texts)
+    session, _, _ = drawn("curtain", Hand=1e9)
+    assert session.radius == session.largest_radius == pytest.approx(4.35 / 4)
+
+
+def test_a_slider_that_is_moved_tells_what_it_is(drawn: Drawn) -> None:
+    _, notes, _ = drawn("curtain", Gravity=3.0)
+    assert "Gravity: downward acceleration; 0 to 20 m/s², of this" in notes.texts
+
+
+def test_the_scenes_values_come_back(drawn: Drawn) -> None:
+    session, _, _ = drawn("curtain", Gravity=3.0, Hand=0.4, **{"Scene's values": True})
+    assert session.simulation.get("gravity") == 9.81
+    assert session.radius == session.usual_radius
+
+
+def test_a_stage_is_switched_off(drawn: Drawn) -> None:
+    session, notes, used = drawn("net", "Stages", Limit=True)
+    assert used
+    assert {"Limit", "Spheres", "Ground"} <= set(notes.labels)
+    assert "limit" not in session.simulation.stages
+    assert session.stages == {"limit": False, "spheres": True, "ground": True}
+
+
+def test_figures_tell_times_and_curves_have_their_legend(drawn: Drawn) -> None:
+    session, notes, _ = drawn("drape15", "Numbers", Curves=True)
+    assert session.curves
+    assert any("physics 0.0 + drawing 12 + measuring" in text for text in notes.texts)
+    assert any(text.startswith("225 particles, ") and text.endswith(" 2 pins") for text in notes.texts)
+    assert f"curves of the last {SPAN:g} s:" in notes.texts
+    assert any(text.startswith("kinetic energy: ") and text.endswith(" J") for text in notes.texts)
 
 
 SETTINGS = """[Window][Debug##Default]

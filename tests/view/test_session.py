@@ -16,7 +16,7 @@ from taichi_cloth.interact.keys import KEYS
 from taichi_cloth.interact.pointer import Owner
 from taichi_cloth.mesh.obj import read_obj
 from taichi_cloth.scene import load_scene, scene_names
-from taichi_cloth.scene.model import SOLVER_NAMES
+from taichi_cloth.scene.model import PRESET_NAMES, SOLVER_NAMES
 from taichi_cloth.view.keepsakes import Keepsakes
 from taichi_cloth.view.session import HOLD, Session
 
@@ -244,3 +244,128 @@ def test_a_method_that_the_scene_cannot_have_is_passed_over_and_told() -> None:
     session.advance(1)
     assert session.simulation.measure().finite
     session.close()
+
+
+# -- the hand, pins, fabrics and stages ---------------------------------------------------------------------------
+
+
+def test_the_hand_takes_a_patch_of_a_fine_cloth_and_one_particle_of_a_coarse_one(session: Session) -> None:
+    take(session)
+    assert len(session.simulation.held) == 1
+    point(session, (0.1, 0.1))
+    for _ in range(3):
+        session.act("larger_hand")
+    take(session)
+    assert len(session.simulation.held) == 5  # 0.087 m · 1.25³, and cells of 0.15 m
+    point(session, (0.1, 0.1))
+    for _ in range(20):
+        session.act("smaller_hand")
+    assert session.radius == 0.0
+    session.act("larger_hand")
+    assert 0 < session.radius < session.usual_radius
+    for _ in range(40):
+        session.act("larger_hand")
+    assert session.radius == session.largest_radius
+
+
+def test_cloth_is_taken_from_behind_and_while_it_is_frozen(session: Session) -> None:
+    session.act("freeze")
+    front = session.camera.eye[2]
+    while session.camera.eye[2] > -0.8 * front:
+        session.camera.orbit(0.05, 0.0)
+    cursor = cursor_on(session, PARTICLE)
+    point(session, cursor, "left")
+    assert session.simulation.grabbed == PARTICLE
+    before = session.simulation.positions()
+    point(session, (cursor[0] + 0.05, cursor[1]), "left")
+    session.advance(3)
+    assert (session.simulation.positions() == before).all(), "frozen cloth moved"
+    session.act("step")
+    assert cursor_on(session, PARTICLE) == pytest.approx((cursor[0] + 0.05, cursor[1]), abs=2e-3)
+
+
+def test_p_pins_what_is_under_the_cursor_and_lets_it_go(session: Session) -> None:
+    cursor = cursor_on(session, PARTICLE)
+    point(session, cursor)
+    session.act("pin")
+    assert session.simulation.added_pins.tolist() == [PARTICLE]
+    there = session.simulation.positions()[PARTICLE]
+    session.advance(5)
+    assert (session.simulation.positions()[PARTICLE] == there).all()
+    session.act("pin")
+    assert not session.simulation.topology.pinned[PARTICLE]
+    point(session, cursor_on(session, 3))
+    session.act("pin")
+    assert not session.simulation.topology.pinned[3], "a pin of the scene's own stayed"
+    session.act("reset")
+    assert session.simulation.topology.pinned[3]
+
+
+@pytest.mark.parametrize("on_panel", [True, False])
+def test_p_beside_the_cloth_pins_nothing_and_says_so(session: Session, on_panel: bool) -> None:
+    point(session, cursor_on(session, PARTICLE) if on_panel else (0.02, 0.02), on_panel=on_panel)
+    session.act("pin")
+    assert session.note == "no cloth under the cursor to pin"
+    assert len(session.simulation.added_pins) == 0
+
+
+def test_p_pins_what_the_hand_holds_where_it_is_led(session: Session) -> None:
+    take(session)
+    session.act("pin")
+    point(session, (0.3, 0.3), "left")
+    session.advance(1)
+    point(session, (0.3, 0.3))
+    session.advance(5)
+    assert cursor_on(session, PARTICLE) == pytest.approx((0.3, 0.3), abs=2e-3)
+
+
+def test_fabrics_go_round(session: Session) -> None:
+    own, seen = session.simulation.scene.fabric, []
+    for _ in range(len(PRESET_NAMES) + 1):
+        before = session.simulation.positions()
+        session.act("fabric")
+        assert (session.simulation.positions() == before).all()
+        seen.append(session.simulation.scene.fabric.preset)
+    assert seen == [*PRESET_NAMES, ""]
+    assert session.simulation.scene.fabric == own
+
+
+def test_stages_go_off_one_after_another_and_all_come_back(session: Session) -> None:
+    assert list(session.stages) == ["spheres", "ground"]
+    notes = []
+    for _ in range(3):
+        session.act("stage")
+        notes.append((session.note, [name for name, on in session.stages.items() if not on]))
+        session.advance(1)
+    assert notes == [("without spheres", ["spheres"]), ("without ground", ["ground"]), ("", [])]
+    assert session.simulation.scene == load_scene("curtain")
+
+
+def test_going_through_pins_fabrics_and_stages_takes_no_more_fields(session: Session) -> None:
+    def fields() -> int:
+        return int(ti.lang.impl.get_runtime().prog.get_snode_tree_size())
+
+    def round_trip() -> None:
+        for action in [*["fabric"] * (len(PRESET_NAMES) + 1), *["stage"] * 3, "pin", "pin"]:
+            session.act(action)
+            session.advance(1)
+
+    point(session, cursor_on(session, PARTICLE))
+    round_trip()
+    before = fields()
+    for _ in range(2):
+        round_trip()
+    assert fields() == before
+
+
+def test_curves_follow_what_was_measured(session: Session) -> None:
+    for _ in range(4):
+        session.advance(1)
+        session.measure()
+    assert session.history.rows[:, 0] == pytest.approx(np.arange(5) / 60)
+    assert session.history.rows[-1, 1] == session.measures.kinetic_energy
+    assert session.measuring_ms > 0
+    session.act("reset")
+    session.advance(1)
+    session.measure()
+    assert len(session.history.rows) == 1

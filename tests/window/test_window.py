@@ -25,7 +25,8 @@ from taichi_cloth.view.panel_place import saved_place
 Start = Callable[..., Any]
 
 TITLE, ROW, PADDING = 19, 23, 8  # [pixels] of the toolkit's look
-SLIDERS = ("gravity", "wind_x", "wind_z", "stiffness", "damping", "sphere_radius", "iterations", "substeps")
+SLIDERS = ("gravity", "wind_x", "wind_z", "stiffness", "damping", "sphere_radius", "iterations", "substeps", "hand")
+BUTTONS = ("freeze", "step", "reset", "page")  # above them, on every page
 
 
 def red_cloth(picture: np.ndarray) -> np.ndarray:
@@ -53,9 +54,16 @@ def panel_point(desk: Any, x: float, y: float) -> tuple[float, float]:
 
 def slider_point(desk: Any, name: str, share: float) -> tuple[float, float]:
     """A point of a slider; `share` of the way from its low end to its high end."""
-    row = TITLE + PADDING + SLIDERS.index(name) * ROW + ROW / 2
+    row = TITLE + PADDING + (len(BUTTONS) + SLIDERS.index(name)) * ROW + ROW / 2
     grab, length = 12, 0.65 * WIDTH  # the knob's middle stays half its width off the ends
     return panel_point(desk, PADDING + grab / 2 + share * (length - grab), row)
+
+
+def press_button(desk: Any, name: str) -> None:
+    """Clicks on a button that stands on every page."""
+    desk.move(*panel_point(desk, PADDING + 20, TITLE + PADDING + BUTTONS.index(name) * ROW + ROW / 2))
+    desk.press("left")
+    desk.release("left")
 
 
 def distance(a: list[float], b: list[float]) -> float:
@@ -134,6 +142,76 @@ def test_the_mouse_pulls_the_cloth_it_is_on(desk: Start) -> None:
     stretched = desk.now()["max_strain"]
     assert desk.release("left")["grabbed"] is None
     desk.until(lambda line: line["max_strain"] < stretched / 2, "the cloth to go back")
+
+
+def test_the_mouse_pulls_a_patch_of_a_fine_cloth_and_p_pins_it(desk: Start) -> None:
+    desk = desk("curtain", "--set", "rows=96", "--set", "columns=96", "--without", "spheres")
+    desk.key("space")
+    desk.until(lambda line: line["frozen"], "freeze")
+    start = somewhere_on_the_cloth(desk)
+    desk.move(*start)
+    assert not orange(desk.picture()).any()
+    desk.key("p")
+    desk.until(lambda line: len(line["added_pins"]) == 1, "a pin under the cursor")
+    assert orange(desk.picture()).any(), "the new pin has no bead"
+    desk.key("p")
+    desk.until(lambda line: line["added_pins"] == [], "the pin to go")
+    assert not orange(desk.picture()).any()
+
+    desk.press("left")
+    pressed = desk.now()
+    assert pressed["held"] > 8
+    assert pressed["radius"] == pytest.approx(0.02 * 4.35)
+    desk.key("space")
+    going = desk.until(lambda line: not line["frozen"], "going on")
+    desk.until(lambda line: line["frame"] > going["frame"] + 3, "some frames")
+    assert distance(desk.last["particle"], pressed["particle"]) < 1e-3, "what is held moved in a still hand"
+    for k in range(1, 6):
+        desk.move(start[0] - 0.02 * k, start[1] + 0.02 * k)
+    pulled = desk.now()
+    assert distance(pulled["particle"], start) > 0.1
+    assert pulled["max_strain"] < 1.0
+
+    desk.key("p")
+    held = pulled["grabbed"]
+    desk.until(lambda line: line["added_pins"] == [held], "the pin")
+    assert desk.release("left")["held"] == 0
+    assert desk.now()["added_pins"] == [held]
+
+
+def orange(picture: np.ndarray) -> np.ndarray:
+    """Where a picture shows a bead of a new pin, right of the panel."""
+    red, green, blue = np.moveaxis(picture[:, MARGIN + WIDTH :], 2, 0)
+    return (red > 120) & (green > 0.4 * red) & (green < 0.7 * red) & (blue < 0.35 * red)
+
+
+def test_pages_turn_and_widgets_of_another_page_work(desk: Start) -> None:
+    desk = desk("curtain")
+    desk.key("k")
+    desk.until(lambda line: line["curves"], "the curves")
+    for page in ("Stages", "Numbers", "Keys"):
+        press_button(desk, "page")
+        desk.until(lambda line, page=page: line["page"] == page, f"the page {page}")
+        if page == "Stages":
+            box = TITLE + PADDING + (len(BUTTONS) + 2) * ROW + ROW / 2  # below those of the wind and the ball
+            desk.move(*panel_point(desk, PADDING + 10, box))
+            desk.press("left")
+            desk.release("left")
+            desk.until(lambda line: "ground" not in line["stages"], "the ground to go")
+    desk.key("Tab")
+    desk.until(lambda line: line["page"] == "Sliders", "the first page")
+    desk.move(*slider_point(desk, "hand", 0.1))
+    desk.press("left")
+    desk.move(*slider_point(desk, "hand", 0.8))
+    desk.until(lambda line: abs(line["radius"] - 0.8 * 4.35 / 4) < 0.04, "a hand of 0.87 m")
+    desk.release("left")
+    chart = desk.picture()[-100:-20, -280:-20]
+    assert (chart.max(axis=2) < 40).mean() > 0.8, "the charts have no ground"
+    assert (chart.max(axis=2) > 120).any(), "the charts have no curves"
+    for key, name in (("y", "silk"), ("y", "cotton")):
+        desk.key(key)
+        desk.until(lambda line, name=name: line["fabric"] == name, f"the fabric {name}")
+    assert desk.now()["frame"] > 0
 
 
 def test_a_press_on_nothing_takes_nothing(desk: Start) -> None:
