@@ -11,12 +11,14 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.cli import build_parser
 from taichi_cloth.scene import parse_override
 from taichi_cloth.scene.model import PRESET_NAMES, SOLVER_NAMES
+from taichi_cloth.view.png import write_png
 
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"
@@ -140,16 +142,27 @@ def test_commands_are_understood(document: Path) -> None:
         words = words if not words[0].startswith("-") else ["run", *words]
         told = vars(build_parser().parse_args(words))  # ends the program where it does not understand
         scenes = [told.get("scene"), told.get("file"), *(told.get("scenes") or [])]
-        names = [name for scene in scenes for name in (scene if isinstance(scene, list) else [scene]) if name]
+        names = [str(name) for scene in scenes for name in (scene if isinstance(scene, list) else [scene]) if name]
         assert [name for name in names if name not in known and not name.endswith(".toml")] == [], command
         assert told.get("solver") in (None, "robust", *SOLVER_NAMES), command
         scene = next((name for name in names if name in tc.scene_names()), "curtain")
         tc.load_scene(scene, **dict(parse_override(text) for text in told.get("set") or []))
 
 
+def own_files(folder: Path) -> None:
+    """What a user would have drawn: a flag of 5×5 points in centimetres with a hoist, and maps for it."""
+    points = [f"v {25 * c} {25 * r} 0\nvt {c / 4} {r / 4}" for r in range(5) for c in range(5)]
+    corners = [[5 * r + c + k for k in (1, 2, 7, 6)] for c in range(4) for r in range(4)]
+    faces = ["f " + " ".join(f"{n}/{n}" for n in face) for face in corners]
+    (folder / "flag.obj").write_text("\n".join([*points, "g hoist", *faces[:4], "g fly", *faces[4:]]))
+    for name in ("pins", "stiffness"):
+        write_png(folder / f"{name}.png", np.full((4, 4, 3), 200, np.uint8))
+
+
 @each([path for path in DOCUMENTS if blocks(path, "toml")])
 def test_scenes_can_be_loaded_block_by_block_and_all_together(document: Path, tmp_path: Path) -> None:
     file = tmp_path / "scene.toml"
+    own_files(tmp_path)
     for block in (*blocks(document, "toml"), "\n".join(blocks(document, "toml"))):
         file.write_text(block, encoding="utf-8")
         tc.load_scene(file)
