@@ -120,6 +120,7 @@ class Simulation:
             sheets=topology.sheets,
             triangles=self._stages.triangles,
             mapped=scene.maps is not None and bool(scene.maps.stiffness),
+            colours=len(topology.batches),
         )
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)

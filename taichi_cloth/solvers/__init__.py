@@ -16,6 +16,7 @@ from .verlet import Verlet
 from .xpbd import Xpbd
 
 SOLVERS: dict[str, type[Solver]] = {solver.name: solver for solver in (Verlet, Xpbd, Spring, Lines, Rk4, Projective)}
+MOST_COLOURS = 64  # of springs, each compiled by itself on the path gather; a grid has 12 at most
 NO_GRID_NEEDED = tuple(name for name, solver in SOLVERS.items() if not solver.needs_grid)
 
 
@@ -27,12 +28,14 @@ def path_for(
     sheets: int = 1,
     triangles: bool = False,
     mapped: bool = False,
+    colours: int = 0,
 ) -> str:
     """The layout a solver works on, for a grid of (rows, columns) on the arch that Taichi was started on.
 
-    `triangles`: bodies keep out whole triangles; `mapped`: stiffness differs from spring to spring. Raises WrongUse for
-    an unknown one, on a GPU for one that would run there on a single thread, and for strips where they cannot serve:
-    several sheets, triangles, mapped stiffness, and meshes that are no grid; for a method that needs one, too.
+    `triangles`: bodies keep out whole triangles; `mapped`: stiffness differs from spring to spring; `colours`: how many
+    the springs have. Raises WrongUse for an unknown layout, on a GPU for one that would run there on a single thread,
+    for strips where they cannot serve (several sheets, triangles, mapped stiffness, meshes that are no grid), for a
+    thread a particle where it cannot, and for a method that needs a grid.
     """
     if shape == NO_GRID and kind.needs_grid:
         raise WrongUse(f"{kind.name} needs a grid, and a mesh file has no rows: take {', '.join(NO_GRID_NEEDED)}")
@@ -48,6 +51,11 @@ def path_for(
         asked = "gather"
     if asked == "gather" and shape == NO_GRID and triangles:
         raise WrongUse("path gather keeps bodies from the triangles of a grid only: list can do any mesh")
+    if asked == "gather" and colours > MOST_COLOURS:
+        raise WrongUse(
+            f"path gather has a launch for each of the {colours} colours of these springs, more than {MOST_COLOURS}: "
+            "a point of the mesh has too many edges, which list can do"
+        )
     if asked == "lanes" and sheets > 1:
         raise WrongUse("path lanes is for one sheet: list and gather can do several")
     if asked == "lanes" and triangles:
