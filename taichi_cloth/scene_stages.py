@@ -6,11 +6,13 @@ from typing import Any
 
 from .contact.bodies import colliders_of, counts_of, meets_triangles
 from .mesh.solid import distances_of
+from .mesh.topology import Topology
 from .scene import Scene
 from .scene.model import COLLIDERS, PROJECTION, REFLECTION, REPULSION
 from .solvers import Stages, Unfit
 from .state import distances
 
+MOST_COLOURS = 64  # of springs, each compiled by itself on the path gather; a grid has 12 at most
 # Those that a run names besides spring families and colliders: the field of `Stages`, and the word for it.
 WORDS = {
     "bending": "bending",
@@ -50,9 +52,11 @@ def words_for(stages: Stages) -> list[str]:
     return [word for stage, word in WORDS.items() if getattr(stages, stage)]
 
 
-def unfit_for(scene: Scene) -> Unfit:
+def unfit_for(scene: Scene, topology: Topology) -> Unfit:
     """What a cloth cannot be run with, and why."""
     rows = strips = threads = ""
+    if len(topology.batches) > MOST_COLOURS:
+        threads = f"its springs have {len(topology.batches)} colours, more than {MOST_COLOURS}: a point has many edges"
     if scene.tear is not None:
         rows = strips = "one that tears loses its rows"
     if scene.cloth.file:
@@ -63,5 +67,5 @@ def unfit_for(scene: Scene) -> Unfit:
         strips = "maps.stiffness makes springs differ"
     if any(meets_triangles(collider) for collider in colliders_of(scene)):
         strips = "a body is kept from triangles"
-        threads = "a body is kept from the triangles of a mesh" if scene.cloth.file else ""
+        threads = "a body is kept from the triangles of a mesh" if scene.cloth.file else threads
     return Unfit(rows, strips, threads)

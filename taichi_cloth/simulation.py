@@ -91,7 +91,7 @@ class Simulation:
         topology = topology_of(scene, kind.springs)
         repinned = np.zeros(topology.particle_count, bool) if repinned is None else repinned
         topology = replace(topology, pinned=topology.pinned ^ repinned)
-        path = path_for(kind, topology.shape, self._path, unfit_for(scene))
+        path = path_for(kind, topology.shape, self._path, unfit_for(scene, topology))
         stiffness = stiffness_of(scene, kind.springs, topology)
         cloth = state.take(topology)
         cloth.upload(topology, stiffness)

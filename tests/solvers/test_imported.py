@@ -64,6 +64,8 @@ def test_what_needs_a_grid_says_so(mesh: Scene) -> None:
     pole = replace(mesh, capsules=(Capsule(against="triangles"),))
     with pytest.raises(WrongUse, match="path gather cannot do it, since a body is kept from the triangles of a mesh"):
         Simulation(pole, "gather")
+    with pytest.raises(WrongUse, match=r"since its springs have 1[0-9]{2} colours"):
+        Simulation(replace(mesh, cloth=Cloth(file="disc", pins=())), "gather")  # a fan of 96 triangles
     with Simulation(mesh) as simulation:
         assert simulation.method == "verlet 5×12 · list"
         with pytest.raises(WrongUse, match="lines needs a grid"):
