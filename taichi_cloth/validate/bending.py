@@ -15,6 +15,9 @@ from .setups import advance, base, damped, strip, structural
 
 LINKS = 32
 GAMMAS = (0.1, 1.0, 10.0, 100.0, 1000.0)
+LOADS = (0.25, 1.0, 2.0, 5.0, 10.0)  # α = PL²/EI at the tip
+LIGHT = 0.02  # [kg/m²] of a strip that carries ten times its own weight
+WIDTH = 0.1  # [m] of all strips
 COMPRESSIONS = (0.01, 0.1, 0.3)
 BENDING = 0.02  # [N·m] of strips without weight, whose shape does not depend on it
 CONSTANT = 5000.0  # [N/m] of springs: a strip one metre long stretches by 0.02 %
@@ -32,7 +35,7 @@ def beam(solver: str, links: int, bending: float, gravity: float = GRAVITY) -> S
     Between them it cannot turn, so half a link less than a whole one belongs to its length.
     """
     height = (links + 1) / (links + 0.5)
-    scene = base(solver, links + 2, 3, width=0.1, height=height, pins=tuple(range(6)), rotation=(-90.0, 0.0, 0.0))
+    scene = base(solver, links + 2, 3, width=WIDTH, height=height, pins=tuple(range(6)), rotation=(-90.0, 0.0, 0.0))
     return limp(structural(scene, CONSTANT), bending, gravity)
 
 
@@ -69,11 +72,24 @@ def doubling_by_springs(solver: str) -> Iterator[Row]:
 def droop(solver: str) -> Iterator[Row]:
     """A strip of any stiffness droops as the elastica."""
     for gamma in GAMMAS:
-        column = settled(beam(solver, LINKS, 0.2 * GRAVITY / gamma), 10.0)
-        drop, reach = cantilever(gamma)
-        first = float(column[1, 2] - column[0, 2]) / 2  # the half link that is clamped
-        yield relative(f"Γ = {gamma:g}: drop over length", drop, -float(column[-1, 1] - column[1, 1]), 5e-2, 1e-2)
-        yield relative(f"Γ = {gamma:g}: reach", reach, abs(float(column[-1, 2] - column[1, 2]) + first), 5e-2, 1e-2)
+        yield from drooped(f"Γ = {gamma:g}", beam(solver, LINKS, 0.2 * GRAVITY / gamma), cantilever(gamma))
+
+
+def tip_load(solver: str) -> Iterator[Row]:
+    """A strip that carries ten times its own weight at its tip droops as the elastica under both."""
+    for load in LOADS:
+        pull = 10 * LIGHT * GRAVITY  # [N] a metre of width
+        scene = beam(solver, LINKS // 2, pull / load)
+        cloth = replace(scene.cloth, area_density=LIGHT, weight=pull * WIDTH / GRAVITY / 2)  # both corners
+        yield from drooped(f"α = {load:g}", replace(scene, cloth=cloth), cantilever(load / 10, load))
+
+
+def drooped(name: str, scene: Scene, exact: tuple[float, float]) -> Iterator[Row]:
+    """Drop and reach of a beam at rest."""
+    column = settled(scene, 10.0)
+    first = float(column[1, 2] - column[0, 2]) / 2  # the half link that is clamped
+    yield relative(f"{name}: drop over length", exact[0], -float(column[-1, 1] - column[1, 1]), 5e-2, 1e-2)
+    yield relative(f"{name}: reach", exact[1], abs(float(column[-1, 2] - column[1, 2]) + first), 5e-2, 1e-2)
 
 
 def buckling(solver: str) -> Iterator[Row]:
@@ -102,7 +118,7 @@ def loop(solver: str) -> Iterator[Row]:
     cell = 1 / (LINKS + 1)  # the outer half of the first and of the last link are behind the clamp
     particles = 3 * (LINKS + 3)
     pins = (*range(6), *range(particles - 6, particles))
-    scene = base(solver, LINKS + 3, 3, width=0.1, height=1 + cell, pins=pins)
+    scene = base(solver, LINKS + 3, 3, width=WIDTH, height=1 + cell, pins=pins)
     scene = limp(structural(scene, CONSTANT), BENDING, 0.0)
     turn = 2 * np.pi * cell * (np.arange(LINKS + 3) - 0.5)
     start = np.stack([np.sin(turn), 1 - np.cos(turn)], axis=-1) / (2 * np.pi)

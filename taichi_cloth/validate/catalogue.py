@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import WrongUse
-from . import air, bending, contact, flight, hanging, membrane, swing, symmetry
+from . import air, bending, contact, flight, hanging, membrane, strand, swing, symmetry
 from .row import Known, Reference
 from .setups import ALL, ELASTIC
 
@@ -11,13 +11,16 @@ EULER = "its steps are of first order: Euler's, however well each is solved"
 ALONG_THE_TANGENT = "a step goes along the tangent and is pulled back: a turn loses (1 + 2Ω²ht)^½ of its rate"
 ROUNDING = "its velocity is the difference of two places in float32, over h"
 STILLS = "implicit steps still the vibrations that are faster than they are"
-UNDAMPED = "nothing damps the sheet's own vibration"
+HALF_KICK = "the velocity that it tells has half a substep of weight in it, ½g·h, which the ground takes with the next"
 UNFINISHED = "the usual iterations do not reach the solution of a substep"
+HUNDRED = "100 iterations do not reach the solution of a substep"
+TURNED = "it adds up moves along threads that have turned since, and does not take them back"
 LATE = "it sees the dashpot's force half a substep late, and its substeps are as long as is stable"
 UNHELD = "each sweep pulls on, and friction holds no more than what contact pushes in that sweep"
 ONE_SIDED = "springs that are relaxed one after the other pull a sheet out of its symmetry"
 CUBIC = "springs to the particle after the next bend with the cube of the angle"
 
+IMPLICIT = ("xpbd", "lines", "projective")
 DASHPOTS = ("xpbd", "spring", "lines", "rk4")  # `projective` leaves them out
 
 
@@ -87,6 +90,7 @@ REFERENCES = (
     ),
     Reference("A4.3", "cantilever", "heavy elastica", bending.droop, ELASTIC, known(UNFINISHED, projective=0.075)),
     Reference("A4.4", "pear loop", "elastica", bending.loop, ELASTIC),
+    Reference("A4.5", "tip load", "elastica with both weights", bending.tip_load, ELASTIC),
     Reference(
         "A5.1",
         "stiffness of a grid",
@@ -106,7 +110,7 @@ REFERENCES = (
         known(UNFINISHED, verlet=0.015, projective=0.023),
     ),
     Reference("A7.1", "sliding to a stop", "v²/(2μg), Coulomb", contact.stopping, ALL),
-    Reference("A7.2", "rest on the ground", "-", contact.resting, ALL, known(UNDAMPED, spring=2e-5, rk4=4e-5)),
+    Reference("A7.2", "rest on the ground", "-", contact.resting, ALL, known(HALF_KICK, spring=8e-6, rk4=1.6e-5)),
     Reference("A7.3", "incline", "tan θ = μ; g·(sin θ − μ·cos θ)", contact.incline, ALL),
     Reference(
         "A7.4",
@@ -143,6 +147,26 @@ REFERENCES = (
     ),
     Reference("B3", "iterations", "sum of the weights below", hanging.independence, ("xpbd", "lines")),
     Reference("B4", "substeps or iterations", "the method in float64", hanging.split, ("xpbd",)),
+    Reference("B5", "force of a chain", "Newton's method in float64", strand.force, ("xpbd",)),
+    Reference(
+        "B6.1", "heavy strand at rest", "sum of the weights below", strand.at_rest, IMPLICIT, known(HUNDRED, xpbd=350)
+    ),
+    Reference(
+        "B6.2",
+        "heavy strand: residual",
+        "its own equation",
+        strand.residual,
+        IMPLICIT,
+        known(HUNDRED, xpbd=1.7e6, projective=280) | known(TURNED, lines=130),
+    ),
+    Reference(
+        "B6.3",
+        "heavy strand: strains",
+        "Newton's method in float64",
+        strand.strains,
+        IMPLICIT,
+        known(HUNDRED, xpbd=870, projective=0.15) | known(TURNED, lines=0.028),
+    ),
 )
 
 

@@ -44,8 +44,12 @@ def resting(solver: str) -> Iterator[Row]:
     scene = replace(base(solver, rotation=LEVEL, center=(0.0, 0.05, 0.0)), ground=Ground(height=0.0, margin=0.0))
     with Simulation(scene) as simulation:
         advance(simulation, 5.0)
+        before = simulation.positions()
+        simulation.advance_frame()
         energy = 0.5 * float((simulation.velocities() ** 2).sum(axis=1).max())
         yield at_most("kinetic energy of the fastest particle after 5 s [J/kg]", energy, 1e-6, 1e-10)
+        way = float(np.linalg.norm(simulation.positions() - before, axis=1).max())
+        yield at_most("way of the fastest particle in the next frame [m]", way, 2e-5, 2e-7)  # at those energies
         yield at_most("depth in the ground [m]", simulation.measure().penetration, 1e-4, 1e-9)
         drift = float(np.linalg.norm(center(simulation)[[0, 2]]))
         yield at_most("creep over the ground [m]", drift, 1e-3, 1e-5)

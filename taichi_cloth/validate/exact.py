@@ -227,23 +227,22 @@ def elastica(angle: float, rate: float, length: float, bends: Callable[[float, f
     return np.array(line)
 
 
-def cantilever(gamma: float) -> tuple[float, float]:
-    """(drop, reach) over the length L of a strip clamped level at one end, for Γ = σgL³/B.
+def cantilever(gamma: float, load: float = 0.0) -> tuple[float, float]:
+    """(drop, reach) over the length L of a strip clamped level at one end, for Γ = σgL³/B and a tip load α = PL²/EI.
 
-    Measured from the free tip in bending lengths, the angle ψ from the vertical obeys ψ'' = s·sin ψ until it is ½π at
-    the clamp; the angle of the tip is found by bisection.
+    Measured from the free tip in lengths of the strip, the angle ψ from the vertical obeys ψ'' = (Γ·s + α)·sin ψ until
+    it is ½π at the clamp; the angle of the tip is found by bisection.
     """
-    length = gamma ** (1 / 3)
-    low, high = -0.75 * sqrt(gamma) - 5, log(pi / 2)  # of log ψ at the tip
+    low, high = -0.75 * sqrt(gamma) - sqrt(load) - 5, log(pi / 2)  # of log ψ at the tip
     while low < (middle := (low + high) / 2) < high:
-        line = elastica(float(np.exp(middle)), 0.0, length, lambda s, psi: s * sin(psi))
+        line = elastica(float(np.exp(middle)), 0.0, 1.0, lambda s, psi: (gamma * s + load) * sin(psi))
         if line[:, 0].max() < pi / 2:
             low = middle
         else:
             high = middle
         if high - low < 1e-13:
             break
-    return float(line[-1, 2]) / length, float(line[-1, 3]) / length
+    return float(line[-1, 2]), float(line[-1, 3])
 
 
 def buckled(compression: float) -> float:

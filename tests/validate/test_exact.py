@@ -109,6 +109,30 @@ def test_a_heavy_strip_droops_as_printed(gamma: float, drop: float, reach: float
     assert exact.cantilever(gamma) == pytest.approx((drop, reach), abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("load", "drop", "reach"),
+    [(0.25, 0.082746, 0.995882), (2, 0.493457, 0.839358), (10, 0.810609, 0.445004)],
+)
+def test_a_tip_load_bends_a_strip_as_printed(load: float, drop: float, reach: float) -> None:
+    """Bisshopp and Drucker's elliptic integrals."""
+    assert exact.cantilever(0.0, load) == pytest.approx((drop, reach), abs=1e-6)
+
+
+def test_a_strip_with_both_weights_solves_its_equation() -> None:
+    """From the clamp, θ below level: θ'' = −(Γ·(1 − s) + α)·cos θ, no moment at the tip."""
+    gamma, load = 0.8, 3.0
+
+    def slope(s: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.stack([y[1], -(gamma * (1 - s) + load) * np.cos(y[0]), np.sin(y[0]), np.cos(y[0])])
+
+    along = np.linspace(0, 1, 50)
+    found = integrate.solve_bvp(
+        slope, lambda a, b: np.array([a[0], b[1], a[2], a[3]]), along, np.zeros((4, 50)), tol=1e-9, max_nodes=10**5
+    )
+    assert found.status == 0
+    assert exact.cantilever(gamma, load) == pytest.approx(tuple(found.y[2:, -1]), abs=1e-7)
+
+
 @pytest.mark.parametrize(("share", "height"), [(0.01, 0.063463), (0.1, 0.194924), (0.5, 0.373306)])
 def test_a_buckled_strip_is_eulers(share: float, height: float) -> None:
     assert exact.buckled(share) == pytest.approx(height, abs=1e-6)

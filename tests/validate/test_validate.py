@@ -10,7 +10,7 @@ from taichi_cloth import cli
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.mesh import from_scene
 from taichi_cloth.scene.model import SOLVER_NAMES
-from taichi_cloth.validate import catalogue, report
+from taichi_cloth.validate import catalogue, report, strand
 from taichi_cloth.validate.row import EXCELLENT, PASS, SHORT, Known, Reference, Result, Row, at_most, measure, relative
 
 BY_NUMBER = {reference.number: reference for reference in catalogue.REFERENCES}
@@ -29,7 +29,7 @@ QUICK = [
     ("A4.1", "xpbd"),
     ("A4.4", "lines"),
 ]
-QUICK += [("A6.1", "rk4"), ("A7.1", "verlet"), ("A8.3", "spring"), ("B3", "xpbd")]
+QUICK += [("A6.1", "rk4"), ("A7.1", "verlet"), ("A8.3", "spring"), ("B3", "xpbd"), ("B5", "xpbd"), ("B6.2", "lines")]
 
 
 @pytest.mark.parametrize(("number", "solver"), QUICK)
@@ -62,6 +62,11 @@ def test_a_wrong_spring_constant_falls_short(monkeypatch: pytest.MonkeyPatch) ->
     right = from_scene.stiffness_of
     monkeypatch.setattr("taichi_cloth.simulation.stiffness_of", lambda *words: 1.01 * right(*words))
     assert all(result.broken for result in measure(BY_NUMBER["A2.2"], "spring"))
+
+
+def test_a_force_that_is_not_carried_to_the_pin_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(strand, "SWEEPS", ((1, 6e-2),))
+    assert all(result.broken for result in measure(BY_NUMBER["B5"], "xpbd"))
 
 
 def test_chosen() -> None:
