@@ -1,4 +1,4 @@
-"""Draws docs/pictures/walk, the scene of docs/writing_a_scene.md as it grows, and docs/pictures/notebook, what
+"""Draws docs/pictures/compare.png; docs/pictures/walk, the scene of docs/writing_a_scene.md as it grows, and docs/pictures/notebook, what
 examples/notebook.ipynb shows. `make screenshots` runs it too.
 """
 
@@ -17,6 +17,7 @@ from parameters import write
 from PIL import Image
 
 import taichi_cloth as tc
+from taichi_cloth.cli import main
 
 TOP = Path(__file__).parents[1]
 PICTURES = TOP / "docs" / "pictures"
@@ -46,6 +47,17 @@ def draw_notebook() -> None:
             write(PICTURES / "notebook" / f"{k + 1}.png", np.asarray(image))
 
 
+def draw_compare() -> None:
+    """What the command at the top of docs/compare.md leaves on the screen after 150 frames."""
+    with tempfile.TemporaryDirectory() as folder:
+        what = ["drape15", "--a", "iterations=2", "--b", "iterations=40"]
+        how = ["--frames", "151", "--every", "150", "--size", "960x360", "--out", folder]
+        main(["compare", *what, *how])
+        with Image.open(Path(folder) / "frame_00001.png") as image:
+            write(PICTURES / "compare.png", np.asarray(image))
+
+
 if __name__ == "__main__":
+    draw_compare()
     draw_walk()
     draw_notebook()

@@ -132,8 +132,12 @@ def build_parser() -> Parser:
         )
     comparing.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="what is other in both")
     comparing.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi back-end")
-    comparing.add_argument("--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s")
-    comparing.add_argument("--size", type=size, default="1280x540", metavar="WxH", help="size of a picture in pixels")
+    comparing.add_argument(
+        "--frames", type=count, metavar="N", help="end after N frames (default: never; 240 pictures)"
+    )
+    comparing.add_argument("--size", type=size, default="1480x640", metavar="WxH", help="size of both in pixels")
+    comparing.add_argument("--log", type=Path, metavar="FILE", help="write one line of JSON for every displayed frame")
+    comparing.add_argument("--headless", action="store_true", help="render pictures even where a window could open")
     comparing.add_argument("--view", choices=VIEWS, default="shaded", help="how the cloth is drawn")
     comparing.add_argument("--every", type=count, default=1, metavar="K", help="draw every K-th frame only")
     comparing.add_argument(

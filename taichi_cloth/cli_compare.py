@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from .view.compare_frames import Run
 
+DEFAULT_FRAMES = 240
 NEXT_KEY = re.compile(r",(?=\s*\w+\s*=)")  # a comma inside a value is followed by no key
 
 
@@ -30,6 +31,24 @@ def compare(args: argparse.Namespace) -> int:
     scenes = [load_scene(args.scene, **(shared | overrides(own))) for own in (args.a, args.b)]
     if scenes[0] == scenes[1]:
         raise WrongUse("both sides are the same scene: say what differs, as in --a solver=verlet --b solver=spring")
+    from .view.display import window_obstacle
+
+    obstacle = "--headless was given" if args.headless or args.out else window_obstacle()
+    if obstacle is None:
+        from .view import pair_window
+        from .view.pair import Pair
+
+        runtime.start(args.arch)
+        left, right = scenes
+        pair_window.run(
+            lambda: Pair(left, right, pair_window.aspect_of(args.size)),
+            size=args.size,
+            frames=args.frames,
+            log=args.log,
+        )
+        return 0
+    if not (args.headless or args.out):
+        print(f"no window ({obstacle}): rendering frames instead", flush=True)
     return render_compared(scenes, args)
 
 
@@ -41,7 +60,7 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
 
     plan = frames.Plan(
         out=args.out or Path("out") / f"compare_{scenes[0].name}",
-        frames=args.frames,
+        frames=args.frames or DEFAULT_FRAMES,
         width=args.size[0],
         height=args.size[1],
         view=args.view,

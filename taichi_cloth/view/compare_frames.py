@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from ..errors import BlewUp
 from ..files import whole_file
 from ..guard import Guard
-from ..interact.camera import OrbitCamera
 from ..machine import machine
 from ..scene import scene_to_toml
 from ..simulation import Simulation
 from .draw_list import DrawList
 from .frames import Plan, writing_behind
-from .sides import TwoPictures, apart, partners
+from .sides import TwoPictures, apart, camera_for, partners
 
 REPORT = "compare.json"  # beside the pictures
 
@@ -61,7 +60,7 @@ def render_both(
     try:
         pictures = TwoPictures(plan.width, plan.height, plan.samples)
         partner = partners(a, b)
-        camera = OrbitCamera.from_scene(a.scene.camera)
+        camera = camera_for(a.scene, pictures.aspect)
         guards = Guard(a), Guard(b)
         with writing_behind() as write:
             for k in range(plan.frames):

@@ -329,6 +329,17 @@ class Session:
             return
         self._change(lambda: self.simulation.pin(index, on=not self.simulation.topology.pinned[index]))
 
+    def follow(self, other: Session, partner: NDArray[np.int64]) -> None:
+        """Holds what another session holds, by the same hand: here it is the `partner` of each particle there, (N,)."""
+        if other.grip is None:
+            if self.grip is not None:
+                self._let_go()
+        elif self.grip is None or self.grip.handle is not other.grip.handle:
+            index = int(partner[other.grip.index])
+            place = self.simulation.positions()[index]
+            self.grip = Grip(index, other.grip.handle, place)
+            self.simulation.grab(index, place, other.radius)
+
     def _let_go(self) -> None:
         self.simulation.release()
         self.pointer.miss()

@@ -7,13 +7,21 @@ from numpy.typing import NDArray
 
 from ..errors import WrongUse
 from ..interact.camera import OrbitCamera
+from ..scene import Scene
 from ..simulation import Simulation
 from .draw_list import DrawList
 from .portrait import portrait
 from .raster import Raster
 
 SEAM = 2  # [pixels] between the halves
+WIDE = 1.15  # width over height of a picture that shows what a scene's camera is meant to
 Picture = NDArray[np.uint8]
+
+
+def camera_for(scene: Scene, aspect: float) -> OrbitCamera:
+    """The scene's camera, as much farther off as it takes to show as much in a picture that is narrower than usual."""
+    eye, target = np.array(scene.camera.eye), np.array(scene.camera.target)
+    return OrbitCamera(target + max(1.0, WIDE / aspect) * (eye - target), target.tolist(), scene.camera.fov)
 
 
 class TwoPictures:
@@ -25,6 +33,11 @@ class TwoPictures:
             raise WrongUse(f"two pictures do not fit into {width} pixels")
         self._half = Raster((width - SEAM) // 2, height, samples)
         self._picture = np.full((height, width, 3), 255, np.uint8)
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of a half."""
+        return self._half.width / self._half.height
 
     def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Picture:
         """The picture as uint8 of shape (height, width, 3); a new array each time."""

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from math import degrees
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import taichi as ti
 
@@ -107,7 +107,14 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
         displayed += 1
 
 
-def press_keys(window: Any, session: Session, seconds: float) -> None:
+class Obedient(Protocol):
+    """What keys act on."""
+
+    def act(self, action: str) -> None: ...
+    def hold(self, action: str, seconds: float) -> None: ...
+
+
+def press_keys(window: Any, session: Obedient, seconds: float) -> None:
     """Does what the keys ask for that were struck since the last picture, or are held down."""
     struck = [event.key for event in window.get_events(ti.ui.PRESS)]
     for code in struck:
