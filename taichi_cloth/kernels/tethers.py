@@ -35,9 +35,9 @@ def pin_of(cloth: ti.template(), n: int):
 
 @ti.func
 def pull_tethers(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Takes every free particle back to where its tethers reach, where the scene has some; pins do not move.
+    """Takes every free particle back to where its tethers reach, and its leash, where the scene has some.
 
-    Within a frame pins only move where a hand or a grip leads them.
+    Pins do not move; within a frame they do only where a hand or a grip leads them.
     """
     if ti.static(stages.tethers):
         if ti.static(cloth.in_lanes):
@@ -51,3 +51,8 @@ def pull_tethers(cloth: ti.template(), stages: ti.template(), now: ti.template()
                 gap = x + move - pin_of(cloth, n)
                 move += times(tether_shift(gap, cloth.ties.reach[n] * now.controls[TETHER_SLACK]), free)
             put_right(cloth, stages, now, i, move)
+    if ti.static(stages.leashes):
+        for i in range(cloth.slot_count[None]):
+            free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
+            gap = cloth.x[i] - cloth.leashes.place[i]
+            put_right(cloth, stages, now, i, times(tether_shift(gap, cloth.leashes.reach[i]), free))

@@ -35,7 +35,15 @@ def topology_of(scene: Scene, section: str) -> Topology:
     fixed = held(scene, topology, pins)
     if scene.maps and scene.maps.pin:
         fixed[map_of(scene, "pin") >= HELD_FROM] = True
-    return replace(topology, pinned=fixed)
+    return replace(topology, pinned=fixed, leash=leash_of(scene))
+
+
+def leash_of(scene: Scene) -> NDArray[np.float64] | None:
+    """How far each particle may go from its start [m], (N,), where the scene says so."""
+    maps = scene.maps
+    if maps is None or not maps.max_distance:
+        return None
+    return maps.max_distance_lo + (maps.max_distance_hi - maps.max_distance_lo) * map_of(scene, "max_distance")
 
 
 def stiffness_of(scene: Scene, section: str, topology: Topology) -> NDArray[np.float64]:

@@ -46,6 +46,7 @@ class Topology:
     cells: NDArray[np.int32]  # (T, 2) row and column of the triangle in the weave; in a mesh its ring, and 0
     shape: tuple[int, int] = NO_GRID  # rows and columns of the grid
     sheets: int = 1  # how many there are, the rows of one after those of another (`pile.py`)
+    leash: NDArray[np.float64] | None = None  # [m] (N,) how far a particle may go from its start; None: anywhere
 
     @property
     def direction(self) -> NDArray[np.int64]:

@@ -106,7 +106,7 @@ class Region:
     high: Vec3 = _key((0.0, 0.0, 0.0), "its corner with the highest", "m", low=-1e5, high=1e5)
 
 
-MAP_NAMES = ("pin", "stiffness")
+MAP_NAMES = ("pin", "stiffness", "max_distance")
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,9 @@ class Maps:
     stiffness: str = _key("", "the same: a spring's constant is times the factor that the mean of its two ends gives")
     stiffness_lo: float = _key(0.0, "that factor at 0", low=0.0, high=1000.0)
     stiffness_hi: float = _key(1.0, "that factor at 1", low=0.0, high=1000.0)
+    max_distance: str = _key("", "the same: how far a particle may go from where it is at the start")
+    max_distance_lo: float = _key(0.0, "that distance at 0", "m", low=0.0, high=1000.0)
+    max_distance_hi: float = _key(1.0, "that distance at 1", "m", low=0.0, high=1000.0)
     folder: str = field(default="", metadata={"derived": "of the scene file"})
 
 

@@ -19,6 +19,7 @@ from ..state import ClothState, fields, lanes
 from ..state.bonds import bond
 from ..state.distances import Distances
 from ..state.gather import gathering
+from ..state.leashes import leash
 from ..state.near import come_near
 from ..state.patches import patch
 from ..state.ties import tie
@@ -48,6 +49,7 @@ class Stages:
     spring_damping: bool = False
     strain_limit: int = 0  # sweeps
     tethers: bool = False
+    leashes: bool = False
     grips: bool = False
     self_collision: bool = False
     self_triangles: bool = False  # between triangles and edges too, not particles alone
@@ -173,7 +175,7 @@ class Solver:
         """`stiffness`: of every spring, (E,), in the unit of the section `springs`."""
         self.cloth = cloth
         self.path = path
-        moved = stages.bodies or stages.strain_limit or stages.tethers or stages.self_collision
+        moved = stages.bodies or stages.strain_limit or stages.tethers or stages.leashes or stages.self_collision
         self.stages = replace(
             stages,
             own_velocity=self.own_velocity,
@@ -197,6 +199,8 @@ class Solver:
             patch(self.work, topology)
         if self.stages.tethers:
             tie(self.work, topology)
+        if self.stages.leashes:
+            leash(self.work, topology)
         if self.stages.bending:
             bond(self.work, topology)
         if self.stages.self_collision:
