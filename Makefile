@@ -17,7 +17,7 @@ BOUNDS := tests/kernels tests/contact
 
 # The shipped scenes, for documents.
 SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack twist tear \
-	sphere flag sail hammock cape banner
+	sphere flag sail hammock cape banner relief
 
 help:
 	@echo "make run    open the cloth (without a screen: render 240 frames to out/curtain)"

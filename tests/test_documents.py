@@ -155,7 +155,7 @@ def own_files(folder: Path) -> None:
     corners = [[5 * r + c + k for k in (1, 2, 7, 6)] for c in range(4) for r in range(4)]
     faces = ["f " + " ".join(f"{n}/{n}" for n in face) for face in corners]
     (folder / "flag.obj").write_text("\n".join([*points, "g hoist", *faces[:4], "g fly", *faces[4:]]))
-    for name in ("pins", "stiffness"):
+    for name in ("pins", "stiffness", "reach"):
         write_png(folder / f"{name}.png", np.full((4, 4, 3), 200, np.uint8))
 
 

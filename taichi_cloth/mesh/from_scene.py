@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.errors import PinError, shown
+from ..scene.library import map_path
 from ..scene.model import CORNERS, EDGES, GROUP, REGION, Cloth, Scene
 from . import grid
 from .cloth_file import ClothFile, cloth_file
@@ -63,7 +63,7 @@ def stiffness_of(scene: Scene, section: str, topology: Topology) -> NDArray[np.f
 def map_of(scene: Scene, name: str) -> NDArray[np.float64]:
     """One of `model.MAP_NAMES`, 0…1 for every particle, (N,). Raises ValueError, one line, for a file that is none."""
     assert scene.maps is not None
-    path = Path(scene.maps.folder) / getattr(scene.maps, name)
+    path = map_path(getattr(scene.maps, name), scene.maps.folder)
     cloth = scene.cloth
     if cloth.file:
         file = _file(cloth)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .errors import SceneError, nearest
+from .errors import SceneError, nearest, shown
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -45,3 +45,19 @@ def scene_path(name_or_path: str | Path) -> Path:
 def mesh_path(file: str, folder: str) -> Path:
     """The OBJ file of a shipped mesh, or a path as a scene file in `folder` gives it."""
     return Path(folder) / file if is_file_name(file) else asset_folder() / "meshes" / f"{file}.obj"
+
+
+def is_map_name(text: str) -> bool:
+    """Whether it names a shipped map, and not a file."""
+    return bool(text) and not (Path(text).suffix or "/" in text or "\\" in text)
+
+
+def map_path(file: str, folder: str) -> Path:
+    """The file of a shipped map, or a path as a scene file in `folder` gives it. Raises ValueError for a wrong name."""
+    if not is_map_name(file):
+        return Path(folder) / file
+    shipped = {path.stem: path for path in sorted((asset_folder() / "maps").glob("*.csv"))}
+    if file not in shipped:
+        known = ", ".join(shipped)
+        raise ValueError(f"{shown(file)} is no shipped map: {known}, or the path of a picture, a .csv or an .npy file")
+    return shipped[file]

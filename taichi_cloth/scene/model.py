@@ -117,7 +117,7 @@ class Maps:
     those of the particles in order, one a line (.csv), or a NumPy array (.npy).
     """
 
-    pin: str = _key("", "picture or numbers, by path from the folder of the scene file: from 0.5 on held in place")
+    pin: str = _key("", "picture or numbers by path from the scene file's folder, or a shipped map: held from 0.5 on")
     stiffness: str = _key("", "the same: a spring's constant is times the factor that the mean of its two ends gives")
     stiffness_lo: float = _key(0.0, "that factor at 0", low=0.0, high=1000.0)
     stiffness_hi: float = _key(1.0, "that factor at 1", low=0.0, high=1000.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from .errors import PinError, SceneError, nearest, shown
-from .library import is_file_name, mesh_names, scene_path
+from .library import is_file_name, is_map_name, mesh_names, scene_path
 from .model import (
     COLLIDERS,
     GRID_KEYS,
@@ -184,7 +184,7 @@ def _with_meshes(scene: Scene, folder: Path, file: str) -> Scene:
     meshes = tuple(_found(mesh, folder, file, f"meshes[{k}].file") for k, mesh in enumerate(scene.meshes))
     cloth = _found(scene.cloth, folder, file, "cloth.file") if scene.cloth.file else scene.cloth
     maps = scene.maps
-    if maps and any(getattr(maps, name) for name in MAP_NAMES):
+    if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
         maps = replace(maps, folder=str(folder))
     return replace(scene, meshes=meshes, cloth=cloth, maps=maps)
 

@@ -12,7 +12,7 @@ from PIL import Image
 
 from taichi_cloth.mesh.from_scene import map_of, stiffness_of, topology_of
 from taichi_cloth.mesh.maps import sampled
-from taichi_cloth.scene import Scene, SceneError, load_scene
+from taichi_cloth.scene import Scene, SceneError, check_scene, load_scene
 from taichi_cloth.scene.model import Cloth, Maps
 
 SHEET = Cloth(rows=3, columns=4, width=0.3, height=0.2, pins=())
@@ -20,6 +20,13 @@ SHEET = Cloth(rows=3, columns=4, width=0.3, height=0.2, pins=())
 
 def scene_of(folder: Path, cloth: Cloth = SHEET, **maps: object) -> Scene:
     return Scene(cloth=cloth, maps=Maps(folder=str(folder), **maps))
+
+
+def test_a_name_is_that_of_a_shipped_map() -> None:
+    scene = Scene(cloth=Cloth(rows=41, columns=61), maps=Maps(max_distance="rings"))
+    assert map_of(scene, "max_distance").reshape(41, 61)[20, 30] == 1.0  # its middle
+    with pytest.raises(SceneError, match=r"maps\.pin: 'ring' is no shipped map: rings, or the path"):
+        check_scene(Scene(maps=Maps(pin="ring")))
 
 
 def test_between_pixels_and_on_the_edges() -> None:

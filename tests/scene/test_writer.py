@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from taichi_cloth.scene import Scene, key_table, load_scene, scene_names, scene_to_toml
 from taichi_cloth.scene.model import (
     GRID_KEYS,
+    MAP_NAMES,
     Cloth,
     Key,
     Keyframes,
@@ -61,7 +62,7 @@ def tables(section: type, **more: Any) -> st.SearchStrategy[Any]:
 
 # A mesh must be there, and distances to it must fit into the memory.
 MESHES = {"file": st.just("bust"), "scale": st.just(1.5), "resolution": st.integers(4, 32), "margin": st.just(0.01)}
-FILES = {Mesh: MESHES, Cloth: {"file": st.just("")}, Maps: {"pin": st.just(""), "stiffness": st.just("")}}
+FILES = {Mesh: MESHES, Cloth: {"file": st.just("")}, Maps: dict.fromkeys(MAP_NAMES, st.just(""))}
 
 
 def possible(section: Any) -> Any:

@@ -89,4 +89,5 @@ def test_the_relief_keeps_to_its_map() -> None:
         away = np.linalg.norm(simulation.positions() - simulation.topology.start, axis=1)
         reach = simulation.topology.leash
         assert (away <= reach + 1e-4).all()
-        assert np.median(away[reach > 0.2] / reach[reach > 0.2]) > 0.9  # the wind fills it
+        loose = reach > 0.02
+        assert (away[loose] > 0.98 * reach[loose]).mean() > 0.1  # taut leashes are what shapes it
