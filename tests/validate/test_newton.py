@@ -70,6 +70,37 @@ def test_the_heavy_strand_is_longer_by_the_printed_length() -> None:
     assert step.tension == pytest.approx(carried, rel=1e-6)
 
 
+def linearised(strand: Chain, x: np.ndarray, v: np.ndarray, rounds: int) -> np.ndarray:
+    """A step as `lines` solves it: all multipliers at once, and moves along the threads as they are in each round."""
+    found, multiplier = newton.without_springs(strand, x, v, H), np.zeros(len(strand.rest))
+    give, inverse = 1 / (strand.constant * H**2), np.repeat(1 / strand.mass, 2)
+    inverse[:2] = 0.0
+    for _ in range(rounds):
+        unit, long = strand.gaps(found)
+        jacobian = newton._jacobian(strand, unit)
+        wrong = long - strand.rest + give * multiplier
+        change = np.linalg.solve(jacobian * inverse @ jacobian.T + np.diag(give), -wrong)
+        multiplier += change
+        found = found + (inverse * (jacobian.T @ change)).reshape(-1, 2)
+    return found
+
+
+def test_what_rounding_and_turned_threads_leave_of_a_residual() -> None:
+    """On the way of the heavy strand, in weights of a light particle: what bounds and reason of B6.2 rest on."""
+    heavy = chain(19, 1e8, last=1000.0, gravity=10.0)
+    x, v = straight(19, -30.0), np.zeros((20, 2))
+    rounded, turned = [], []
+    for _ in range(40):
+        y = newton.without_springs(heavy, x, v, H)
+        step = newton.euler(heavy, x, v, H)
+        rounded.append(newton.residual(heavy, y, step.x.astype(np.float32).astype(float), H).max() / 10.0)
+        turned.append([newton.residual(heavy, y, linearised(heavy, x, v, n), H).max() / 10.0 for n in (20, 60)])
+        x, v, _ = step
+    assert 0.5 < max(rounded) < 4.0
+    assert np.max(turned, axis=0)[1] > 20.0
+    assert np.array(turned)[:, 0] == pytest.approx(np.array(turned)[:, 1], rel=0.01, abs=0.1)
+
+
 def test_what_does_not_converge_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(newton, "MOST_ROUNDS", 1)
     with pytest.raises(ArithmeticError, match="does not converge"):
