@@ -293,16 +293,12 @@ class Session:
     @property
     def usual_radius(self) -> float:
         """A hand [m] that takes one particle of a coarse cloth and a patch of a fine one."""
-        return USUAL_HAND * self._side
+        return USUAL_HAND * self.simulation.topology.side
 
     @property
     def largest_radius(self) -> float:
         """[m] That of the slider."""
-        return LARGEST_HAND * self._side
-
-    @property
-    def _side(self) -> float:
-        return float(np.ptp(self.simulation.topology.start, axis=0).max())
+        return LARGEST_HAND * self.simulation.topology.side
 
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
         index = self._under(cursor, size)
