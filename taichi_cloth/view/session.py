@@ -22,7 +22,7 @@ from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
 from ..measure.cloth import Measures
 from ..record.recorded import Recorded
-from ..scene import Scene, live_keys, load_scene, scene_names
+from ..scene import Scene, SceneError, live_keys, load_scene, scene_names
 from ..scene.leave_out import may_do_without, scene_without
 from ..scene.model import PRESET_NAMES, SOLVER_NAMES
 from .curves import History
@@ -112,7 +112,7 @@ class Session:
         self.note = ""
         try:
             change()
-        except WrongUse as error:
+        except (WrongUse, SceneError) as error:
             self.note = str(error)
         self._renew()
 
