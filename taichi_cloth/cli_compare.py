@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import runtime
+from .cli_options import DEFAULT_FRAMES, VIEWS, Command, count, size
 from .errors import WrongUse
 from .scene import Scene, load_scene, parse_override
 
@@ -18,6 +19,34 @@ if TYPE_CHECKING:
     from .view.compare_frames import Run
 
 NEXT_KEY = re.compile(r",(?=\s*\w+\s*=)")  # a comma inside a value is followed by no key
+
+
+def declare(command: Command) -> None:
+    comparing = command(
+        "compare",
+        compare,
+        "a scene in two ways, side by side, with the time, the strain and the error of each",
+        "compare curtain --a solver=verlet,iterations=2 --b solver=spring",
+    )
+    comparing.add_argument("scene", metavar="SCENE", help="a shipped scene or a TOML file")
+    for letter, side in (("a", "left"), ("b", "right")):
+        comparing.add_argument(
+            f"--{letter}",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE,…",
+            help=f"what is other on the {side}, as in solver=spring",
+        )
+    comparing.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="what is other in both")
+    comparing.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi back-end")
+    comparing.add_argument("--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s")
+    comparing.add_argument("--size", type=size, default="1280x540", metavar="WxH", help="size of a picture in pixels")
+    comparing.add_argument("--view", choices=VIEWS, default="shaded", help="how the cloth is drawn")
+    comparing.add_argument("--every", type=count, default=1, metavar="K", help="draw every K-th frame only")
+    comparing.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the pictures (default: out/compare_SCENE)"
+    )
+    comparing.add_argument("--force", action="store_true", help="replace the pictures in DIR")
 
 
 def overrides(texts: list[str]) -> dict[str, Any]:
