@@ -4,20 +4,43 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from . import runtime
+from .cli_options import DEFAULT_FRAMES, Command, chosen_scene, count, scene_options, summary
 from .errors import OutputInUse, WrongUse
-from .export.output import Output, default_path, format_of
-from .scene import Scene
-
-if TYPE_CHECKING:
-    from .simulation import Simulation
+from .export.output import FORMATS, UPS, Output, default_path, format_of
 
 
-def run_export(scene: Scene, args: argparse.Namespace, summary: Callable[[Simulation, str], str]) -> int:
-    """Writes what the user asked for. `summary` is the line that every run prints."""
+def declare(command: Command) -> None:
+    export = command(
+        "export", run_export, "write the cloth as a mesh, after some frames", "export curtain --frames 60 --out c.obj"
+    )
+    export_options(export)
+    export.add_argument("--clip", action="store_true", help="write a whole clip, as `bake` does")
+
+    bake = command("bake", run_export, "write a whole clip of the cloth", "bake curtain --frames 240 --out clip.pc2")
+    export_options(bake)
+    bake.set_defaults(clip=True)
+
+
+def export_options(parser: argparse.ArgumentParser) -> None:
+    """The options of `export` and `bake`."""
+    scene_options(parser)
+    parser.add_argument(
+        "--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s to simulate"
+    )
+    parser.add_argument("--every", type=count, metavar="K", help="of a clip, write every K-th frame only (default: 1)")
+    parser.add_argument("--format", choices=FORMATS, help="format of the file (default: by the suffix of --out)")
+    parser.add_argument("--up", choices=UPS, default="y", help="axis that is upwards in the file")
+    parser.add_argument(
+        "--out", type=Path, metavar="PATH", help="file, or folder for a clip of OBJ or PLY files (default: in out)"
+    )
+    parser.add_argument("--force", action="store_true", help="replace what is there")
+
+
+def run_export(args: argparse.Namespace) -> int:
+    scene = chosen_scene(args)
     if args.every and not args.clip:
         raise WrongUse("--every leaves frames of a clip out: it goes with --clip, or use `bake`")
     format = format_of(args.out, args.format, clip=args.clip)

@@ -3,10 +3,62 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from . import runtime
+from .cli_options import Command, count
 from .errors import OutputInUse, WrongUse
 from .scene import load_scene
+from .scene.model import SOLVER_NAMES
+
+
+def declare(command: Command) -> None:
+    bench = command("bench", run_bench, "measure frames, compiling and memory on this machine", "bench --only verlet")
+    which = bench.add_mutually_exclusive_group()
+    which.add_argument("--only", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver")
+    which.add_argument("--stages", action="store_true", help="what each stage of the curtain costs, instead")
+    bench.add_argument("--error", action="store_true", help="how wrong each setting is, beside its time, instead")
+    bench.add_argument(
+        "--scene",
+        action="append",
+        default=[],
+        metavar="SCENE",
+        help="with --error: on this scene instead of the curtain",
+    )
+    bench.add_argument("--markdown", type=Path, metavar="FILE", help="with --scene: write the tables for a document")
+    bench.add_argument("--plot", type=Path, metavar="DIR", help="with --error: a picture for each grid")
+    bench.add_argument("--full", action="store_true", help="all there is; takes half an hour")
+    bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
+    bench.add_argument("--csv", type=Path, metavar="FILE", help="write the measurements, a line each")
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write measurements, stages and machine")
+    bench.add_argument("--force", action="store_true", help="replace FILE")
+
+    validate = command(
+        "validate", run_validate, "measure every solver against known answers", "validate --only A2 --solver spring"
+    )
+    validate.add_argument("--only", metavar="REF", help="one reference, or all that begin so: A2.1, A2, B")
+    validate.add_argument("--solver", choices=SOLVER_NAMES, metavar="NAME", help="one solver")
+    validate.add_argument("--json", type=Path, metavar="FILE", help="write the rows, with bounds and sources")
+    validate.add_argument("--markdown", type=Path, metavar="FILE", help="write the table for a document")
+    validate.add_argument("--force", action="store_true", help="replace FILE")
+
+    stress = command("stress", run_stress, "run 40 cases that break cloth", "stress --only yank --solver lines")
+    stress.add_argument("--only", metavar="CASE", help="one case, by its number or name")
+    stress.add_argument("--solver", choices=(*SOLVER_NAMES, "robust"), metavar="NAME", help="one solver, or robust")
+    stress.add_argument("--starts", type=count, default=10, metavar="N", help="starts of each case")
+    stress.add_argument("--long", action="store_true", help="with --only 32: a million frames")
+    stress.add_argument("--json", type=Path, metavar="FILE", help="write every start, with what broke")
+    stress.add_argument("--markdown", type=Path, metavar="FILE", help="write the page for a document")
+    stress.add_argument(
+        "--pictures", type=Path, default=Path("out/stress"), metavar="DIR", help="folder for frames that failed"
+    )
+    stress.add_argument("--force", action="store_true", help="replace FILE")
+
+    ablate = command("ablate", run_ablate, "what each stage of a scene costs, and what it changes", "ablate curtain")
+    ablate.add_argument("scenes", nargs="+", metavar="SCENE", help="shipped scenes or TOML files")
+    ablate.add_argument("--frames", type=count, default=120, metavar="N", help="frames to compare at most")
+    ablate.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables for a document")
+    ablate.add_argument("--force", action="store_true", help="replace FILE")
 
 
 def run_bench(args: argparse.Namespace) -> int:

@@ -1,26 +1,42 @@
-"""`replay` repeats a recording and says whether it came out the same; `render --video` draws a film."""
+"""The command `replay`: repeats a recording, shows it, and says whether it came out the same."""
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
-from collections.abc import Callable
 from contextlib import closing
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import runtime
-from .errors import BlewUp, WrongUse
-from .scene import Scene
+from .cli_options import Command, count, size
+from .errors import WrongUse
 
 if TYPE_CHECKING:
     from .record.recording import Recording
-    from .simulation import Simulation
     from .view.frames import Plan
     from .view.rerun import Rerun
     from .view.session import Session
+
+
+def declare(command: Command) -> None:
+    replay = command(
+        "replay", run_replay, "repeat a recording bit for bit", "replay out/curtain/clip_001.toml --video again.mp4"
+    )
+    replay.add_argument("file", type=Path, metavar="FILE", help="a recording: the .toml beside a screenshot or a clip")
+    how = replay.add_mutually_exclusive_group()
+    how.add_argument("--headless", action="store_true", help="draw numbered PNG files, even where a window could open")
+    how.add_argument("--video", type=Path, metavar="FILE", help="draw a film, an .mp4 or a .webp")
+    how.add_argument("--check", action="store_true", help="draw nothing: only say whether it comes out the same")
+    replay.add_argument("--log", type=Path, metavar="FILE", help="write one line of JSON for every displayed frame")
+    replay.add_argument("--out", type=Path, metavar="DIR", help="folder for the pictures (default: FILE without .toml)")
+    replay.add_argument("--size", type=size, metavar="WxH", help="size in pixels (default: as it was seen)")
+    replay.add_argument("--every", type=count, default=1, metavar="K", help="draw every K-th frame only")
+    replay.add_argument("--samples", type=int, choices=(1, 4), default=4, help="samples a pixel: 4 smooths edges")
+    replay.add_argument("--arch", choices=runtime.ARCHS, help="Taichi back-end (default: the recording's)")
+    replay.add_argument("--force", action="store_true", help="replace the frames in DIR, or the film")
 
 
 def run_replay(args: argparse.Namespace) -> int:
@@ -71,23 +87,6 @@ def repeated(recording: Recording, args: argparse.Namespace) -> Rerun:
     return rerun
 
 
-def render_film(scene: Scene, plan: Plan, args: argparse.Namespace, announce: Callable[[Simulation, str], None]) -> int:
-    """`render --video`."""
-    from .view.session import Session
-
-    if args.out or args.resume or args.contact_sheet:
-        raise WrongUse("--video writes one file: it goes without --out, --resume and --contact-sheet")
-    check_film(args.video, force=args.force)
-    arch = runtime.start(args.arch)
-    with closing(Session(scene, args.path)) as session:
-        announce(session.simulation, arch)
-        session.view = plan.view
-        film_of(session, plan, args.video)
-        if session.frozen:
-            raise BlewUp(f"{session.note}; {args.video} ends there")
-    return 0
-
-
 def check_film(path: Path, *, force: bool) -> None:
     """Says what would go wrong before minutes are spent. Raises OutputInUse and WrongUse."""
     from .bench.report import check_free
@@ -112,7 +111,7 @@ def pictures_of(session: Session, plan: Plan, *, force: bool) -> None:
     from .view.frames import claimed, writing_behind
     from .view.reel import reel
 
-    number = count()
+    number = itertools.count()
     with (
         claimed(plan, session.simulation, force=force, resume=False),
         writing_behind() as write,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import escape
+from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
@@ -31,3 +33,9 @@ def whole_path(path: str | os.PathLike[str], ending: str = ".part") -> Iterator[
         raise OSError(error.errno, error.strerror, str(target)) from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def new_name(folder: Path, name: str) -> Path:
+    """`NAME_001`, or with the first number after it of which nothing is there, whatever the ending."""
+    stems = (f"{name}_{k:03d}" for k in count(1))
+    return folder / next(s for s in stems if not (folder / s).exists() and not any(folder.glob(f"{escape(s)}.*")))

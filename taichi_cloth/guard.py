@@ -44,7 +44,7 @@ class Guard:
         good, new = self._copies  # the last sound frame, and room for another
         sound = bool(keep(solver.cloth, solver.stages, new, solver.work.gathers, h, RUNAWAY))
         if sound:
-            self._copies, self._frame = [new, good], simulation.frame
+            self._copies, self._frame, self._torn = [new, good], simulation.frame, simulation.torn
         return sound
 
     def restore(self) -> str:
@@ -52,6 +52,7 @@ class Guard:
         simulation = self._simulation
         line = f"the cloth blew up in frame {simulation.frame}: {self._advice()}"
         simulation.release()
+        simulation.mend(self._torn)
         bring_back(simulation.cloth, self._copies[0])
         simulation.frame = self._frame
         return line

@@ -164,9 +164,7 @@ class Simulation:
         self._put(self.topology.start)
         self.solver.set_velocities(np.zeros_like(self.topology.start), self._substep)
         self._letting_out.ask()
-        if self._tear is not None:
-            self._tear.torn[:] = False
-            self._weave()
+        self.mend()
         self.frame = 0
 
     def place(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
@@ -283,6 +281,17 @@ class Simulation:
         return max(int(self._live["substeps"]), self._least_substeps)
 
     # -- tearing ---------------------------------------------------------------------------------------
+
+    @property
+    def torn(self) -> NDArray[np.bool_]:
+        """Which springs of the whole cloth have given way, (E,); nothing of a cloth that does not tear."""
+        return np.zeros(0, bool) if self._tear is None else self._tear.torn.copy()
+
+    def mend(self, torn: NDArray[np.bool_] | bool = False) -> None:
+        """Joins again what is torn, but for what is `torn`, as that property tells it."""
+        if self._tear is not None:
+            self._tear.torn[:] = torn
+            self._weave()
 
     def _give_way(self, tear: Tear) -> None:
         """Tears what a frame has stretched too far."""
@@ -477,9 +486,7 @@ class Simulation:
             self._reopen(self.scene, self._repinned ^ self.topology.pinned ^ saved["pinned"])
         self._live = live
         self._letting_out.depth[:] = saved["release"]
-        if self._tear is not None:
-            self._tear.torn[:] = saved["torn"]
-            self._weave()
+        self.mend(saved["torn"])
         self._wind_on = bool(saved["wind_on"])
         self.frame = int(saved["frame"])
         for name in ("x", "x_prev", "velocity"):
@@ -497,7 +504,7 @@ class Simulation:
             "x_prev": self.cloth.taken(self.cloth.x_prev),
             "velocity": self.cloth.taken(self.cloth.velocity),
             "frame": np.array(self.frame, np.int64),
-            "torn": np.zeros(0, bool) if self._tear is None else self._tear.torn.copy(),
+            "torn": self.torn,
             "release": self._letting_out.depth.copy(),
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),

@@ -36,3 +36,9 @@ def taichi(request: pytest.FixtureRequest) -> Iterator[None]:
     runtime.start("cpu", random_seed=0)
     yield
     runtime.stop()
+
+
+@pytest.fixture
+def running(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command goes on with the module's Taichi: started anew, it would compile again what the last one has."""
+    monkeypatch.setattr(runtime, "start", lambda arch: arch)

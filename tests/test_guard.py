@@ -61,6 +61,22 @@ def test_one_bad_number_is_found(solver: str, number: float) -> None:
         assert guard.sound()
 
 
+def test_what_a_blow_up_tears_is_whole_again() -> None:
+    with Simulation(load_scene("tear", rows=8, columns=8)) as simulation:
+        guard = Guard(simulation)
+        simulation.advance_frame()
+        assert guard.sound()
+        whole = simulation.topology
+        rush = np.arange(64)[:, None] * np.full((64, 3), 1e4)
+        simulation.place(simulation.positions(), rush)
+        simulation.advance_frame()
+        assert simulation.topology.spring_count < whole.spring_count
+        assert not guard.sound()
+        guard.restore()
+        assert simulation.topology is whole
+        assert simulation.cloth.spring_count[None] == whole.spring_count
+
+
 def test_what_was_moved_away_from_the_scene_is_named_first() -> None:
     with Simulation(load_scene("curtain")) as simulation:
         guard = Guard(simulation)

@@ -28,7 +28,8 @@ FLOORS = [
     {"kernel_cache", "runtime"},
     {"bench"},
     {"validate", "accuracy", "stress"},
-    {"cli_compare", "cli_export", "cli_measure", "cli_replay"},
+    {"cli_options"},
+    {"cli_compare", "cli_export", "cli_measure", "cli_replay", "cli_run", "cli_scenes"},
     {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "lock", "machine", "progress", "scene", "mesh", "interact", "measure"}

@@ -117,16 +117,9 @@ def outlines(places: Floats, shape: tuple[int, int]) -> Floats:
     return areas
 
 
-def side_of(scene: Scene) -> float:
-    """The longer side of the cloth [m]. Raises WrongUse for one that is no sheet."""
-    if scene.cloth.file:
-        raise WrongUse(f"{scene.name}: errors are told as shares of a sheet's side, and cloth.file names a mesh")
-    return max(scene.cloth.width, scene.cloth.height)
-
-
 def horizon(whole: Simulation, plain: Floats) -> int:
     """How many frames of a run from the start, `plain`, say something: a start a hair off goes the same way so long."""
-    side = side_of(whole.scene)
+    side = whole.topology.side
     whole.reset()
     start = whole.topology.start
     free = ~whole.topology.pinned[:, None]
@@ -137,8 +130,13 @@ def horizon(whole: Simulation, plain: Floats) -> int:
 
 
 def ablate(scene: Scene, frames: int) -> Ablations:
-    """Runs the scene as it is, a hair off, and without each stage in turn; compares at most so many frames."""
-    side, sheet = side_of(scene), scene.cloth.width * scene.cloth.height
+    """Runs the scene as it is, a hair off, and without each stage in turn; compares at most so many frames.
+
+    Raises WrongUse for a cloth that is no sheet.
+    """
+    if scene.cloth.file:
+        raise WrongUse(f"{scene.name}: changes are told by the outline of a sheet, and cloth.file names a mesh")
+    side, sheet = max(scene.cloth.width, scene.cloth.height), scene.cloth.width * scene.cloth.height
     shape = scene.cloth.rows, scene.cloth.columns
     with Simulation(scene) as whole:
         plain, kinetic = motion(whole, frames)

@@ -16,10 +16,14 @@ import numpy as np
 from ..bench.cases import BUDGETS
 from ..bench.report import machine, markdown_table, printed_table, wide_console
 from ..bench.worker import timed_frame
+from ..errors import WrongUse
 from ..files import whole_file
+from ..mesh.from_scene import particles_of
 from ..scene.model import Scene, Solver, keys_of
+from ..scene_stages import unfit_for
 from ..simulation import Simulation
-from .ablate import Floats, apart, horizon, motion, side_of
+from ..solvers import SOLVERS
+from .ablate import Floats, apart, horizon, motion
 
 FRAMES = 120
 FINEST = 8  # times the substeps that `spring` needs, as far as a scene may have so many
@@ -60,14 +64,20 @@ class SceneErrors:
 
 
 def settings(scene: Scene) -> list[tuple[str, int, int]]:
-    """What is measured: solver, substeps, iterations; the scene's own first."""
-    own = scene.solver
-    every = [(name, *pair) for name, pairs in SETTINGS.items() for pair in pairs]
+    """What is measured: solver, substeps, iterations; the scene's own first; no method that its cloth cannot have.
+
+    Raises WrongUse for a cloth that tears.
+    """
+    if scene.tear is not None:
+        raise WrongUse(f"{scene.name}: a cloth that tears has no motion that finer steps come nearer to")
+    own, rows = scene.solver, not unfit_for(scene, particles_of(scene)).rows
+    names = [name for name in SETTINGS if rows or not SOLVERS[name].needs_rows]
+    every = [(name, *pair) for name in names for pair in SETTINGS[name]]
     return list(dict.fromkeys([(own.name, own.substeps, own.iterations), *every]))
 
 
 def converged(scene: Scene) -> tuple[Floats, int, float]:
-    """Places after each frame up to the horizon, (frames, N, 3) [m], how much finer than needed, and the doubt [m]."""
+    """Places after each frame up to the horizon, (frames, N, 3) [m], how much finer than needed, and `doubt`."""
     runs = []
     with Simulation(replace(scene, solver=replace(scene.solver, name="spring", substeps=1))) as simulation:
         needed = simulation.substeps
@@ -78,7 +88,8 @@ def converged(scene: Scene) -> tuple[Floats, int, float]:
             simulation.reset()
             simulation.set("substeps", times * needed)
             runs.append(motion(simulation, told)[0])
-    return runs[0], finer, float(np.sqrt((apart(*runs) ** 2).mean()))
+        doubt = float(np.sqrt((apart(*runs) ** 2).mean())) / simulation.topology.side
+    return runs[0], finer, doubt
 
 
 def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Floats) -> ScenePoint:
@@ -91,7 +102,7 @@ def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Floa
         for _ in truth:
             ms.append(timed_frame(simulation))
             places.append(simulation.positions())
-        away = np.linalg.norm(np.array(places) - truth, axis=2) / side_of(scene)
+        away = np.linalg.norm(np.array(places) - truth, axis=2) / simulation.topology.side
         return ScenePoint(
             scene=scene.name,
             setting=simulation.method.partition(" · ")[0],
@@ -111,7 +122,7 @@ def errors(scene: Scene) -> Iterator[str | SceneErrors]:
     for name, substeps, iterations in settings(scene):
         yield f"{scene.name}: {name} {substeps}×{iterations}"
         points.append(measure(scene, name, substeps, iterations, truth))
-    yield SceneErrors(scene.name, len(truth), finer, doubt / side_of(scene), points)
+    yield SceneErrors(scene.name, len(truth), finer, doubt, points)
 
 
 # -- in print ------------------------------------------------------------------------------------------------------

@@ -23,9 +23,14 @@ class Sheet:
 
 
 def sheet_of(name: str, topology: Topology) -> Sheet:
-    """Where every particle is on the sheet as it was cut; the sheets of a pile share one picture."""
-    across = topology.flat[:, :2]
-    return Sheet(name, topology.triangles, (across - across.min(axis=0)) / np.ptp(across, axis=0))
+    """Where every particle is on the sheet as it was cut; the sheets of a pile share one picture.
+
+    A mesh file lies in any plane: its picture goes along the two longest sides of its box.
+    """
+    one = topology.one_sheet
+    low, sides = one.min(axis=0), np.ptp(one, axis=0)
+    across = np.sort(np.argsort(-sides, kind="stable")[:2])
+    return Sheet(name, topology.triangles, ((topology.flat - low) / np.where(sides > 0, sides, 1.0))[:, across])
 
 
 def vertex_normals(x: Floats, triangles: Faces) -> Floats:

@@ -66,6 +66,16 @@ class Topology:
         return len(self.triangles)
 
     @property
+    def one_sheet(self) -> NDArray[np.float64]:
+        """[m] (N / sheets, 3) the first sheet, as it was cut."""
+        return self.flat[: self.particle_count // self.sheets]
+
+    @property
+    def side(self) -> float:
+        """[m] The longer side of a sheet as it was cut; of a mesh file the longest side of its box."""
+        return float(np.ptp(self.one_sheet, axis=0).max())
+
+    @property
     def edges(self) -> NDArray[np.int32]:
         """The sides of the triangles, each once, shape (sides, 2)."""
         sides = np.sort(self.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)

@@ -85,8 +85,9 @@ class Recording:
 
     @property
     def folder(self) -> str:
-        """Where the scene's file lay, if it has meshes of its own."""
-        return next((str(Path(mesh.folder).absolute()) for mesh in self.scene.meshes if mesh.folder), "")
+        """Where the scene's file lay, if it has meshes or maps of its own."""
+        users = (*self.scene.meshes, self.scene.cloth, self.scene.maps)
+        return next((str(Path(user.folder).absolute()) for user in users if user and user.folder), "")
 
     def changed(self, text: str) -> Scene:
         """A scene that this one was changed to, from its TOML. Raises ValueError, SceneError among them."""

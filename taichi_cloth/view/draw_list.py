@@ -60,7 +60,7 @@ class DrawList:
         self._ball, self._bead = (solids.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
         self._pins = simulation.added_pins
         self._grain = float(topology.rest.mean()) if topology.spring_count else 0.1  # [m] a typical spring
-        self._mark = max(0.3 * self._grain, MARK * float(np.ptp(topology.start, axis=0).max()))  # [m] radius of a bead
+        self._mark = max(0.3 * self._grain, MARK * topology.side)  # [m] radius of a bead
         self._shadow_frame = ti.math.vec4(*scene.camera.target, 0.95 * distance)
         self._reach = 2.4 * distance  # [m] where the floor ends
 

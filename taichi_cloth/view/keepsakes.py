@@ -10,9 +10,10 @@ import os
 import shutil
 import subprocess
 import sys
-from itertools import count
+from contextlib import suppress
 from pathlib import Path
 
+from ..files import new_name
 from ..interact.camera import OrbitCamera
 from ..record.recorded import Recorded
 from ..record.recording import Recording
@@ -87,7 +88,7 @@ class Keepsakes:
         """The recording up to now in a new file. Raises OSError."""
         folder = self._out / simulation.scene.name
         folder.mkdir(parents=True, exist_ok=True)
-        file = new_file(folder, kind)
+        file = taken(folder, kind)
         try:
             Recording.of(simulation, size).write(file)
         except OSError:
@@ -138,15 +139,10 @@ class Drawing:
         return "" if self._process.returncode == 0 else ([*words.splitlines()] or ["the drawing was ended"])[-1]
 
 
-def new_file(folder: Path, kind: str) -> Path:
-    """`KIND_001.toml` or the first number after it of which nothing is there; made, and empty. Raises OSError."""
-    for k in count(1):
-        stem = f"{kind}_{k:03d}"
-        if not (folder / stem).exists() and not any(folder.glob(f"{stem}.*")):
-            try:
-                path = folder / f"{stem}.toml"
-                path.open("x").close()
-            except FileExistsError:  # another window was quicker
-                continue
+def taken(folder: Path, kind: str) -> Path:
+    """A new recording's file, empty: no other window will write there. Raises OSError."""
+    while True:
+        path = new_name(folder, kind).with_suffix(".toml")
+        with suppress(FileExistsError):  # another window was quicker
+            path.open("x").close()
             return path
-    raise AssertionError

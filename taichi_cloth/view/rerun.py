@@ -13,13 +13,15 @@ import numpy as np
 import taichi as ti
 
 from ..errors import WrongUse
-from ..guard import Guard
 from ..record.recording import Recording, hash_of
 from .draw_list import VIEWS
 from .session import Session
 
 # What leaves the cloth alone, and may be done while it is repeated.
 LOOKING = {"freeze", "step", "view", "first_view", "screenshot", "quit"}
+
+# What may open the simulation anew.
+OPENING = {"change_solver", "change_fabric", "change", "pin", "load", "reset"}
 
 
 class Rerun(Session):
@@ -99,13 +101,8 @@ class Rerun(Session):
             case "change_solver" | "change_fabric":
                 with suppress(WrongUse):  # it could not be had then, either
                     getattr(simulation, call)(*arguments)
-                self._renew()
             case "change":
                 simulation.change(self.recording.changed(*arguments))
-                self._renew()
-            case "pin":
-                simulation.pin(*arguments)
-                self._renew()
             case "load":
                 self._load(*arguments)
             case "restore":
@@ -116,6 +113,8 @@ class Rerun(Session):
                 self._look_from(*arguments)
             case _:
                 getattr(simulation, call)(*arguments)
+        if call in OPENING:
+            self._renew()
 
     def _load(self, state: str) -> None:
         content = b64decode(state, validate=True)
@@ -126,7 +125,6 @@ class Rerun(Session):
                 self.simulation.load(path)
             except ValueError as error:
                 raise ValueError(str(error).removeprefix(f"{path}: ")) from None
-        self._guard = Guard(self.simulation)
 
     def _look_in(self, view: str) -> None:
         if view not in VIEWS:

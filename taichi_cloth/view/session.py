@@ -22,7 +22,7 @@ from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
 from ..measure.cloth import Measures
 from ..record.recorded import Recorded
-from ..scene import Scene, live_keys, load_scene, scene_names
+from ..scene import Scene, SceneError, live_keys, load_scene, scene_names
 from ..scene.leave_out import may_do_without, scene_without
 from ..scene.model import PRESET_NAMES, SOLVER_NAMES
 from .curves import History
@@ -112,7 +112,7 @@ class Session:
         self.note = ""
         try:
             change()
-        except WrongUse as error:
+        except (WrongUse, SceneError) as error:
             self.note = str(error)
         self._renew()
 
@@ -293,16 +293,12 @@ class Session:
     @property
     def usual_radius(self) -> float:
         """A hand [m] that takes one particle of a coarse cloth and a patch of a fine one."""
-        return USUAL_HAND * self._side
+        return USUAL_HAND * self.simulation.topology.side
 
     @property
     def largest_radius(self) -> float:
         """[m] That of the slider."""
-        return LARGEST_HAND * self._side
-
-    @property
-    def _side(self) -> float:
-        return float(np.ptp(self.simulation.topology.start, axis=0).max())
+        return LARGEST_HAND * self.simulation.topology.side
 
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
         index = self._under(cursor, size)

@@ -24,14 +24,19 @@ def camera_for(scene: Scene, aspect: float) -> OrbitCamera:
     return OrbitCamera(target + max(1.0, WIDE / aspect) * (eye - target), target.tolist(), scene.camera.fov)
 
 
+def half_of(width: int) -> int:
+    """Width of a half [pixels]. Raises WrongUse where none is left."""
+    if width <= SEAM + 1:
+        raise WrongUse(f"two pictures do not fit into {width} pixels")
+    return (width - SEAM) // 2
+
+
 class TwoPictures:
     """Draws the left side, a seam and the right side, each with half of the width."""
 
     def __init__(self, width: int, height: int, samples: int) -> None:
-        """Size in pixels. Raises WrongUse where no half is left."""
-        if width <= SEAM + 1:
-            raise WrongUse(f"two pictures do not fit into {width} pixels")
-        self._half = Raster((width - SEAM) // 2, height, samples)
+        """Size in pixels. Raises WrongUse as `half_of` does."""
+        self._half = Raster(half_of(width), height, samples)
         self._picture = np.full((height, width, 3), 255, np.uint8)
 
     @property
@@ -51,12 +56,7 @@ class TwoPictures:
 def apart(a: Simulation, b: Simulation, partner: NDArray[np.int64]) -> float:
     """Root mean square distance of the particles of a from their partners in b, as a share of the longer side."""
     away = a.positions() - b.positions()[partner]
-    return float(np.sqrt((away**2).sum(axis=1).mean())) / side_of(a)
-
-
-def side_of(simulation: Simulation) -> float:
-    """The longer side of the sheet as it was cut [m]."""
-    return float(np.ptp(simulation.topology.flat, axis=0).max())
+    return float(np.sqrt((away**2).sum(axis=1).mean())) / a.topology.side
 
 
 def partners(a: Simulation, b: Simulation) -> NDArray[np.int64]:

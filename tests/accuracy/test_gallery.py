@@ -8,6 +8,7 @@ import pytest
 
 from taichi_cloth import cli, load_scene
 from taichi_cloth.accuracy import gallery
+from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene.model import SOLVER_NAMES, Cloth, Fabric, Scene, Solver
 
 HANGING = Scene(
@@ -23,6 +24,9 @@ def test_every_solver_is_measured_and_the_scenes_own_setting_comes_first() -> No
     assert found[0] == ("xpbd", 5, 12)
     assert len(set(found)) == len(found)
     assert {name for name, _, _ in found} == set(SOLVER_NAMES)
+    assert {name for name, _, _ in gallery.settings(load_scene("round"))} == set(SOLVER_NAMES) - {"lines"}
+    with pytest.raises(WrongUse, match="tear: a cloth that tears has no motion"):
+        gallery.settings(load_scene("tear"))
 
 
 def test_nearer_methods_have_smaller_errors() -> None:
@@ -32,6 +36,16 @@ def test_nearer_methods_have_smaller_errors() -> None:
     assert doubt < 1e-4
     rms = [gallery.measure(HANGING, *s, truth).rms_error for s in (("xpbd", 5, 12), ("xpbd", 20, 12), ("spring", 1, 1))]
     assert rms[0] > 2 * rms[1] > 20 * rms[2] > 0
+
+
+def test_a_mesh_has_a_truth_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gallery, "FRAMES", 4)
+    (tmp_path / "flap.obj").write_text("v 0 0 0\nv 2 0 0\nv 2 0 1\nv 0 0 1\nf 4 3 2 1\n")
+    flap = replace(HANGING, cloth=Cloth(file="flap.obj", folder=str(tmp_path), pins=(0, 1)))
+    truth, _, doubt = gallery.converged(flap)
+    assert truth.shape == (4, 4, 3)
+    away = gallery.measure(flap, "verlet", 5, 1, truth)
+    assert 0 < 10 * doubt < away.rms_error <= away.max_error < 0.1
 
 
 def test_a_wrong_scene_is_wrong() -> None:

@@ -28,6 +28,7 @@ z = 5.0
 [[spheres]]
 sway = [1.0, 0.0, 0.0]
 """
+pytestmark = pytest.mark.usefixtures("running")
 CLIPS = ("o.pc2", "o.usdc", "o.usda", "o")  # a folder of OBJ files last
 
 
@@ -109,6 +110,20 @@ def test_bake_writes_the_moments_that_a_render_shows() -> None:
     for k, x in enumerate(clip):
         assert vertices(numbered[k]) == pytest.approx(x, rel=1e-6, abs=1e-9)
         assert (np.array(points.Get(k)) == x.astype(np.float32)).all()
+
+
+def test_what_a_tear_took_is_missing_but_for_files_of_points_that_move() -> None:
+    Path("o").mkdir()
+    with Simulation(load_scene("tear", rows=8, columns=8, area_density=9.0), "list") as simulation:
+        for path, format in (("o", "obj"), ("c.obj", "obj"), ("d.pc2", "pc2"), ("e.usda", "usd")):
+            simulation.reset()
+            export(simulation, Output(Path(path), format, 40, clip=path != "c.obj"), lambda k: None)
+        left = simulation.topology.triangle_count
+    paths = ("c.obj", "o/frame_00000.obj", "o/frame_00039.obj", "d.obj")
+    end, first, last, moved = (len(trimesh.load(path, process=False).faces) for path in paths)
+    assert end == left <= last < first == moved == 98
+    stage = Usd.Stage.Open("e.usda")
+    assert len(UsdGeom.Mesh(stage.GetPrimAtPath("/tear/cloth")).GetFaceVertexCountsAttr().Get()) == 98
 
 
 # -- what is refused -------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from taichi_cloth.export.sheet import sheet_of, turned_up, vertex_normals
 from taichi_cloth.mesh.from_scene import topology_of
+from taichi_cloth.scene import load_scene
 from taichi_cloth.scene.model import Cloth, Scene
 
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
@@ -57,3 +58,10 @@ def test_every_sheet_fills_the_picture_from_its_lower_left_corner() -> None:
     assert first[0, 0] == pytest.approx([0, 1])
     assert first[2, 4] == pytest.approx([1, 0])
     assert first[1, 1] == pytest.approx([0.25, 0.5])
+
+
+def test_a_level_mesh_fills_the_picture_too() -> None:
+    sheet = sheet_of("round", topology_of(load_scene("round"), "fabric"))  # a disc in the plane y = 0
+    assert sheet.uv.min(axis=0) == pytest.approx([0, 0])
+    assert sheet.uv.max(axis=0) == pytest.approx([1, 1])
+    assert np.linalg.norm(2 * sheet.uv - 1, axis=1).max() == pytest.approx(1, abs=1e-3)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from taichi_cloth import cli, load_scene
+from taichi_cloth.cli_options import chosen_scene
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.measure.estimate import FINEST, NEEDED, aim, estimate, law, measured, rows_near
 from taichi_cloth.scene.model import SOLVER_NAMES, Cloth, Scene, Solver
@@ -87,6 +88,6 @@ def test_the_option(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["render", "curtain", "--target-error", "1e-12"]) == 2
     assert "was never measured" in capsys.readouterr().err
     args = cli.build_parser().parse_args(["render", "curtain", "--target-error", "0.5"])
-    scene = cli.chosen_scene(args)
+    scene = chosen_scene(args)
     assert scene.solver != Solver()
     assert capsys.readouterr().out.startswith("target 0.5 %: ")

@@ -26,6 +26,7 @@ def test_every_sheet_is_the_one_above_the_other_and_turned() -> None:
     quarter = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # about y: a level sheet's own normal
     assert sheets[1] - [1.0, 2.5, 3.0] == pytest.approx(away @ quarter.T, abs=1e-6)
     assert three.mass.sum() == pytest.approx(3 * one.mass.sum())
+    assert three.side == one.side == pytest.approx(0.3)
 
 
 def test_no_spring_bond_or_triangle_goes_from_one_sheet_to_another() -> None:

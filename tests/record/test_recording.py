@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.record.recorded import LONG, Recorded, Take
 from taichi_cloth.record.recording import Recording, differences, hash_of, read_recording
-from taichi_cloth.scene import Scene, SceneError
-from taichi_cloth.scene.model import Cloth, Solver, Sphere, Wind
+from taichi_cloth.scene import Scene, SceneError, load_scene
+from taichi_cloth.scene.model import Cloth, Fabric, Maps, Solver, Sphere, Tear, Wind
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.view.rerun import Rerun
 
@@ -109,6 +109,52 @@ def test_pins_fabrics_patches_and_stages_are_repeated_too(simulation: Recorded, 
     simulation.release()
     run(simulation, 2)
     repeated(simulation, tmp_path / "after.toml")
+
+
+def test_pins_that_a_reset_takes_back_are_not_drawn_any_more(simulation: Recorded, tmp_path: Path) -> None:
+    run(simulation, 1)
+    simulation.pin(12)
+    run(simulation, 1)
+    simulation.reset()
+    Recording.of(simulation, SIZE).write(tmp_path / "pins.toml")
+    with closing(Rerun(read_recording(tmp_path / "pins.toml"))) as rerun:
+        drawn = []
+        while not rerun.over:
+            rerun.forward()
+            drawn.append(rerun.draw_list._pins.tolist())
+        assert drawn == [[12], []]
+
+
+def test_tears_are_repeated_from_the_middle_too(tmp_path: Path) -> None:
+    cloth = Cloth(rows=6, columns=7, width=0.8, height=0.7, pins=("left", "right"), area_density=6.0)
+    fabric = Fabric(warp=300.0, weft=300.0, shear=100.0, bend=1.0)
+    with Recorded(Scene(cloth=cloth, fabric=fabric, solver=Solver("xpbd", 10), tear=Tear(0.1))) as simulation:
+        run(simulation, 30)
+        simulation.begin_anew()
+        assert simulation.torn.any()
+        simulation.pin(16)
+        run(simulation, 2)
+        simulation.change_solver("verlet")
+        run(simulation, 2)
+        again = repeated(simulation, tmp_path / "torn.toml").simulation
+        np.testing.assert_array_equal(again.torn, simulation.torn)
+        simulation.reset()
+        run(simulation, 2)
+        repeated(simulation, tmp_path / "mended.toml")
+
+
+def test_a_mesh_of_ones_own_is_found_from_where_the_recording_lies(tmp_path: Path) -> None:
+    (tmp_path / "flap.obj").write_text("v 0 0 0\nv 2 0 0\nv 2 0 1\nv 0 0 1\nf 4 3 2 1\n")
+    (tmp_path / "half.csv").write_text("1\n1\n0\n0.2\n")
+    (tmp_path / "flap.toml").write_text('[cloth]\nfile = "flap.obj"\npins = [0]\n[maps]\npin = "half.csv"\n')
+    (tmp_path / "out").mkdir()
+    with Recorded(load_scene(tmp_path / "flap.toml")) as simulation:
+        run(simulation, 2)
+        repeated(simulation, tmp_path / "out" / "flap.toml")
+    np.save(tmp_path / "half.npy", np.linspace(0, 1, 20))
+    with Recorded(replace(SMALL, maps=Maps(pin="half.npy", folder=str(tmp_path)))) as simulation:
+        run(simulation, 2)
+        repeated(simulation, tmp_path / "out" / "map.toml")
 
 
 def test_a_recording_may_begin_in_the_middle_of_a_drag(simulation: Recorded, tmp_path: Path) -> None:

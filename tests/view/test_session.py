@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from taichi_cloth.interact.keys import KEYS
 from taichi_cloth.interact.pointer import Owner
 from taichi_cloth.mesh.obj import read_obj
 from taichi_cloth.scene import load_scene, scene_names
-from taichi_cloth.scene.model import PRESET_NAMES, SOLVER_NAMES
+from taichi_cloth.scene.model import PRESET_NAMES, SOLVER_NAMES, Tear
 from taichi_cloth.view.keepsakes import Keepsakes
 from taichi_cloth.view.session import HOLD, Session
 
@@ -190,7 +191,8 @@ def test_an_export_is_a_new_file_where_the_session_began(session: Session, monke
 def test_an_export_that_fails_is_told(session: Session) -> None:
     Path("out").write_text("a file")
     session.act("export")
-    assert session.note == "curtain_001.obj could not be written: File exists"
+    assert session.note.startswith("no mesh: ")
+    assert "File exists" in session.note
     session.advance(1)
     assert session.simulation.frame == 1
 
@@ -339,6 +341,17 @@ def test_stages_go_off_one_after_another_and_all_come_back(session: Session) -> 
         session.advance(1)
     assert notes == [("without spheres", ["spheres"]), ("without ground", ["ground"]), ("", [])]
     assert session.simulation.scene == load_scene("curtain")
+
+
+def test_a_stage_that_does_not_go_with_the_fabric_stays_off_and_says_why(tmp_path: Path) -> None:
+    with closing(Session(replace(load_scene("curtain"), tear=Tear()), out=tmp_path)) as session:
+        session.switch({"tear": False})
+        session.act("fabric")  # one that resists bending
+        session.switch({"tear": True})
+        assert session.note.startswith("curtain: tear: cannot cut what resists bending")
+        assert not session.stages["tear"]
+        session.advance(1)
+        assert session.measure().finite
 
 
 def test_going_through_pins_fabrics_and_stages_takes_no_more_fields(session: Session) -> None:
