@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taichi_cloth.errors import WrongUse
-from taichi_cloth.scene import SceneError, check_scene
+from taichi_cloth.scene import SceneError, check_scene, load_scene
 from taichi_cloth.scene.model import Cloth, Fabric, Scene, SelfCollision, Solver, Springs, Tear, Tethers, Wind
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
@@ -170,3 +170,17 @@ def test_what_cannot_tear_is_refused_by_name() -> None:
         Simulation(pulled("lines"))
     with pytest.raises(SceneError, match=r"set fabric\.bending to 0"):
         check_scene(replace(pulled(), fabric=Fabric(bending=1e-5)))
+
+
+def test_a_mesh_tears_where_it_is_pulled() -> None:
+    scene = replace(load_scene("round", preset="", bending=0.0), tear=Tear(0.1))
+    with Simulation(scene) as simulation:
+        rim = int(np.linalg.norm(simulation.topology.flat[:, [0, 2]], axis=1).argmax())
+        start = simulation.positions()[rim]
+        for k in range(60):
+            simulation.grab(rim, start + [0.02 * k, 0.02 * k, 0.0])
+            simulation.advance_frame()
+        whole, left = simulation._tear.whole, simulation.topology
+        assert 0 < whole.spring_count - left.spring_count < 200  # a piece came off, no shreds
+        assert left.triangle_count < whole.triangle_count
+        assert simulation.measure().max_strain < 0.5
