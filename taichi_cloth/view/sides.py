@@ -9,11 +9,11 @@ from ..errors import WrongUse
 from ..interact.camera import OrbitCamera
 from ..simulation import Simulation
 from .draw_list import DrawList
+from .png import Pixels
 from .portrait import portrait
 from .raster import Raster
 
 SEAM = 2  # [pixels] between the halves
-Picture = NDArray[np.uint8]
 
 
 def half_of(width: int) -> int:
@@ -31,7 +31,7 @@ class TwoPictures:
         self._half = Raster(half_of(width), height, samples)
         self._picture = np.full((height, width, 3), 255, np.uint8)
 
-    def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Picture:
+    def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Pixels:
         """The picture as uint8 of shape (height, width, 3); a new array each time."""
         picture = self._picture.copy()
         width = self._half.width
