@@ -24,8 +24,8 @@ from taichi_cloth.interact.camera import OrbitCamera
 from taichi_cloth.scene import scene_names
 from taichi_cloth.view.contact_sheet import contact_sheet
 from taichi_cloth.view.draw_list import VIEWS, DrawList
-from taichi_cloth.view.legend import stamp
 from taichi_cloth.view.png import write_png
+from taichi_cloth.view.portrait import portrait
 from taichi_cloth.view.raster import Raster
 
 HERE = Path(__file__).parent
@@ -63,8 +63,7 @@ def pictures(name: str, size: tuple[int, int]) -> Iterator[np.ndarray]:
     with tc.Simulation(scene) as simulation:
         draw_list = DrawList(simulation)
         while True:
-            mesh = draw_list.update("shaded", camera.eye)
-            yield raster.draw(mesh, camera.view_projection(size[0] / size[1]))
+            yield portrait(raster, draw_list, camera, "shaded")
             pull(simulation)
             camera.orbit(-0.00018, 0.0)
             simulation.advance_frame()
@@ -86,16 +85,10 @@ def pull(simulation: tc.Simulation) -> None:
 
 def still(name: str, view: str = "shaded", size: tuple[int, int] = (960, 540)) -> np.ndarray:
     """The scene at its moment."""
-    scene = tc.load_scene(name)
-    camera = OrbitCamera.from_scene(scene.camera)
-    with tc.Simulation(scene) as simulation:
+    with tc.Simulation(tc.load_scene(name)) as simulation:
         for _ in range(STILL_FRAME.get(name, DEFAULT_STILL_FRAME)):
             simulation.advance_frame()
-        draw_list = DrawList(simulation)
-        mesh = draw_list.update(view, camera.eye)
-        picture = Raster(*size).draw(mesh, camera.view_projection(size[0] / size[1]))
-        draw_list.close()
-    return stamp(picture) if view == "strain" else picture
+        return tc.picture(simulation, *size, view).pixels
 
 
 def gallery(names: list[str]) -> None:

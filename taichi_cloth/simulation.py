@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import replace
-from math import hypot
 from os import PathLike
 from typing import Any
 
@@ -18,8 +17,6 @@ from .contact.bodies import (
     body_table,
     colliders_of,
     penetration,
-    pose,
-    repulsion_frequency,
 )
 from .contact.crossings import crossings
 from .contact.release import Release
@@ -29,7 +26,7 @@ from .given import places, radius_of, target_point
 from .hand import Hand, hand_of, patch, saved_hand
 from .kernels.tearing import longer_than
 from .measure.cloth import Measures, energies, spring_strains
-from .mesh.from_scene import holder_of, stiffness_of, topology_of
+from .mesh.from_scene import stiffness_of
 from .mesh.tear import Tear
 from .save_file import read_save, write_save
 from .scene import Scene, check_scene, live_keys, scene_to_toml
@@ -37,23 +34,14 @@ from .scene.errors import shown
 from .scene.live import LiveKey, check_live
 from .scene.model import FRAME_SECONDS, PRESET_NAMES, USUAL, Collider, Ground
 from .scene.presets import in_fabric
-from .scene_stages import stages_of, unfit_for, words_for
-from .solvers import SOLVERS, FrameInput, Solver, path_for
-from .state import distances
+from .scene_solver import give_back, made_for
+from .scene_stages import words_for
+from .solvers import SOLVERS, FrameInput, Solver
 from .state.fields import put
-from .state.grips import grip
 from .state.held import hold
 from .state.near import come_near
 
 Floats = NDArray[np.float64]
-
-MOST_SUBSTEPS = 200_000  # of a frame, which takes seconds then on a thousand particles
-
-
-def _give_back(solver: Solver) -> None:
-    solver.close()
-    state.give_back(solver.cloth)
-    distances.give_back(solver.stages.distances)
 
 
 class Simulation:
@@ -82,33 +70,12 @@ class Simulation:
         self._open(scene, None)
 
     def _open(self, scene: Scene, repinned: NDArray[np.bool_] | None, **live: float) -> None:
-        """Makes the cloth and the solver of a scene, at the start. `repinned`: particles that `pin` has changed, (N,).
+        """Makes the cloth and the solver of a scene, at the start; `repinned` as in `made_for`.
 
         A live parameter keeps what it was set to, unless the scene says something else of it than the last one did, or
         `live` does.
         """
-        kind = SOLVERS[scene.solver.name]
-        topology = topology_of(scene, kind.springs)
-        repinned = np.zeros(topology.particle_count, bool) if repinned is None else repinned
-        topology = replace(topology, pinned=topology.pinned ^ repinned)
-        path = path_for(kind, topology.shape, self._path, unfit_for(scene, topology))
-        stiffness = stiffness_of(scene, kind.springs, topology)
-        cloth = state.take(topology)
-        cloth.upload(topology, stiffness)
-        solver = kind(cloth, topology, stiffness, stages_of(scene), path)
-        if scene.grips:
-            centers = np.array([pose(one, 0.0)[0] for one in scene.grips])
-            grip(solver.work, topology, np.where(repinned, -1, holder_of(scene, topology)), centers)
-        repelled = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
-        solver.frequency = hypot(solver.frequency, repelled)
-        damping_time = solver.damping_time(scene.fabric.damping_time)
-        least = solver.least_substeps(damping_time)
-        if least > MOST_SUBSTEPS:
-            _give_back(solver)
-            raise WrongUse(
-                f"{scene.name}: {kind.name} would take {least:,} substeps a frame, more than {MOST_SUBSTEPS:,}: its "
-                "springs or its bending are too stiff for particles so light, or its cells too narrow"
-            )
+        topology, solver, repinned, damping_time, least = made_for(scene, self._path, repinned)
         keys = live_keys(scene)
         kept = {name for name, key in self._keys.items() if name in keys and keys[name].value == key.value}
         self._live = {name: self._live[name] if name in kept else key.value for name, key in keys.items()} | live
@@ -124,7 +91,7 @@ class Simulation:
         self._tear = Tear(topology, *torn) if scene.tear is not None else None
         self._weave()
         # Gives the fields back once, on close() or when nobody refers to the simulation any more.
-        self._give_back = weakref.finalize(self, _give_back, self._solver)
+        self._give_back = weakref.finalize(self, give_back, self._solver)
         self._give_back.atexit = False  # Taichi may be gone by then
 
     def _reopen(self, scene: Scene, repinned: NDArray[np.bool_], **live: float) -> None:

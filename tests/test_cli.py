@@ -107,6 +107,57 @@ def test_every_command_has_an_example_and_its_defaults(capsys: pytest.CaptureFix
     assert "(default: 240)" in capsys.readouterr().out
 
 
+# -- what is in the way ----------------------------------------------------------------------------------------
+
+DRAPE = ["render", "drape15", "--out", "o", "--frames", "2", *SMALL]
+
+
+@pytest.fixture
+def here(running: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *more: str) -> str:
+    """The one line of a render of `DRAPE` that does not begin."""
+    capsys.readouterr()
+    assert cli.main([*DRAPE, *more]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    return err
+
+
+def test_frames_are_not_overwritten_unasked(here: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(DRAPE) == 0
+    last = Path("o/frame_00001.png")
+    last.write_bytes(b"mine")
+    assert "--force" in refused(capsys)
+    assert last.read_bytes() == b"mine"
+    assert cli.main([*DRAPE, "--force"]) == 0
+    assert last.read_bytes() != b"mine"
+
+
+def test_a_resume_of_another_run_is_refused(here: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(DRAPE) == 0
+    for change in (["--size", "64x64"], ["--set", "wind_z=5"], ["--view", "strain"]):
+        assert "cannot be resumed" in refused(capsys, *change, "--resume")
+
+
+@pytest.mark.parametrize("content", [b"", b"garbage", b"[]", b"3", b"\xff\xfe", b"{}"])
+def test_a_resume_over_a_damaged_report_is_refused(
+    here: None, capsys: pytest.CaptureFixture[str], content: bytes
+) -> None:
+    Path("o").mkdir()
+    Path("o/run.json").write_bytes(content)
+    assert "use --force to start anew" in refused(capsys, "--resume")
+    assert Path("o/run.json").read_bytes() == content
+
+
+def test_an_output_that_is_a_file_is_refused(here: None, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("o").write_text("mine")
+    assert refused(capsys) == "taichi-cloth: o is a file, not a folder\n"
+    assert Path("o").read_text() == "mine"
+
+
 # -- rendering, in a process of its own ----------------------------------------------------------------------
 
 
@@ -143,21 +194,11 @@ def test_two_runs_give_the_same_bytes(tmp_path: Path) -> None:
         assert first == second
 
 
-def test_frames_are_not_overwritten_unasked(tmp_path: Path) -> None:
-    words = ["render", "drape15", "--frames", "2", "--out", "o", *SMALL]
-    assert run(*words, cwd=tmp_path).returncode == 0
-    (tmp_path / "o" / "frame_00001.png").write_bytes(b"mine")
-    again = run(*words, cwd=tmp_path)
-    assert again.returncode == 2
-    assert "--force" in again.stderr
-    assert (tmp_path / "o" / "frame_00001.png").read_bytes() == b"mine"
-    assert run(*words, "--force", cwd=tmp_path).returncode == 0
-    assert (tmp_path / "o" / "frame_00001.png").read_bytes() != b"mine"
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals to send")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_render_leaves_whole_files_and_resumes_to_the_same_frames(tmp_path: Path, number: int) -> None:
+def test_an_interrupted_render_leaves_whole_files_and_resumes_to_the_same_frames(
+    here: None, tmp_path: Path, number: int
+) -> None:
     words = ["render", "drape15", *SMALL]
     command = [sys.executable, "-m", "taichi_cloth", *words, "--frames", "100000", "--out", "o"]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -174,32 +215,11 @@ def test_an_interrupted_render_leaves_whole_files_and_resumes_to_the_same_frames
         with Image.open(path) as picture:
             picture.load()
     frames = str(len(made) + 3)
-    assert run(*words, "--frames", frames, "--out", "o", "--resume", cwd=tmp_path).returncode == 0
-    assert run(*words, "--frames", frames, "--out", "whole", cwd=tmp_path).returncode == 0
+    assert cli.main([*words, "--frames", frames, "--out", "o", "--resume"]) == 0
+    assert cli.main([*words, "--frames", frames, "--out", "whole"]) == 0
     resumed, whole = ({p.name: p.read_bytes() for p in (tmp_path / out).glob("*.png")} for out in ("o", "whole"))
     assert resumed == whole
     assert not list((tmp_path / "o").glob(".*"))
-
-
-def test_a_resume_of_another_run_is_refused(tmp_path: Path) -> None:
-    words = ["render", "drape15", "--out", "o", "--frames", "2"]
-    assert run(*words, *SMALL, cwd=tmp_path).returncode == 0
-    for change in (["--size", "64x64"], [*SMALL, "--set", "wind_z=5"], [*SMALL, "--view", "strain"]):
-        done = run(*words, *change, "--resume", cwd=tmp_path)
-        assert done.returncode == 2
-        assert "cannot be resumed" in done.stderr
-        assert done.stderr.count("\n") == 1
-
-
-@pytest.mark.parametrize("content", [b"", b"garbage", b"[]", b"3", b"\xff\xfe", b"{}"])
-def test_a_resume_over_a_damaged_report_is_refused(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "o").mkdir()
-    (tmp_path / "o" / "run.json").write_bytes(content)
-    done = run("render", "drape15", "--out", "o", "--frames", "2", "--resume", *SMALL, cwd=tmp_path)
-    assert done.returncode == 2
-    assert "use --force to start anew" in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert (tmp_path / "o" / "run.json").read_bytes() == content
 
 
 def test_a_terminal_that_knows_ascii_only_is_served(tmp_path: Path) -> None:
@@ -227,13 +247,6 @@ def test_the_environment_does_not_change_the_arch(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "taichi_cloth", "render", "drape15", "--frames", "1", *SMALL]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_an_output_that_is_a_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "o").write_text("mine")
-    done = run("render", "drape15", "--out", "o", "--frames", "2", *SMALL, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (2, "taichi-cloth: o is a file, not a folder\n")
-    assert (tmp_path / "o").read_text() == "mine"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on file sizes to set")

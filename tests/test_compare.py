@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from taichi_cloth.accuracy import gallery
 from taichi_cloth.cli import main
 from taichi_cloth.cli_compare import overrides
 from taichi_cloth.scene import load_scene
@@ -14,6 +15,8 @@ from taichi_cloth.simulation import Simulation
 from taichi_cloth.view.compare_frames import render_both
 from taichi_cloth.view.frames import Plan
 from taichi_cloth.view.sides import SEAM, partners
+
+pytestmark = pytest.mark.usefixtures("running")
 
 SMALL = ["--set", "rows=8,columns=9", "--size", "202x60", "--frames", "12", "--every", "4"]
 
@@ -30,7 +33,10 @@ def halves(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return picture[:, :100], picture[:, 102:]
 
 
-def test_two_methods_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_methods_side_by_side(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gallery, "FRAMES", 15)
     told = run(tmp_path, "--a", "solver=verlet,iterations=1", "--b", "solver=spring")
     assert sorted(p.name for p in (tmp_path / "o").glob("*.png")) == [f"frame_0000{k}.png" for k in range(3)]
     assert told["a"]["method"].startswith("verlet 5×1")

@@ -14,6 +14,8 @@ from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers.spring import Spring
 
+pytestmark = pytest.mark.usefixtures("running")
+
 STIFF = Scene(
     cloth=Cloth(rows=9, columns=12, width=0.6, height=0.4, center=(0.0, 1.0, 0.0), rotation=(-60.0, 0.0, 0.0)),
     fabric=Fabric(warp=5e4, weft=5e4),

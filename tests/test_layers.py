@@ -21,7 +21,7 @@ FLOORS = [
     {"kernels"},
     {"state"},
     {"contact", "solvers"},
-    {"controls_row", "given", "hand", "save_file", "scene_stages", "simulation"},
+    {"controls_row", "given", "hand", "save_file", "scene_solver", "scene_stages", "simulation"},
     {"guard", "record"},
     {"export"},
     {"view"},

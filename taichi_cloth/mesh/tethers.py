@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geodesic import distances_from, pieces_of
+from .grid import particle_indices
 from .topology import NO_GRID, Topology
 
 MOST = 4  # tethers of a particle
@@ -41,23 +42,10 @@ def tethers(topology: Topology) -> tuple[NDArray[np.int32], NDArray[np.float64]]
 
 def runs(pinned: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Particles of each connected group of pins, by the four neighbours of the grid; in order of their first."""
-    columns = pinned.shape[1]
-    left = set(np.flatnonzero(pinned).tolist())
-    found = []
-    for first in sorted(left):
-        if first not in left:
-            continue
-        left.remove(first)
-        run = [first]
-        for pin in run:  # grows as neighbours are found
-            beside = [pin - columns, pin + columns]
-            beside += [pin - 1] * (pin % columns > 0) + [pin + 1] * ((pin + 1) % columns > 0)
-            for other in beside:
-                if other in left:
-                    left.remove(other)
-                    run.append(other)
-        found.append(np.array(sorted(run)))
-    return found
+    index = particle_indices(*pinned.shape)
+    beside = [(index[:, :-1], index[:, 1:]), (index[:-1], index[1:])]
+    edges = np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in beside])
+    return pieces_of(edges, pinned.reshape(-1))
 
 
 def nearest_pin(run: NDArray[np.int64], shape: tuple[int, int], start: NDArray[np.float64]) -> NDArray[np.int32]:

@@ -18,9 +18,7 @@ NO_GRID = (0, 0)
 
 @dataclass(frozen=True)
 class Batch:
-    """A run of springs `first … first + count` of one family, in a grid of one direction, that share no particle (one
-    colour).
-    """
+    """A run of springs `first … first + count` of one family and colour: no two share a particle."""
 
     family: str
     first: int
@@ -128,8 +126,9 @@ def sheet(
     `directions` tells which of `grid.DIRECTIONS` have springs, and `diagonals` whether a cell has both or only
     the one along which its triangles meet. With `lumping` "area" a particle weighs a third of its triangles and a
     spring along an edge stands for half a cell; with "equal" all are like those inside. Each corner carries a `weight`
-    [kg] besides. Raises ValueError for a
-    pin that is no edge, corner or particle.
+    [kg] besides.
+
+    Raises ValueError for a pin that is no edge, corner or particle.
     """
     flat = grid.flat_positions(rows, columns, width, height)
     triangles, cells = grid.triangles(rows, columns)

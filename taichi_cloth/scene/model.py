@@ -18,10 +18,7 @@ FRAME_SECONDS = 1 / 60  # one frame, the unit in which everything else advances
 
 EDGES = ("top", "bottom", "left", "right")  # a pin is one of these, one of those, a particle's index, or a text
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
-GROUP, REGION = (
-    "group:",
-    "region:",
-)  # that begins like this: points of a mesh file, and of [[regions]], by name
+GROUP, REGION = "group:", "region:"  # such a text begins so: points of a mesh file, and of [[regions]], by name
 
 # The methods by name, here because importing a solver would import Taichi. With each its usual substeps and iterations,
 # which run where a scene names only the method. `verlet`: those of the browser demos. `spring`, `rk4`: they take as
@@ -417,13 +414,8 @@ class Scene:
     name: str = field(default="scene", metadata={"derived": "the file's stem"})
 
 
-COLLIDERS = (
-    "spheres",
-    "capsules",
-    "boxes",
-    "planes",
-    "meshes",
-)  # sections of `Scene`, in the order of the kernels' table
+# Sections of `Scene`, in the order of the kernels' table.
+COLLIDERS = ("spheres", "capsules", "boxes", "planes", "meshes")
 
 
 class Part(NamedTuple):

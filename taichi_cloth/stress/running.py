@@ -12,7 +12,7 @@ from pathlib import Path
 
 from .. import runtime
 from .catalogue import Case
-from .picture import picture
+from .picture import draw
 from .setting import Setting
 from .trial import Figure, OutOfTime, Trial, close
 from .watch import Broken
@@ -83,7 +83,7 @@ def run_start(case: Case, setting: Setting, number: int, pictures: Path | None) 
         failure = Failure(trial.frame, broken.what, float(broken.value), float(broken.bound))
         if pictures:
             path = pictures / f"{case.number:02d}_{case.name.replace(' ', '_')}_{setting.name}_{number}.png"
-            shown = str(path) if picture(trial, path) else ""
+            shown = str(path) if draw(trial, path) else ""
     except OutOfTime:
         cut = True
     worst = trial.worst

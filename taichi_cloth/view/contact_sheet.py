@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.model import Vec3
-
-Picture = NDArray[np.uint8]
+from .png import Pixels
 
 
 def contact_sheet(
-    pictures: Sequence[Picture], columns: int, factor: int = 1, *, gap: int = 8, background: Vec3 = (1.0, 1.0, 1.0)
-) -> Picture:
+    pictures: Sequence[Pixels], columns: int, factor: int = 1, *, gap: int = 8, background: Vec3 = (1.0, 1.0, 1.0)
+) -> Pixels:
     """Pictures of one size, each made `factor` times smaller, row by row on a grid of `columns`.
 
     `gap` [pixels] of `background` (factors 0…1) lies between and around them. Takes and returns uint8 of shape
@@ -37,9 +35,9 @@ def contact_sheet(
     return sheet
 
 
-def _shrunk(picture: Picture, factor: int) -> Picture:
+def _shrunk(picture: Pixels, factor: int) -> Pixels:
     """Means over squares of `factor` × `factor` pixels."""
     height, width = (extent // factor for extent in picture.shape[:2])
     squares = picture[: height * factor, : width * factor].reshape(height, factor, width, factor, 3)
-    means: Picture = np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
+    means: Pixels = np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
     return means

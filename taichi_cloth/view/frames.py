@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import BlewUp, OutputInUse
 from ..files import whole_file
@@ -24,14 +23,12 @@ from ..scene import scene_to_toml
 from ..simulation import Simulation
 from .contact_sheet import contact_sheet
 from .draw_list import DrawList
-from .png import write_png
+from .png import Pixels, write_png
 from .portrait import portrait
 from .raster import Raster
 
 SHEET_PICTURES, SHEET_COLUMNS = 12, 4
 LAST_GOOD = "last_good.npz"  # beside the pictures, where the cloth blew up
-
-Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -140,7 +137,7 @@ def render(simulation: Simulation, plan: Plan, on_frame: Callable[[int], None]) 
     draw_list = DrawList(simulation)
     guard = Guard(simulation)
     in_sheet = set(np.linspace(0, plan.pictures - 1, SHEET_PICTURES).round().astype(int)) if plan.sheet else set()
-    sheet: list[Picture] = []
+    sheet: list[Pixels] = []
     report.write(plan.out)
     try:
         with writing_behind() as write:
@@ -194,7 +191,7 @@ def _line(simulation: Simulation, frame: int) -> dict[str, Any]:
 
 
 @contextmanager
-def writing_behind() -> Iterator[Callable[[Path, Picture], None]]:
+def writing_behind() -> Iterator[Callable[[Path, Pixels], None]]:
     """A function that writes a PNG while the next frame is computed; at most two pictures wait.
 
     At the end of the block every picture handed over is on the disk. An error of an earlier picture is
@@ -203,7 +200,7 @@ def writing_behind() -> Iterator[Callable[[Path, Picture], None]]:
     with ThreadPoolExecutor(1, "png") as executor:
         waiting: list[Future[None]] = []
 
-        def write(path: Path, pixels: Picture) -> None:
+        def write(path: Path, pixels: Pixels) -> None:
             if len(waiting) == 2:
                 waiting.pop(0).result()
             waiting.append(executor.submit(write_png, path, pixels))

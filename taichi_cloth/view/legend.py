@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from .fill import FULL_STRAIN, strain_colours
 from .lettering import HEIGHT, text_rectangles, text_width
+from .png import Pixels
 
 UNIT = 1 / 216  # of the picture's height: a pixel of a letter
 STEPS = 40  # colours in the bar
@@ -36,7 +37,7 @@ def rectangles() -> tuple[Rectangles, Rectangles]:
     return np.array([*bar, *ink]), np.concatenate([colours, np.tile(INK, (len(ink), 1))])
 
 
-def stamp(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def stamp(picture: Pixels) -> Pixels:
     """The picture, uint8 of shape (height, width, 3), with the scale drawn into it at the right."""
     height, width, _ = picture.shape
     unit = max(1, round(UNIT * height))

@@ -5,13 +5,10 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..interact.camera import OrbitCamera
 from ..simulation import Simulation
 from .draw_list import VIEWS, DrawList
-from .png import encode_png, write_png
+from .png import Pixels, encode_png, write_png
 from .portrait import portrait
 from .raster import Raster
 
@@ -20,7 +17,7 @@ from .raster import Raster
 class Picture:
     """`pixels`, uint8 of shape (height, width, 3), row 0 on top. A notebook shows it by itself."""
 
-    pixels: NDArray[np.uint8]
+    pixels: Pixels
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a PNG file, whole or not at all. Raises OSError."""

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from ..files import whole_file
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
+Pixels = NDArray[np.uint8]  # (height, width, 3) red, green, blue; row 0 on top
 TRUE_COLOUR_8_BIT = (8, 2, 0, 0, 0)  # bits, red-green-blue, deflate, filters by row, not interlaced
 
 
-def encode_png(rgb: NDArray[np.uint8]) -> bytes:
+def encode_png(rgb: Pixels) -> bytes:
     """A PNG file of a picture, uint8 of shape (height, width, 3), row 0 on top. Raises ValueError for others."""
     if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.size == 0:
         raise ValueError(f"a picture is uint8 of shape (height, width, 3), not {rgb.dtype} of shape {rgb.shape}")
@@ -29,7 +30,7 @@ def encode_png(rgb: NDArray[np.uint8]) -> bytes:
     return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", zlib.compress(rows.data, 1)) + _chunk(b"IEND", b"")
 
 
-def write_png(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
+def write_png(path: str | os.PathLike[str], rgb: Pixels) -> None:
     """Writes `path` whole or not at all. Raises ValueError as `encode_png` does, and OSError."""
     png = encode_png(rgb)
     with whole_file(path) as file:

@@ -10,12 +10,12 @@ from ..interact.camera import OrbitCamera
 from ..scene import Scene
 from ..simulation import Simulation
 from .draw_list import DrawList
+from .png import Pixels
 from .portrait import portrait
 from .raster import Raster
 
 SEAM = 2  # [pixels] between the halves
 WIDE = 1.15  # width over height of a picture that shows what a scene's camera is meant to
-Picture = NDArray[np.uint8]
 
 
 def camera_for(scene: Scene, aspect: float) -> OrbitCamera:
@@ -44,7 +44,7 @@ class TwoPictures:
         """Width over height of a half."""
         return self._half.width / self._half.height
 
-    def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Picture:
+    def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Pixels:
         """The picture as uint8 of shape (height, width, 3); a new array each time."""
         picture = self._picture.copy()
         width = self._half.width

@@ -17,13 +17,13 @@ from typing import IO, Any
 
 from ..errors import WrongUse
 from ..files import whole_file
-from .contact_sheet import Picture
+from .png import Pixels
 
 FRAME_RATE = 60  # pictures a second, if every frame is shown
 QUALITY = 18  # x264's constant rate factor; differences cannot be seen from here on down
 WEBP_QUALITY = 80
 
-Show = Callable[[Picture], None]
+Show = Callable[[Pixels], None]
 
 
 def kinds() -> list[str]:
@@ -97,7 +97,7 @@ def _mp4(path: Path, size: tuple[int, int], every: int) -> Iterator[Show]:
             pipe = ffmpeg.stdin
             assert pipe is not None
 
-            def show(picture: Picture) -> None:
+            def show(picture: Pixels) -> None:
                 try:
                     pipe.write(picture[:height, :width].tobytes())
                 except OSError:  # it has ended; why is in its last words

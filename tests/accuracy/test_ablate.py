@@ -11,6 +11,8 @@ from taichi_cloth.accuracy.ablate import ablate, horizon, motion, outlines, with
 from taichi_cloth.scene.model import Cloth, Ground, Scene, Solver, Springs, Wind
 from taichi_cloth.simulation import Simulation
 
+pytestmark = pytest.mark.usefixtures("running")
+
 HANGING = Scene(cloth=Cloth(rows=8, columns=8, width=1.0, height=1.0), springs=Springs(shear=0.0, bend=0.0))
 
 
@@ -59,12 +61,17 @@ def test_the_horizon_ends_where_a_hair_has_grown() -> None:
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ["ablate", "curtain", "--frames", "3", "--markdown", "o.md"]
+    Path("small.toml").write_text(
+        "[cloth]\nrows = 6\ncolumns = 6\n[springs]\nshear = 0.0\nbend = 0.0\n[wind]\nturbulence = 0.0\nlift = 0.0\n"
+    )
+    words = ["ablate", "small.toml", "--frames", "3", "--markdown", "o.md"]
     assert cli.main(words) == 0
-    assert "curtain: " in capsys.readouterr().out
+    assert "small: " in capsys.readouterr().out
     text = Path("o.md").read_text(encoding="utf-8")
-    assert "\n## curtain\n" in text
-    assert text.count("\n| ") == 1 + 9
+    assert "\n## small\n" in text
+    assert [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| ")] == [
+        *("without", "damping", "wind"),
+    ]
     assert cli.main(words) == 2
     assert cli.main(["ablate", "curtian"]) == 2
     assert "curtain" in capsys.readouterr().err

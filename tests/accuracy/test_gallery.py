@@ -11,6 +11,8 @@ from taichi_cloth.accuracy import gallery
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene.model import SOLVER_NAMES, Cloth, Fabric, Scene, Solver
 
+pytestmark = pytest.mark.usefixtures("running")
+
 HANGING = Scene(
     name="hanging",
     cloth=Cloth(rows=9, columns=9, width=1.0, height=1.0, pins=("top",), rotation=(-40.0, 0.0, 0.0)),

@@ -15,6 +15,8 @@ from taichi_cloth.accuracy.truth import Curtain
 from taichi_cloth.scene.model import SOLVER_NAMES
 from taichi_cloth.simulation import Simulation
 
+pytestmark = pytest.mark.usefixtures("running")
+
 POINT = Point("spring", 8, 14, 1, 0.1, 0.2, 1e-6, 1e-5, 0.0, 0.01, 1.0)
 
 

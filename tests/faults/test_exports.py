@@ -9,6 +9,8 @@ import pytest
 
 from taichi_cloth import cli
 
+pytestmark = pytest.mark.usefixtures("running")
+
 Disk = Callable[..., Path]
 
 

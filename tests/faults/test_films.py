@@ -19,6 +19,8 @@ from taichi_cloth.scene import load_scene
 from taichi_cloth.view import video
 from taichi_cloth.view.video import film
 
+pytestmark = pytest.mark.usefixtures("running")
+
 SCENE = "[cloth]\nrows = 4\ncolumns = 5\n[solver]\nsubsteps = 2\niterations = 3\n[wind]\nz = 40.0\n"
 RENDER = ("render", "small.toml", "--size", "64x48", "--samples", "1", "--frames", "7")
 

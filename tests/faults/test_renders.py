@@ -23,6 +23,8 @@ from taichi_cloth.scene import load_scene
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.view.frames import LAST_GOOD, Plan, saved_before
 
+pytestmark = pytest.mark.usefixtures("running")
+
 Disk = Callable[..., Path]
 
 SCENE = """

@@ -15,15 +15,15 @@ from PIL import Image
 
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.view import video
-from taichi_cloth.view.contact_sheet import Picture
+from taichi_cloth.view.png import Pixels
 from taichi_cloth.view.video import film, kinds
 
 SIZE = (65, 49)  # odd: an .mp4 leaves out a column and a row
 COLOURS = ((181, 48, 60), (40, 160, 80), (30, 60, 200))
-Frames = list[Picture]
+Frames = list[Pixels]
 
 
-def plain(colour: tuple[int, int, int], size: tuple[int, int] = SIZE) -> Picture:
+def plain(colour: tuple[int, int, int], size: tuple[int, int] = SIZE) -> Pixels:
     return np.full((size[1], size[0], 3), colour, np.uint8)
 
 
