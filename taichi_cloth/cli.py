@@ -295,18 +295,22 @@ def run_scene(args: argparse.Namespace) -> int:
 
     obstacle = "--headless was given" if args.headless else window_obstacle()
     if obstacle is None:
+        from .progress import waiting
         from .view import window
 
         arch = runtime.start(args.arch)
         from .view.session import Session
 
-        window.run(
-            partial(Session, scene, args.path),
-            size=args.size,
-            frames=args.frames,
-            log=args.log,
-            announce=lambda s: print(summary(s, arch)),
-        )
+        with contextlib.ExitStack() as until_open:
+            until_open.enter_context(waiting(f"{scene.name}: compiling, which takes some seconds the first time"))
+
+            def announce(simulation: Simulation) -> None:
+                until_open.close()
+                print(summary(simulation, arch), flush=True)
+
+            window.run(
+                partial(Session, scene, args.path), size=args.size, frames=args.frames, log=args.log, announce=announce
+            )
         return 0
     from .view.frames import Plan
 
