@@ -47,6 +47,7 @@ STILL_FRAME = {  # the moment shown, in frames of 1/60 s
     "poles": 210,
     "responses": 240,
     "round": 120,
+    "tear": 105,
 }
 DEFAULT_STILL_FRAME = 85
 GALLERY = HERE.parent / "docs" / "gallery.md"

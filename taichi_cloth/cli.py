@@ -47,6 +47,14 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {one_line(message)} (see {self.prog} --help)\n")
 
 
+class Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows the defaults that say something, once."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        told = action.help is not None and "(default: " in action.help
+        return action.help if told or action.default in (None, False, []) else super()._get_help_string(action)
+
+
 def size(text: str) -> tuple[int, int]:
     """WxH in pixels."""
     width, _, height = text.lower().partition("x")
@@ -85,7 +93,7 @@ def build_parser() -> Parser:
             help=help,
             description=help,
             epilog=f"example: {PROGRAM} {example}",
-            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+            formatter_class=Help,
         )
         added.set_defaults(action=action)
         return added
@@ -341,7 +349,7 @@ def render_scene(args: argparse.Namespace) -> int:
 def render_plan(
     scene: Scene, plan: Plan, args: argparse.Namespace, *, force: bool = False, resume: bool = False
 ) -> int:
-    from .progress import frames_progress
+    from .progress import counted, frames_progress
     from .simulation import Simulation
     from .view import frames
 
@@ -350,7 +358,7 @@ def render_plan(
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
             frames.render(simulation, plan, advance)
-    print(f"{plan.pictures} pictures in {plan.out}" + (", contact_sheet.png among them" if plan.sheet else ""))
+    print(f"{counted(plan.pictures, 'picture')} in {plan.out}" + (", contact_sheet.png among them" if plan.sheet else ""))
     return 0
 
 

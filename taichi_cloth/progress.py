@@ -13,6 +13,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 LINES = 8  # in a log, for a whole run
 
 
+def counted(number: int, word: str) -> str:
+    """`1 picture`, `2 pictures`."""
+    return f"{number} {word}" + "s" * (number != 1)
+
+
 @contextmanager
 def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
     """A function to call with the index of each frame done."""
