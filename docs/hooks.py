@@ -14,7 +14,9 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 TOP = Path(__file__).parents[1]
-LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<way>(?:\.\./)+[^)#\s]*)(?P<anchor>#[^)]*)?\)")
+LINK = re.compile(  # the text may be a picture
+    r"(?P<image>!?)\[(?P<text>(?:!\[[^\]]*\]\([^)]*\)|[^\]])*)\]\((?P<way>(?:\.\./)+[^)#\s]*)(?P<anchor>#[^)]*)?\)"
+)
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:

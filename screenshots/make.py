@@ -48,7 +48,7 @@ STILL_FRAME = {  # the moment shown, in frames of 1/60 s
     "responses": 240,
     "round": 120,
     "relief": 118,
-    "tear": 140,
+    "tear": 105,
 }
 DEFAULT_STILL_FRAME = 85
 GALLERY = HERE.parent / "docs" / "gallery.md"

@@ -32,6 +32,14 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {one_line(message)} (see {self.prog} --help)\n")
 
 
+class Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows the defaults that say something, once."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        told = action.help is not None and "(default: " in action.help
+        return action.help if told or action.default in (None, False, []) else super()._get_help_string(action)
+
+
 def build_parser() -> Parser:
     """All commands, their options and defaults."""
     parser = Parser(PROGRAM, description="Cloth you can grab, in real time, that tells you how wrong it is.")
@@ -44,7 +52,7 @@ def build_parser() -> Parser:
             help=help,
             description=help,
             epilog=f"example: {PROGRAM} {example}",
-            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+            formatter_class=Help,
         )
         added.set_defaults(action=action)
         return added

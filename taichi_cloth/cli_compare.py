@@ -84,7 +84,7 @@ def compare(args: argparse.Namespace) -> int:
 
 def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
     from .bench.report import printed_table, wide_console
-    from .progress import frames_progress
+    from .progress import counted, frames_progress
     from .simulation import Simulation
     from .view import compare_frames, frames
     from .view.sides import half_of
@@ -111,7 +111,7 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
             compare_frames.write_report(plan, (left, right), distances, told)
         wide_console().print(printed_table(table([left, right], errors)))
         print(summary(distances, truth))
-    print(f"{plan.pictures} pictures in {plan.out}, a on the left, b on the right")
+    print(f"{counted(plan.pictures, 'picture')} in {plan.out}, a on the left, b on the right")
     return 0
 
 
@@ -155,7 +155,9 @@ def table(runs: list[Run], errors: list[float | None]) -> list[list[str]]:
 
 def summary(distances: list[float], truth: np.ndarray | tuple[()]) -> str:
     """How far apart they are, and what the error is one of."""
-    line = f"apart after {len(distances)} frames: {distances[-1]:.2%} of the side"
+    from .progress import counted
+
+    line = f"apart after {counted(len(distances), 'frame')}: {distances[-1]:.2%} of the side"
     if not len(truth):
         return f"{line}; two different cloths, or one that tears, have no truth in common, so no error"
     return (

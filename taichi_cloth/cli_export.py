@@ -85,7 +85,9 @@ def make_room(output: Output) -> None:
 
 def told(output: Output) -> str:
     """What was written, and where."""
+    from .progress import counted
+
     where = " and ".join(map(str, output.files() or [output.path]))
     if not output.clip:
-        return f"{where}: after {output.frames} frames"
-    return f"{where}: {output.samples} samples, {60 / output.every:g} a second"
+        return f"{where}: after {counted(output.frames, 'frame')}"
+    return f"{where}: {counted(output.samples, 'sample')}, {60 / output.every:g} a second"

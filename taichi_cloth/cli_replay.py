@@ -97,17 +97,17 @@ def check_film(path: Path, *, force: bool) -> None:
 
 
 def film_of(session: Session, plan: Plan, path: Path) -> None:
-    from .progress import frames_progress
+    from .progress import counted, frames_progress
     from .view.reel import reel
     from .view.video import film
 
     with film(path, (plan.width, plan.height), plan.every) as show, frames_progress(plan.frames) as advance:
         shown = reel(session, plan, show, advance)
-    print(f"{shown} pictures in {path}")
+    print(f"{counted(shown, 'picture')} in {path}")
 
 
 def pictures_of(session: Session, plan: Plan, *, force: bool) -> None:
-    from .progress import frames_progress
+    from .progress import counted, frames_progress
     from .view.frames import claimed, writing_behind
     from .view.reel import reel
 
@@ -118,4 +118,4 @@ def pictures_of(session: Session, plan: Plan, *, force: bool) -> None:
         frames_progress(plan.frames) as advance,
     ):
         reel(session, plan, lambda picture: write(plan.path(next(number)), picture), advance)
-    print(f"{plan.pictures} pictures in {plan.out}")
+    print(f"{counted(plan.pictures, 'picture')} in {plan.out}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import closing
+from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from .errors import BlewUp, WrongUse
 from .scene import Scene
 
 if TYPE_CHECKING:
+    from .simulation import Simulation
     from .view.frames import Plan
 
 
@@ -51,18 +52,22 @@ def run_scene(args: argparse.Namespace) -> int:
 
     obstacle = "--headless was given" if args.headless else window_obstacle()
     if obstacle is None:
+        from .progress import waiting
         from .view import window
 
         arch = runtime.start(args.arch)
         from .view.session import Session
 
-        window.run(
-            partial(Session, scene, args.path),
-            size=args.size,
-            frames=args.frames,
-            log=args.log,
-            announce=lambda s: print(summary(s, arch)),
-        )
+        with ExitStack() as until_open:
+            until_open.enter_context(waiting(f"{scene.name}: compiling, which takes some seconds the first time"))
+
+            def announce(simulation: Simulation) -> None:
+                until_open.close()
+                print(summary(simulation, arch), flush=True)
+
+            window.run(
+                partial(Session, scene, args.path), size=args.size, frames=args.frames, log=args.log, announce=announce
+            )
         return 0
     from .view.frames import Plan
 
@@ -93,7 +98,7 @@ def render_scene(args: argparse.Namespace) -> int:
 def render_plan(
     scene: Scene, plan: Plan, args: argparse.Namespace, *, force: bool = False, resume: bool = False
 ) -> int:
-    from .progress import frames_progress
+    from .progress import counted, frames_progress
     from .simulation import Simulation
     from .view import frames
 
@@ -102,7 +107,9 @@ def render_plan(
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
             frames.render(simulation, plan, advance)
-    print(f"{plan.pictures} pictures in {plan.out}" + (", contact_sheet.png among them" if plan.sheet else ""))
+    print(
+        f"{counted(plan.pictures, 'picture')} in {plan.out}" + (", contact_sheet.png among them" if plan.sheet else "")
+    )
     return 0
 
 

@@ -7,9 +7,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 LINES = 8  # in a log, for a whole run
+
+
+def counted(number: int, word: str) -> str:
+    """`1 picture`, `2 pictures`."""
+    return f"{number} {word}" + "s" * (number != 1)
 
 
 @contextmanager
@@ -39,6 +45,16 @@ def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
                 print(f"frame {k + 1}/{frames}, {rate(k + 1)}", flush=True)
 
         yield line
+
+
+@contextmanager
+def waiting(line: str) -> Iterator[None]:
+    """Shows a line on a terminal for as long as it lasts; a log has no use for it."""
+    if sys.stdout.isatty():
+        with Console().status(line):
+            yield
+    else:
+        yield
 
 
 @contextmanager

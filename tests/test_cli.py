@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from taichi_cloth import __version__, cli
+from taichi_cloth.progress import counted
 
 SMALL = ["--size", "96x54"]
 
@@ -105,6 +106,19 @@ def test_every_command_has_an_example_and_its_defaults(capsys: pytest.CaptureFix
     with pytest.raises(SystemExit):
         cli.main(["render", "--help"])
     assert "(default: 240)" in capsys.readouterr().out
+
+
+def test_help_tells_a_default_once_and_only_one_that_says_something(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("run", "render", "replay", "export", "bake", "compare", "ablate", "bench", "validate", "stress"):
+        with pytest.raises(SystemExit, match="0"):
+            cli.main([command, "--help"])
+        text = " ".join(capsys.readouterr().out.split())
+        assert [word for word in ("None)", "False)", "[])", ") (default") if word in text] == [], command
+
+
+def test_one_is_told_as_one() -> None:
+    assert counted(1, "picture") == "1 picture"
+    assert [counted(n, "frame") for n in (0, 2)] == ["0 frames", "2 frames"]
 
 
 # -- what is in the way ----------------------------------------------------------------------------------------

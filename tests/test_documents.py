@@ -126,6 +126,11 @@ def test_every_strip_is_drawn_and_small(generate: ModuleType) -> None:
     assert [path for path in shown if (DOCS / path).stat().st_size > 150_000] == []
 
 
+def test_the_gallery_shows_every_scene() -> None:
+    rows = re.findall(r"^\| \[!.*\| `([\w-]+)` \| (.+) \|$", text_of(DOCS / "gallery.md"), re.MULTILINE)
+    assert rows == [(name, tc.load_scene(name).title) for name in tc.scene_names()], "run: make screenshots"
+
+
 # -- what is to be typed -------------------------------------------------------------------------------
 
 

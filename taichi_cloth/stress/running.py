@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import active_children, get_context
@@ -113,6 +115,19 @@ def run_case(case: Case, setting: Setting, starts: int, pictures: Path | None) -
     return result
 
 
+@contextmanager
+def deaf_children() -> Iterator[None]:
+    """Processes that begin meanwhile do not hear Ctrl-C, nor print what it broke off: it is for us, who end them."""
+    before = None
+    with suppress(ValueError):  # not in the main thread, which alone is interrupted
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
+
+
 def run_all(
     pairs: Sequence[tuple[Case, Setting]], starts: int, pictures: Path | None, on_step: Callable[[str], None]
 ) -> list[Result]:
@@ -125,9 +140,10 @@ def run_all(
     found: dict[int, Result] = {}
     with ProcessPoolExecutor(CORES, get_context("spawn"), partial(runtime.start, "cpu")) as pool:
         try:
-            waiting = {
-                pool.submit(run_case, case, setting, starts, pictures): k for k, (case, setting) in enumerate(pairs)
-            }
+            with deaf_children():
+                waiting = {
+                    pool.submit(run_case, case, setting, starts, pictures): k for k, (case, setting) in enumerate(pairs)
+                }
             for done in as_completed(waiting):
                 case, setting = pairs[waiting[done]]
                 found[waiting[done]] = done.result()

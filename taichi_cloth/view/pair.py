@@ -80,6 +80,18 @@ class Pair:
         elif action == "quit":
             self.running = False
 
+    def ask(self, action: str) -> None:
+        """As `Session.ask` does; `do_asked` follows the picture."""
+        if action in ONE:
+            self._active.ask(action)
+        else:
+            self.act(action)
+
+    def do_asked(self) -> None:
+        """What waited for a picture to be shown."""
+        for side in self.sides:
+            side.do_asked()
+
     def hold(self, action: str, seconds: float) -> None:
         """Goes on with the action of a key that is held down, for so much wall time."""
         self.left.hold(action, seconds)

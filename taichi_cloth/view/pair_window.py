@@ -80,6 +80,7 @@ def loop(window: Any, pair: Pair, panel: PairPanel, frames: int | None, journal:
             journal.write({"cursor": list(cursor)} | line_of(pair, displayed, both, band))
         window.show()
         displayed += 1
+        pair.do_asked()
 
 
 def band_of(size: tuple[int, int]) -> int:

@@ -100,7 +100,7 @@ class Panel:
         before = session.stages
         after = {name: gui.checkbox(words(name).capitalize(), on) for name, on in before.items()}
         if after != before:
-            session.switch(after)
+            session.ask_to_switch(after)
             used = True
         used |= obey(gui, session, buttons=CHOICES)
         for line in (*wrapped(simulation.method), f"fabric: {simulation.scene.fabric.preset or 'of the scene'}"):
@@ -129,7 +129,7 @@ def obey(gui: Any, session: Session, switches: Switches = (), buttons: Buttons =
     asked = [action for action, label, before in switches if gui.checkbox(label, before) != before]
     asked += [action for action, label in buttons if gui.button(label)]
     for action in asked:
-        session.act(action)
+        session.ask(action)
     return bool(asked)
 
 

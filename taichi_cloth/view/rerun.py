@@ -49,9 +49,8 @@ class Rerun(Session):
 
     # -- what the user may do --------------------------------------------------------------------------
 
-    def act(self, action: str) -> None:
-        if self.over or action in LOOKING:
-            super().act(action)
+    def obeys(self, action: str) -> bool:
+        return self.over or action in LOOKING
 
     def point(self, cursor: tuple[float, float], held: frozenset[str], size: tuple[int, int], **more: bool) -> None:
         super().point(cursor, held if self.over else held - {"left"}, size, **more)

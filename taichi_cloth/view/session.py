@@ -41,6 +41,14 @@ HOLD = {
 }  # held action → rates of zoom, pan right, pan up
 
 
+# What runs other kernels, which are compiled first where they never ran before.
+SLOW = {
+    "solver": "next solver",
+    "fabric": "next fabric",
+    "stage": "other stages",
+    "next_scene": "next scene",
+    "previous_scene": "previous scene",
+}
 PAGES = ("Sliders", "Stages", "Numbers", "Keys")
 FABRICS = ("", *PRESET_NAMES)
 USUAL_HAND, LARGEST_HAND = 0.02, 0.25  # radius in sides of the cloth
@@ -77,6 +85,7 @@ class Session:
         self.note = ""  # one line for the user
         self.size = (1280, 720)  # [pixels] of the last picture
         self.pointer = Pointer()
+        self._asked: list[Callable[[], None]] = []
         self.keepsakes = Keepsakes(out)
         self._first = scene
         self._path = path
@@ -132,8 +141,37 @@ class Session:
 
     # -- keys and buttons ----------------------------------------------------------------------------------
 
+    def obeys(self, action: str) -> bool:
+        """Whether the user may do it now."""
+        return True
+
+    def ask(self, action: str) -> None:
+        """`act`, at once or, where the picture will stand still for it, when the note that says so is on the screen."""
+        if action in SLOW and self.obeys(action):
+            self._wait(action, partial(self.act, action))
+        else:
+            self.act(action)
+
+    def ask_to_switch(self, stages: dict[str, bool]) -> None:
+        """`switch`, likewise."""
+        if self.obeys("stage"):
+            self._wait("stage", partial(self.switch, stages))
+
+    def _wait(self, action: str, do: Callable[[], None]) -> None:
+        self.note = f"{SLOW[action]}: compiling; the first time the picture stands still for some seconds"
+        self._asked.append(do)
+
+    def do_asked(self) -> None:
+        """What waited for a picture to be shown."""
+        asked, self._asked = self._asked, []
+        for do in asked:
+            self.note = ""
+            do()
+
     def act(self, action: str) -> None:
         """Does what a key or button stands for."""
+        if not self.obeys(action):
+            return
         match action:
             case "freeze":
                 self.frozen = not self.frozen

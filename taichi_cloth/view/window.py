@@ -53,6 +53,7 @@ def run(
         # The toolkit drops its settings, imgui.ini, into the working folder.
         folder = stack.enter_context(TemporaryDirectory(prefix="taichi_cloth_"))
         session = stack.enter_context(contextlib.closing(open_session()))
+        session.draw_list.update(session.view, session.camera.eye)  # compiled before there is a window to stand empty
         announce(session.simulation)
         with contextlib.chdir(folder):
             window = ti.ui.Window(TITLE, size, vsync=True, pos=POSITION)
@@ -84,8 +85,8 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
             text = numbers(session, draw_ms, (displayed - told_at) / (now - told))
             told, told_at = now, displayed
 
-        used = not session.hidden and panel.draw(gui, session, text)
         press_keys(window, session, min(clock.elapsed, LONGEST_HOLD))
+        used = not session.hidden and panel.draw(gui, session, text)
         session.camera.zoom(wheel(window))
         session.camera.shift = 0.0 if session.hidden else panel.shift(size)
         on_panel = not session.hidden and panel.place.contains(cursor, size)
@@ -105,12 +106,13 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
             journal.write(line_of(session, displayed, cursor, size[0] / size[1], draw_ms))
         window.show()
         displayed += 1
+        session.do_asked()
 
 
 class Obedient(Protocol):
     """What keys act on."""
 
-    def act(self, action: str) -> None: ...
+    def ask(self, action: str) -> None: ...
     def hold(self, action: str, seconds: float) -> None: ...
 
 
@@ -120,7 +122,7 @@ def press_keys(window: Any, session: Obedient, seconds: float) -> None:
     for code in struck:
         for key in KEYS:
             if key.code == code and not key.held:
-                session.act(key.action)
+                session.ask(key.action)
     for key in KEYS:
         if key.held and window.is_pressed(key.code):
             session.hold(key.action, seconds)

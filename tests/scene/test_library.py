@@ -17,6 +17,7 @@ def test_every_shipped_scene_loads_and_has_a_title(name: str) -> None:
     scene = load_scene(name)
     assert scene.name == name
     assert scene.title
+    assert scene.title[:1].islower() or scene.title[:1].isdigit(), "titles are read below each other, as in `list`"
 
 
 def test_names_are_sorted() -> None:

@@ -1,6 +1,9 @@
 """The command `stress`: a few cases, what it reports, and that it can fail."""
 
 import json
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -14,7 +17,7 @@ from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene.model import SOLVER_NAMES, Ground, Limit, Solver, Sphere
 from taichi_cloth.stress import catalogue, report
 from taichi_cloth.stress.catalogue import CASES, Case
-from taichi_cloth.stress.running import Outcome, Result, run_case
+from taichi_cloth.stress.running import Outcome, Result, deaf_children, run_case
 from taichi_cloth.stress.scenes import sheet
 from taichi_cloth.stress.setting import ROBUST, SETTINGS, Setting
 from taichi_cloth.stress.springs import long_run
@@ -182,3 +185,13 @@ def test_an_unknown_solver_and_a_wrong_number_of_starts(capsys: pytest.CaptureFi
             cli.main(["stress", *words])
         assert ended.value.code == 2
     assert "did you mean 'robust'?" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows passes no signals on")
+def test_processes_that_run_cases_do_not_hear_ctrl_c() -> None:
+    ask = [sys.executable, "-c", "import signal; print(signal.getsignal(signal.SIGINT) is signal.SIG_IGN)"]
+    before = signal.getsignal(signal.SIGINT)
+    with deaf_children():
+        assert subprocess.check_output(ask, text=True) == "True\n"
+    assert signal.getsignal(signal.SIGINT) is before
+    assert subprocess.check_output(ask, text=True) == "False\n"

@@ -383,3 +383,25 @@ def test_curves_follow_what_was_measured(session: Session) -> None:
     session.advance(1)
     session.measure()
     assert len(session.history.rows) == 1
+
+
+def test_what_compiles_waits_until_its_note_was_shown(session: Session, few: list[str]) -> None:
+    session.ask("next_scene")
+    session.ask("freeze")
+    assert session.frozen
+    assert session.simulation.scene.name == "curtain"
+    session.ask("next_scene")
+    assert session.note == "next scene: compiling; the first time the picture stands still for some seconds"
+    session.do_asked()
+    assert session.simulation.scene.name == "fold"
+    assert session.note == ""
+    session.do_asked()
+    assert session.simulation.scene.name == "fold"
+
+
+def test_a_stage_waits_too(session: Session) -> None:
+    session.ask_to_switch({**session.stages, "ground": False})
+    assert "ground" in session.simulation.stages
+    assert session.note.startswith("other stages: compiling")
+    session.do_asked()
+    assert "ground" not in session.simulation.stages
