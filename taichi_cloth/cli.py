@@ -19,7 +19,7 @@ from .cli_compare import compare
 from .cli_export import run_export
 from .cli_measure import run_ablate, run_bench, run_stress, run_validate
 from .cli_replay import render_film, run_replay
-from .errors import BlewUp, OutputInUse, WrongUse, one_line
+from .errors import BlewUp, OutputInUse, WrongUse, one_line, why
 from .export.output import FORMATS, UPS
 from .scene import Scene, SceneError, key_table, load_scene, parse_override, scene_names
 from .scene.leave_out import scene_without
@@ -358,7 +358,9 @@ def render_plan(
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
             frames.render(simulation, plan, advance)
-    print(f"{counted(plan.pictures, 'picture')} in {plan.out}" + (", contact_sheet.png among them" if plan.sheet else ""))
+    print(
+        f"{counted(plan.pictures, 'picture')} in {plan.out}" + (", contact_sheet.png among them" if plan.sheet else "")
+    )
     return 0
 
 
@@ -443,5 +445,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (OSError, BlewUp) as error:
-        print(f"{PROGRAM}: {one_line(str(error))}", file=sys.stderr)
+        print(f"{PROGRAM}: {one_line(why(error))}", file=sys.stderr)
         return 1

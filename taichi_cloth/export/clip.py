@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..contact.bodies import Body
-from ..errors import BlewUp
+from ..errors import BlewUp, why
 from ..guard import Guard
 from ..scene.model import FRAME_SECONDS
 from ..simulation import Simulation
@@ -58,7 +58,7 @@ def snapshot(simulation: Simulation, folder: Path) -> str:
         folder.mkdir(parents=True, exist_ok=True)
         write_moment(path, "obj", sheet_of(name, simulation.topology), simulation)
     except OSError as error:
-        return f"{path.name} could not be written: {error.strerror}"
+        return f"{path.name} could not be written: {why(error)}"
     return f"frame {simulation.frame} is in {folder.name}/{path.name}"
 
 

@@ -117,7 +117,7 @@ def run_case(case: Case, setting: Setting, starts: int, pictures: Path | None) -
 
 @contextmanager
 def deaf_children() -> Iterator[None]:
-    """Processes that are begun meanwhile do not hear Ctrl-C, nor print what it broke off: it is for us, who end them."""
+    """Processes begun meanwhile do not hear Ctrl-C, nor print what it broke off: it is for us, who end them."""
     before = None
     with suppress(ValueError):  # not in the main thread, which alone is interrupted
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)
