@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from . import __version__, cli_compare, cli_export, cli_measure, cli_replay, cli_run, cli_scenes
 from .cli_options import Action
-from .errors import BlewUp, OutputInUse, WrongUse, one_line
+from .errors import BlewUp, OutputInUse, WrongUse, one_line, why
 from .scene import SceneError
 
 PROGRAM = "taichi-cloth"
@@ -100,5 +100,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (OSError, BlewUp) as error:
-        print(f"{PROGRAM}: {one_line(str(error))}", file=sys.stderr)
+        print(f"{PROGRAM}: {one_line(why(error))}", file=sys.stderr)
         return 1

@@ -13,6 +13,13 @@ class BlewUp(RuntimeError):
     """The cloth runs away, or has a position that is no finite number. Exit code 1."""
 
 
+def why(error: BaseException) -> str:
+    """`out/a.png: No space left on device` for an error of the system, without its number; any other as it is."""
+    if not isinstance(error, OSError) or error.strerror is None:
+        return str(error)
+    return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
+
+
 def one_line(text: str) -> str:
     """Line ends and control characters written as escapes."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

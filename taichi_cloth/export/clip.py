@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
-from ..errors import BlewUp
+from ..errors import BlewUp, why
 from ..files import new_name
 from ..guard import Guard
 from ..scene.model import FRAME_SECONDS
@@ -60,7 +60,7 @@ def snapshot(simulation: Simulation, folder: Path) -> str:
         path = name.with_name(f"{name.name}.obj")
         write_moment(path, "obj", simulation)
     except OSError as error:
-        return f"no mesh: {error}"
+        return f"no mesh: {why(error)}"
     return f"frame {simulation.frame} is in {folder.name}/{path.name}"
 
 

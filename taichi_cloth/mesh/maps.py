@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,9 @@ def _grey(path: Path) -> Floats:
     except ImportError:
         raise WrongUse("pictures as maps need Pillow: pip install 'taichi-cloth[maps]'") from None
     try:
-        with Image.open(path) as picture:
+        with warnings.catch_warnings(action="ignore"):  # Pillow's of a large picture: ours is the error
+            opened = Image.open(path)
+        with opened as picture:
             if picture.width * picture.height > MOST_PIXELS:
                 raise ValueError(f"it has more than {MOST_PIXELS} pixels")
             if picture.mode.startswith("I"):  # 16 bits

@@ -85,6 +85,11 @@ def boxes(aspect: float) -> list[NDArray[np.float64]]:
     return [np.array([[right - width, bottom], [right, bottom + height]]) for bottom in bottoms]
 
 
+def top() -> float:
+    """Where the picture is free of charts, with the gap above them [heights of the picture]."""
+    return GAP + len(CHARTS) * (BOX[1] + GAP)
+
+
 def lines(rows: NDArray[np.float64], aspect: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Ends of all segments as screen points, (2·`SEGMENTS`, 2), and their colours, (2·`SEGMENTS`, 3).
 

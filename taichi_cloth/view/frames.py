@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BlewUp, OutputInUse
+from ..errors import BlewUp, OutputInUse, why
 from ..files import whole_file
 from ..guard import Guard
 from ..interact.camera import OrbitCamera
@@ -179,7 +179,7 @@ def saved_before(simulation: Simulation, guard: Guard, plan: Plan) -> str:
     try:
         simulation.save(path)
     except OSError as error:
-        return f"{line}; frame {simulation.frame}, the last good one, could not be saved: {error}"
+        return f"{line}; frame {simulation.frame}, the last good one, could not be saved: {why(error)}"
     return f"{line}; frame {simulation.frame}, the last good one, is saved in {path}"
 
 

@@ -13,6 +13,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+from ..errors import why
 from ..files import new_name
 from ..interact.camera import OrbitCamera
 from ..record.recorded import Recorded
@@ -41,7 +42,7 @@ class Keepsakes:
             picture = file.with_suffix(".png")
             write_png(picture, portrait(Raster(*size), draw_list, camera, view))
         except OSError as error:
-            return f"no screenshot: {error}"
+            return f"no screenshot: {why(error)}"
         return f"wrote {self._shown(picture)}"
 
     def begin_clip(self) -> str:
@@ -58,7 +59,7 @@ class Keepsakes:
         try:
             drawing = Drawing(self._write(simulation, "clip", size))
         except OSError as error:
-            return f"no clip: {error}"
+            return f"no clip: {why(error)}"
         self._drawings.append(drawing)
         return f"drawing {self._shown(drawing.film)}"
 

@@ -56,15 +56,19 @@ class WindowScale:
         corners = 6 * len(self._places)
         self._position, self._colour = ti.Vector.field(2, ti.f32, corners), ti.Vector.field(3, ti.f32, corners)
         self._colour.from_numpy(np.repeat(colours, 6, axis=0).astype(np.float32))
-        self._size: tuple[int, int] | None = None
+        self._stands: tuple[tuple[int, int], float] | None = None
 
-    def show(self, canvas: Any, size: tuple[int, int]) -> None:
-        """Draws it onto a canvas of so many pixels, whose points run from (0, 0) at the bottom left to (1, 1)."""
-        if size != self._size:
-            self._size = size
+    def show(self, canvas: Any, size: tuple[int, int], bottom: float = 0.0) -> None:
+        """Draws it onto a canvas of so many pixels, whose points run from (0, 0) at the bottom left to (1, 1).
+
+        It stands in the middle, or higher: all of it above `bottom`.
+        """
+        if (size, bottom) != self._stands:
+            self._stands = size, bottom
+            middle = max(0.5, bottom + UNIT * (BAR_HEIGHT + HEIGHT) / 2)
             left, top, wide, high = self._places.T
             x, x_end = (1 + UNIT * c * size[1] / size[0] for c in (left, left + wide))
-            y, y_end = (0.5 - UNIT * c for c in (top, top + high))
+            y, y_end = (middle - UNIT * c for c in (top, top + high))
             corners = [(x, y), (x_end, y), (x_end, y_end), (x, y), (x_end, y_end), (x, y_end)]
             points = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
             self._position.from_numpy(points.reshape(-1, 2).astype(np.float32))

@@ -23,6 +23,7 @@ WIDTH = 392  # [pixels] a slider takes 65 % of it and leaves 17 letters for its 
 HEIGHT = 640  # [pixels] of the page that is fullest
 LETTERS = (WIDTH - 2 * 8) // 7  # in a line: the toolkit's padding is 8 pixels, every letter 7 pixels wide
 COLUMN = 25  # [letters]
+LEAST_ERROR = 1e-4  # of the side
 SHORT = 3  # lines of the figures that stand on every page
 WARNING = (1.0, 0.6, 0.3)
 HAND = "hand"
@@ -197,7 +198,10 @@ def numbers(session: Session, draw_ms: float, pictures: float) -> str:
 def error_of(s: Simulation) -> str:
     """What the running setting is wrong by in a swing, in % of the side, as far as it is known."""
     error = estimate(s.scene, s.solver.name, s.substeps, int(s.get("iterations")), s.get("gravity"))
-    return "error unknown" if error is None else f"error about {100 * error:.2g} %"
+    if error is None:
+        return "error unknown"
+    # What a swing of one sheet is wrong by says nothing of another scene beyond this.
+    return f"error about {100 * error:.2g} %" if error >= LEAST_ERROR else f"error below {100 * LEAST_ERROR:g} %"
 
 
 def help_lines() -> list[str]:

@@ -17,6 +17,7 @@ from ..interact.camera import OrbitCamera
 from ..interact.keys import KEYS
 from ..simulation import Simulation
 from .clock import FrameClock
+from .curves import top
 from .draw_curves import CurveDrawing
 from .draw_mesh import DrawMesh
 from .journal import Journal, line_of
@@ -98,7 +99,7 @@ def loop(window: Any, session: Session, panel: Panel, frames: int | None, journa
         start = time.perf_counter()
         draw(canvas, scene, lens, session)
         if session.view == "strain":
-            scale.show(canvas, size)
+            scale.show(canvas, size, top() if session.curves else 0.0)
         if session.curves:
             curves.draw(canvas, session.history, size[0] / size[1])
         draw_ms = 1e3 * (time.perf_counter() - start)

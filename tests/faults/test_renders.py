@@ -7,6 +7,7 @@ import errno
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -178,7 +179,7 @@ def test_a_full_disk_ends_the_render_which_can_be_resumed(
     capsys.readouterr()
     assert cli.main(words(FRAMES)) == 1
     error = one_line(capsys)
-    assert "No space left on device: 'o/frame_000" in error
+    assert re.fullmatch(r"taichi-cloth: o/frame_000\d\d\.png: No space left on device\n", error)
     made = pictures("o")
     assert 3 < len(made) < 30
     assert contents().keys() == {*made, "run.json"}
@@ -194,7 +195,7 @@ def test_a_last_good_frame_that_cannot_be_saved_leaves_the_news_of_the_blow_up(t
     with Simulation(load_scene("small.toml"), "list") as simulation:
         line = saved_before(simulation, Guard(simulation), Plan(out=tmp_path / "gone", frames=1))
     assert line.startswith("the cloth blew up in frame 0: ")
-    assert f"could not be saved: [Errno 2] No such file or directory: '{tmp_path / 'gone' / LAST_GOOD}'" in line
+    assert f"could not be saved: {tmp_path / 'gone' / LAST_GOOD}: No such file or directory" in line
 
 
 # -- a folder that cannot be written ---------------------------------------------------------------------------
@@ -219,5 +220,5 @@ def test_a_folder_that_cannot_be_written_is_one_line(
     closed: Path, inside: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(words(3, os.path.normpath(f"closed/{inside}"))) == 1
-    assert "'closed/" in one_line(capsys)
+    assert " closed/" in one_line(capsys)
     assert list(closed.iterdir()) == []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -72,11 +74,20 @@ def test_pins_and_stiffness(tmp_path: Path) -> None:
     assert stiffness_of(scene, "springs", topology).max() == 1.0  # a share of an error cannot be more
 
 
+def header_of_png(width: int, height: int) -> bytes:
+    """A picture of so many pixels, grey, that ends before the first of them."""
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)), (b"IDAT", b""), (b"IEND", b"")]
+    packed = [struct.pack(">I", len(c)) + kind + c + struct.pack(">I", zlib.crc32(kind + c)) for kind, c in chunks]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(packed)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
         ("none.png", None, "cannot be read"),
         ("a.png", b"no picture", "is no picture"),
+        ("a.png", header_of_png(12_000, 12_000), "'it has more than 100000000 pixels'"),
+        ("a.png", header_of_png(60_000, 60_000), "Image size (3600000000 pixels) exceeds limit"),
         ("a.csv", b"0.5\nhalf\n", "line 2: 'half' is no number"),
         ("a.csv", b"0.5\n0.25", "has numbers of shape (2,), not one for each of 12 particles"),
         ("a.csv", b"0.5\n" * 11 + b"1.5", "number 12 is 1.5, not 0 to 1"),

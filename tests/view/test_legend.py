@@ -1,10 +1,13 @@
 """The scale of the view `strain`: its figures, and where it is drawn."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from taichi_cloth.view.curves import top
 from taichi_cloth.view.fill import FULL_STRAIN
-from taichi_cloth.view.legend import BAR_WIDTH, INK, MARGIN, rectangles, stamp
+from taichi_cloth.view.legend import BAR_WIDTH, INK, MARGIN, WindowScale, rectangles, stamp
 from taichi_cloth.view.lettering import LETTERS, WIDTH, text_rectangles, text_width
 
 
@@ -44,3 +47,21 @@ def test_figures_stand_beside_the_bar() -> None:
     assert places[ink][:, 0].max() < -MARGIN - BAR_WIDTH
     assert FULL_STRAIN == 0.1  # the figures are whole per cents at half of it
     assert ink.sum() > 60
+
+
+class Canvas:
+    """Takes note of what would be drawn: the lowest and the highest point."""
+
+    def triangles(self, places: Any, per_vertex_color: Any) -> None:
+        heights = places.to_numpy()[:, 1]
+        self.low, self.high = heights.min(), heights.max()
+
+
+def test_in_the_window_it_stands_in_the_middle_or_above_the_curves() -> None:
+    scale, canvas = WindowScale(), Canvas()
+    scale.show(canvas, (1280, 720))
+    assert (canvas.low + canvas.high) / 2 == pytest.approx(0.5, abs=1e-3)
+    assert canvas.low < top()
+    scale.show(canvas, (1280, 720), top())
+    assert canvas.low >= top() - 1e-6
+    assert canvas.high < 1

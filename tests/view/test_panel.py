@@ -182,6 +182,13 @@ def test_figures_tell_times_and_curves_have_their_legend(drawn: Drawn) -> None:
     assert any(text.startswith("kinetic energy: ") and text.endswith(" J") for text in notes.texts)
 
 
+def test_no_error_is_told_finer_than_it_is_known(drawn: Drawn) -> None:
+    _, notes, _ = drawn("net")
+    assert any(text.endswith("error below 0.01 %") for text in notes.texts)
+    _, notes, _ = drawn("drape15")
+    assert any(text.endswith("error about 4.7 %") for text in notes.texts)
+
+
 SETTINGS = """[Window][Debug##Default]
 Pos=60,60
 Size=400,400
