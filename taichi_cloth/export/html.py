@@ -125,7 +125,7 @@ def quantised(x: Floats) -> tuple[Floats, Floats, NDArray[np.uint16]]:
 def vertices(topology: Topology, colours: NDArray[np.float32]) -> tuple[Ids, NDArray[np.uint8], Ids]:
     """Particles (V,) and colours (V, 3) of what triangles (T, 3) share: corners of one particle and one colour."""
     rgb = np.rint(255 * colours).astype(np.int64)
-    key = (topology.triangles.ravel() << 24) + (rgb << np.array([16, 8, 0])).sum(axis=1)
+    key = (topology.triangles.ravel().astype(np.int64) << 24) + (rgb << np.array([16, 8, 0])).sum(axis=1)
     one, corners = np.unique(key, return_inverse=True)
     tint = (one[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
     return one >> 24, tint, corners.reshape(-1, 3)
