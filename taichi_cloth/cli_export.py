@@ -45,6 +45,8 @@ def run_export(args: argparse.Namespace) -> int:
         raise WrongUse("--every leaves frames of a clip out: it goes with --clip, or use `bake`")
     format = format_of(args.out, args.format, clip=args.clip)
     path = args.out or default_path(scene.name, format, clip=args.clip)
+    if format == "html" and args.up != "y":
+        raise WrongUse("--up turns meshes for other programs: a page stands upright by itself")
     output = Output(path, format, args.frames, args.up, args.clip, args.every or 1)
     if format == "usd" and importlib.util.find_spec("pxr") is None:
         raise WrongUse("USD files need usd-core: pip install 'taichi-cloth[usd]'")

@@ -90,6 +90,11 @@ def _clip(output: Output, simulation: Simulation) -> Iterator[Add]:
             yield lambda: write(simulation.positions(), simulation.bodies())
     elif output.format == "pc2":
         yield from _point_cache(output, simulation)
+    elif output.format == "html":
+        from .html import html_clip
+
+        with html_clip(output.path, simulation, 1 / (FRAME_SECONDS * output.every)) as write_page:
+            yield write_page
     else:
         numbers = count()
         yield lambda: write_moment(output.numbered(next(numbers)), output.format, simulation, output.up)

@@ -7,11 +7,12 @@ from pathlib import Path
 
 from ..errors import OutputInUse, WrongUse
 
-SUFFIXES = {"obj": (".obj",), "ply": (".ply",), "pc2": (".pc2",), "usd": (".usdc", ".usda", ".usd")}
+SUFFIXES = {"obj": (".obj",), "ply": (".ply",), "pc2": (".pc2",), "usd": (".usdc", ".usda", ".usd"), "html": (".html",)}
 BY_SUFFIX = {ending: name for name, endings in SUFFIXES.items() for ending in endings}
 FORMATS = tuple(SUFFIXES)
 UPS = ("y", "z")
 FOLDERS = ("obj", "ply")  # a clip of these is a folder of numbered files
+CLIPS = {"pc2": "a PC2 file holds", "html": "an HTML page plays"}  # and nothing else
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,8 @@ def format_of(path: Path | None, name: str | None, *, clip: bool) -> str:
             raise WrongUse(f"--out {path} is a name of {told.upper()} files, and --format says {chosen}")
         if clip and chosen in FOLDERS:
             raise WrongUse(f"--out {path}: a clip of {chosen.upper()} files is a folder; name one without a suffix")
-    if chosen == "pc2" and not clip:
-        raise WrongUse("a PC2 file holds a clip: use `bake`, or --clip")
+    if chosen in CLIPS and not clip:
+        raise WrongUse(f"{CLIPS[chosen]} a clip: use `bake`, or --clip")
     return chosen
 
 

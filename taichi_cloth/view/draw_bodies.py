@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from ..contact.bodies import Body, is_still
 from ..mesh.solid import surface_of
 from ..mesh.surface import smooth_normals
-from ..scene.model import Box, Capsule, Mesh, Plane
+from ..scene.model import Box, Capsule, Mesh, Plane, Scene
 from . import solids
 
 Floats = NDArray[np.float32]
 Soup = tuple[Floats, Floats, Floats]  # positions, normals and colours of its corners, each (3·T, 3)
 
 BLOCK, BAR, SLOPE, SOLID = (0.66, 0.52, 0.38), (0.47, 0.40, 0.34), (0.70, 0.72, 0.70), (0.80, 0.77, 0.71)
+BALL, POLE = (0.13, 0.35, 0.50), (0.36, 0.24, 0.15)
 
 
 def split(bodies: list[Body]) -> tuple[list[Body], list[int]]:
@@ -37,6 +38,13 @@ def soup(body: Body) -> Soup:
             return coloured(surface.corners.reshape(-1, 3), smooth_normals(surface).reshape(-1, 3), SOLID)
         case _:
             return coloured(*solids.box(np.zeros(3), 2 * body.size), BLOCK)
+
+
+def pole(scene: Scene, start: NDArray[np.float64]) -> Soup:
+    """Along the top edge of a sheet whose particles `start` there, (N, 3) [m], and a little beyond."""
+    left, right = start[[0, scene.cloth.columns - 1]]
+    overhang, radius = 0.06 * (right - left), 0.012 * scene.cloth.width
+    return coloured(*solids.cylinder(left - overhang, right + overhang, radius), POLE)
 
 
 def posed(body: Body, local: Soup) -> Soup:

@@ -16,7 +16,10 @@ from .patterns import pattern_colours, rgb
 VIEWS = ("shaded", "strain", "wireframe", "particles")
 
 FLOOR, LINE = (0.925, 0.92, 0.91), (0.845, 0.84, 0.83)
-POLE, BALL = (0.36, 0.24, 0.15), (0.13, 0.35, 0.50)
+# Lengths in distances from the scene's eye to what it looks at.
+REACH, LINED = 2.4, 1.44  # where the floor ends, and where its lines do
+SPACING, WIDTH = 1 / 8, 2e-3  # of the lines: so far apart or somewhat less, and their width
+SHADOWED = 0.95  # half the side of the shadow's grid
 GLOSS = 0.35  # of bodies; a cloth has its own
 READ = 0.45  # share of light and shade that is left in the colours of strain
 MARK = 0.008  # radius of a bead, in sides of the cloth, where cells are small
@@ -61,13 +64,14 @@ class DrawList:
         self._pins = simulation.added_pins
         self._grain = float(topology.rest.mean()) if topology.spring_count else 0.1  # [m] a typical spring
         self._mark = max(0.3 * self._grain, MARK * topology.side)  # [m] radius of a bead
-        self._shadow_frame = ti.math.vec4(*scene.camera.target, 0.95 * distance)
-        self._reach = 2.4 * distance  # [m] where the floor ends
+        self._shadow_frame = ti.math.vec4(*scene.camera.target, SHADOWED * distance)
+        self._reach = REACH * distance  # [m] where the floor ends
 
         bodies = simulation.bodies()
         standing, self._moving = draw_bodies.split(bodies)
         self._soups = [draw_bodies.soup(bodies[k]) for k in self._moving]
-        still = [*self._pole(), *(draw_bodies.posed(body, draw_bodies.soup(body)) for body in standing)]
+        pole = [draw_bodies.pole(scene, topology.start)] if scene.look.pole else []
+        still = [*pole, *(draw_bodies.posed(body, draw_bodies.soup(body)) for body in standing)]
         floor = self._floor(distance)
         self._first_solid = sum(len(p) for p, _, _ in floor)
         self._first_moving = self._first_solid + sum(len(p) for p, _, _ in still)
@@ -136,7 +140,7 @@ class DrawList:
         first = self._first_ball
         if spheres:
             centers, radii = zip(*((body.center, body.size[0]) for body in spheres), strict=True)
-            first = self._fill_balls(first, self._ball, centers, radii, [BALL] * len(spheres))
+            first = self._fill_balls(first, self._ball, centers, radii, [draw_bodies.BALL] * len(spheres))
         held = simulation.grabbed
         beads = simulation.positions()[[held or 0, *self._pins]]
         sizes = [0.0 if held is None else self._mark, *[self._mark] * len(self._pins)]
@@ -156,23 +160,15 @@ class DrawList:
 
     # -- what stands still -----------------------------------------------------------------------------
 
-    def _pole(self) -> list[draw_bodies.Soup]:
-        scene = self.simulation.scene
-        if not scene.look.pole:
-            return []
-        left, right = self.simulation.topology.start[[0, scene.cloth.columns - 1]]
-        overhang, radius = 0.06 * (right - left), 0.012 * scene.cloth.width
-        return [draw_bodies.coloured(*solids.cylinder(left - overhang, right + overhang, radius), POLE)]
-
     def _floor(self, distance: float) -> list[draw_bodies.Soup]:
-        """The floor, and a faint grid of lines an eighth of the way to the eye apart or somewhat less."""
+        """The floor, and a faint grid of lines."""
         if self.simulation.scene.ground is None:
             return []
         middle, lift = self._floor_middle(), np.array([0.0, 3e-3 * distance, 0.0])
-        spacing = round_length(distance / 8)
+        spacing = round_length(SPACING * distance)
         parts = (
             (solids.floor(middle, self._reach), FLOOR),
-            (solids.floor_lines(middle + lift, 0.6 * self._reach, spacing, 2e-3 * distance), LINE),
+            (solids.floor_lines(middle + lift, LINED * distance, spacing, WIDTH * distance), LINE),
         )
         return [draw_bodies.coloured(c, np.broadcast_to([0.0, 1.0, 0.0], c.shape), colour) for c, colour in parts]
 

@@ -29,7 +29,7 @@ z = 5.0
 sway = [1.0, 0.0, 0.0]
 """
 pytestmark = pytest.mark.usefixtures("running")
-CLIPS = ("o.pc2", "o.usdc", "o.usda", "o")  # a folder of OBJ files last
+CLIPS = ("o.pc2", "o.usdc", "o.usda", "o.html", "o")  # a folder of OBJ files last
 
 
 @pytest.fixture(autouse=True)
@@ -136,6 +136,8 @@ def test_what_a_tear_took_is_missing_but_for_files_of_points_that_move() -> None
         (["export", "small.toml", "--format", "obk"], "did you mean 'obj'?"),
         (["export", "small.toml", "--out", "c.stl"], "no format has the suffix '.stl'"),
         (["export", "small.toml", "--out", "c.pc2"], "use `bake`"),
+        (["export", "small.toml", "--out", "c.html"], "an HTML page plays a clip: use `bake`"),
+        (["bake", "small.toml", "--out", "c.html", "--up", "z"], "stands upright by itself"),
         (["export", "small.toml", "--every", "2"], "it goes with --clip"),
         (["export", "small.toml", "--up", "x"], "invalid choice"),
         (["bake", "small.toml", "--out", "c.obj"], "is a folder"),
@@ -190,7 +192,7 @@ def kept(clip: str, samples: int) -> list[str]:
 
 @pytest.mark.parametrize("clip", CLIPS)
 def test_an_interrupted_clip_leaves_no_half_file_and_the_older_one(clip: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = ["o.obj", "o.pc2", "o.usda", "o.usdc"]
+    before = ["o.html", "o.obj", "o.pc2", "o.usda", "o.usdc"]
     for name in before:
         Path(name).write_text("older")
 

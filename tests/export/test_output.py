@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from taichi_cloth.errors import OutputInUse, WrongUse
-from taichi_cloth.export.output import FORMATS, Output, default_path, format_of
+from taichi_cloth.export.output import CLIPS, FORMATS, Output, default_path, format_of
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,7 @@ from taichi_cloth.export.output import FORMATS, Output, default_path, format_of
         ("a.usd", "usd", False, "usd"),
         ("a.usdc", None, True, "usd"),
         ("a.pc2", None, True, "pc2"),
+        ("a.html", None, True, "html"),
         ("folder", None, True, "obj"),
         ("folder", "ply", True, "ply"),
         ("fold.er", "ply", True, "ply"),
@@ -34,7 +35,12 @@ def test_the_format_is_told_by_the_suffix_or_by_name(out: str | None, name: str 
 @pytest.mark.parametrize(
     ("out", "name", "clip", "said"),
     [
-        ("a.stl", None, False, "no format has the suffix '.stl'; there are .obj, .ply, .pc2, .usdc, .usda, .usd"),
+        (
+            "a.stl",
+            None,
+            False,
+            "no format has the suffix '.stl'; there are .obj, .ply, .pc2, .usdc, .usda, .usd, .html",
+        ),
         ("a", None, False, "a file needs a suffix"),
         ("a", "obj", False, "a file needs a suffix"),
         ("a", "pc2", True, "a file needs a suffix"),
@@ -53,7 +59,7 @@ def test_what_is_meant_by_nobody_is_refused(out: str | None, name: str | None, c
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_a_default_path_is_one_of_its_format(format: str) -> None:
-    for clip in (False, True) if format != "pc2" else (True,):
+    for clip in (True,) if format in CLIPS else (False, True):
         path = default_path("curtain", format, clip=clip)
         assert format_of(path, format, clip=clip) == format
 

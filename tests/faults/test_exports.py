@@ -21,7 +21,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("small.toml").write_text("[cloth]\nrows = 12\ncolumns = 12\n")
 
 
-@pytest.mark.parametrize("name", ["c.pc2", "c.usdc", "c.usda"])
+@pytest.mark.parametrize("name", ["c.pc2", "c.usdc", "c.usda", "c.html"])
 def test_a_clip_that_does_not_fit_leaves_the_older_one(
     disk: Disk, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

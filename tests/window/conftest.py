@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from screen import Screen
+from screen import Screen, no_window
 
 import taichi_cloth
 from taichi_cloth.view.display import window_obstacle
@@ -177,13 +177,6 @@ class Desk:
         return subprocess.run(
             ["xdotool", *words], env=self._environment, check=True, capture_output=True, text=True
         ).stdout
-
-
-def no_window(reason: str) -> None:
-    """Skips, or fails where a window is required."""
-    if os.environ.get("REQUIRE_WINDOW") == "1":
-        pytest.fail(f"REQUIRE_WINDOW=1, but {reason}")
-    pytest.skip(reason)
 
 
 @pytest.fixture(scope="session")

@@ -6,9 +6,18 @@ import os
 import struct
 import subprocess
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
+
+
+def no_window(reason: str) -> NoReturn:
+    """Skips, or fails where a window is required."""
+    if os.environ.get("REQUIRE_WINDOW") == "1":
+        pytest.fail(f"REQUIRE_WINDOW=1, but {reason}")
+    pytest.skip(reason)
 
 
 class Screen:

@@ -1,0 +1,136 @@
+"""A real browser without a window, spoken to through a pipe in the words of its DevTools protocol."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from screen import no_window
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+SIZE = 640, 360  # [pixels]
+OPTIONS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--remote-debugging-pipe")
+START = "import os, sys; _, r, w, *words = sys.argv; os.dup2(int(r), 3); os.dup2(int(w), 4); os.execvp(words[0], words)"
+READY = "new Promise(done => { const look = () => %s ? done(true) : setTimeout(look, 20); look(); })"
+TOLD = ("Runtime.exceptionThrown", "Log.entryAdded", "Network.requestWillBeSent")
+
+Said = dict[str, Any]
+
+
+class Browser:
+    """One page at a time. `errors` and `requests` are those since it was opened."""
+
+    def __init__(self, program: str, folder: Path) -> None:
+        # It reads from its file descriptor 3 and writes to 4.
+        to_read, self._write = os.pipe()
+        read, to_write = os.pipe()
+        words = [program, *OPTIONS, f"--user-data-dir={folder}", f"--window-size={SIZE[0]},{SIZE[1]}", "about:blank"]
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", START, str(to_read), str(to_write), *words],
+            pass_fds=[to_read, to_write],
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(to_read)
+        os.close(to_write)
+        self._answers = open(read, "rb")
+        self._number, self._page, self._rest = 0, {}, b""
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        target = self.say("Target.createTarget", url="about:blank")["targetId"]
+        self._page = {"sessionId": self.say("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]}
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.say(f"{domain}.enable")
+        self.say("Emulation.setDeviceMetricsOverride", width=SIZE[0], height=SIZE[1], deviceScaleFactor=1, mobile=False)
+
+    def say(self, method: str, **params: Any) -> Said:
+        """Asks for something, and returns the answer."""
+        self._number += 1
+        words = {"id": self._number, "method": method, "params": params, **self._page}
+        os.write(self._write, json.dumps(words).encode() + b"\0")
+        while True:
+            message = self._next()
+            if message.get("id") == self._number:
+                assert "error" not in message, message
+                return dict(message["result"])
+            if message.get("method") in TOLD:
+                self._hear(message["method"], message["params"])
+
+    def _next(self) -> Said:
+        while b"\0" not in self._rest:
+            more = os.read(self._answers.fileno(), 1 << 16)
+            assert more, "the browser ended"
+            self._rest += more
+        line, _, self._rest = self._rest.partition(b"\0")
+        return dict(json.loads(line))
+
+    def _hear(self, method: str, params: Said) -> None:
+        if method == "Network.requestWillBeSent":
+            self.requests.append(params["request"]["url"])
+        elif method == "Runtime.exceptionThrown":
+            self.errors.append(json.dumps(params["exceptionDetails"]))
+        elif params["entry"]["level"] == "error":
+            self.errors.append(params["entry"]["text"])
+
+    def open(self, path: Path, tail: str = "", ready: str = "document.querySelector('output')?.value") -> None:
+        """Shows a file, and comes back when JavaScript says that it is `ready`."""
+        self.say("Page.navigate", url="about:blank")
+        self.errors, self.requests = [], []
+        self.say("Page.navigate", url=path.as_uri() + tail)
+        self.value(READY % ready)
+
+    def value(self, code: str) -> Any:
+        """What JavaScript says in the page; of a promise, when it is kept."""
+        told = self.say("Runtime.evaluate", expression=code, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in told, told
+        return told["result"].get("value")
+
+    def until(self, code: str) -> None:
+        """Waits until it is true."""
+        self.value(READY % f"({code})")
+
+    def picture(self) -> NDArray[np.uint8]:
+        """What is to be seen, (height, width, RGB)."""
+        png = base64.b64decode(self.say("Page.captureScreenshot")["data"])
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
+        """`kind`: Pressed, Released, Moved or Wheel, at a pixel."""
+        self.say("Input.dispatchMouseEvent", type=f"mouse{kind}", x=x, y=y, **more)
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """With the left button."""
+        self.mouse("Pressed", *start, button="left", clickCount=1)
+        self.mouse("Moved", *end, button="left", buttons=1)
+        self.mouse("Released", *end, button="left", clickCount=1)
+
+    def key(self, code: str, key: str) -> None:
+        for kind in ("keyDown", "keyUp"):
+            self.say("Input.dispatchKeyEvent", type=kind, code=code, key=key)
+
+    def close(self) -> None:
+        self._process.terminate()
+        self._process.wait()
+        os.close(self._write)
+        self._answers.close()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    program = next(filter(None, map(shutil.which, NAMES)), None)
+    if program is None:
+        no_window("Chromium is not installed")
+    browser = Browser(program, tmp_path_factory.mktemp("browser"))
+    yield browser
+    browser.close()
