@@ -27,7 +27,7 @@ LEAST_ERROR = 1e-4  # of the side
 SHORT = 3  # lines of the figures that stand on every page
 WARNING = (1.0, 0.6, 0.3)
 HAND = "hand"
-FIRST_HELP = "drag the cloth; M opens the next scene, Tab turns pages; move a slider, and here stands what it is for"
+FIRST_HELP = "drag the cloth; M opens the next scene, Tab turns pages; a slider that is moved is explained here"
 HAND_HELP = "Hand: what is so near on the sheet goes with the particle that is pulled; 0 m: that one alone"
 CHOICES = (
     ("solver", "Next solver"),
