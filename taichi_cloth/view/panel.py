@@ -27,6 +27,7 @@ LEAST_ERROR = 1e-4  # of the side
 SHORT = 3  # lines of the figures that stand on every page
 WARNING = (1.0, 0.6, 0.3)
 HAND = "hand"
+FIRST_HELP = "drag the cloth; M opens the next scene, Tab turns pages; a slider that is moved is explained here"
 HAND_HELP = "Hand: what is so near on the sheet goes with the particle that is pulled; 0 m: that one alone"
 CHOICES = (
     ("solver", "Next solver"),
@@ -139,7 +140,7 @@ def help_for(name: str, keys: Mapping[str, LiveKey]) -> str:
     if name == HAND:
         return HAND_HELP
     if name not in keys:
-        return "move a slider, and what it is for stands here"
+        return FIRST_HELP
     key = keys[name]
     unit = f" {key.unit}" if key.unit else ""
     return f"{key.label}: {key.help}; {key.low:g} to {key.high:g}{unit}, of this scene {key.value:g}"

@@ -154,6 +154,11 @@ def test_the_hand_has_a_slider_and_its_help(drawn: Drawn) -> None:
     assert session.radius == session.largest_radius == pytest.approx(4.35 / 4)
 
 
+def test_the_first_page_tells_how_to_begin(drawn: Drawn) -> None:
+    _, notes, _ = drawn("curtain")
+    assert "drag the cloth; M opens the next scene" in " ".join(notes.texts)
+
+
 def test_a_slider_that_is_moved_tells_what_it_is(drawn: Drawn) -> None:
     _, notes, _ = drawn("curtain", Gravity=3.0)
     assert "Gravity: downward acceleration; 0 to 20 m/s², of this" in notes.texts
