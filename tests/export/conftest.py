@@ -35,7 +35,7 @@ class Browser:
     def __init__(self, program: str, folder: Path) -> None:
         # It reads from its file descriptor 3 and writes to 4.
         to_read, self._write = os.pipe()
-        read, to_write = os.pipe()
+        self._read, to_write = os.pipe()
         words = [program, *OPTIONS, f"--user-data-dir={folder}", f"--window-size={SIZE[0]},{SIZE[1]}", "about:blank"]
         self._process = subprocess.Popen(
             [sys.executable, "-c", START, str(to_read), str(to_write), *words],
@@ -44,7 +44,6 @@ class Browser:
         )
         os.close(to_read)
         os.close(to_write)
-        self._answers = open(read, "rb")
         self._number, self._page, self._rest = 0, {}, b""
         self.errors: list[str] = []
         self.requests: list[str] = []
@@ -69,7 +68,7 @@ class Browser:
 
     def _next(self) -> Said:
         while b"\0" not in self._rest:
-            more = os.read(self._answers.fileno(), 1 << 16)
+            more = os.read(self._read, 1 << 16)
             assert more, "the browser ended"
             self._rest += more
         line, _, self._rest = self._rest.partition(b"\0")
@@ -123,7 +122,7 @@ class Browser:
         self._process.terminate()
         self._process.wait()
         os.close(self._write)
-        self._answers.close()
+        os.close(self._read)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ import base64
 import json
 import re
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -225,7 +224,7 @@ class Curtain:
 
 
 @pytest.fixture(scope="module")
-def curtain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Curtain]:
+def curtain(tmp_path_factory: pytest.TempPathFactory) -> Curtain:
     path = tmp_path_factory.mktemp("page") / "clip.html"
     scene = load_scene("curtain")
     with Simulation(scene) as simulation:
@@ -236,7 +235,7 @@ def curtain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Curtain]:
         draw_list = DrawList(simulation)
         picture = portrait(Raster(640, 360), draw_list, OrbitCamera.from_scene(scene.camera), "shaded")
         draw_list.close()
-    yield Curtain(path, picture)
+    return Curtain(path, picture)
 
 
 def test_a_clip_of_240_frames_is_as_small_as_the_document_says(curtain: Curtain) -> None:

@@ -25,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_clip_that_does_not_fit_leaves_the_older_one(
     disk: Disk, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = disk("o", "size=64k")
+    out = disk("o", "size=16k")
     older = {out / name, out / "c.obj"}
     for path in older:
         path.write_text("older")
