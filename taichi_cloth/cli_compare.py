@@ -39,9 +39,7 @@ def declare(command: Command) -> None:
         )
     comparing.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="what is other in both")
     comparing.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi back-end")
-    comparing.add_argument(
-        "--frames", type=count, metavar="N", help="end after so many frames"
-    )
+    comparing.add_argument("--frames", type=count, metavar="N", help="end after so many frames")
     comparing.add_argument("--size", type=size, default="1480x640", metavar="WxH", help="size of both in pixels")
     comparing.add_argument("--log", type=Path, metavar="FILE", help="write one line of JSON for every displayed frame")
     comparing.add_argument("--headless", action="store_true", help="render pictures even where a window could open")
