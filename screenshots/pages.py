@@ -1,5 +1,5 @@
-"""Draws docs/pictures/compare.png; docs/pictures/walk, the scene of docs/writing_a_scene.md as it grows; and
-docs/pictures/notebook, what examples/notebook.ipynb shows. `make screenshots` runs it too.
+"""Draws docs/pictures/compare.png and drape.png; docs/pictures/walk, the scene of docs/writing_a_scene.md as it grows;
+and docs/pictures/notebook, what examples/notebook.ipynb shows. `make screenshots` runs it too.
 """
 
 from __future__ import annotations
@@ -8,16 +8,21 @@ import base64
 import io
 import re
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import nbclient
 import nbformat
 import numpy as np
+from numpy.typing import NDArray
 from parameters import write
 from PIL import Image
 
 import taichi_cloth as tc
 from taichi_cloth.cli import main
+from taichi_cloth.scene.model import Camera
+from taichi_cloth.validate.drape import PUBLISHED, hung, settled
+from taichi_cloth.view.contact_sheet import contact_sheet
 
 TOP = Path(__file__).parents[1]
 PICTURES = TOP / "docs" / "pictures"
@@ -57,7 +62,24 @@ def draw_compare() -> None:
             write(PICTURES / "compare.png", np.asarray(image))
 
 
+def draw_drape() -> None:
+    """The cloths of reference A4.6: above as the lamp of that test sees them, below from the side."""
+    above, beside = Camera(eye=(0.0, 0.6, 1e-3), target=(0.0, 0.0, 0.0), fov=30.0), Camera((0.0, 0.14, 0.6), fov=14.0)
+    beside = replace(beside, target=(0.0, -0.025, 0.0))
+    seen: dict[Camera, list[NDArray[np.uint8]]] = {above: [], beside: []}
+    tc.start()
+    for preset in PUBLISHED:
+        with hung(preset, "spring") as simulation:
+            settled(simulation)
+            for camera, panels in seen.items():
+                simulation.change(replace(simulation.scene, camera=camera))
+                panels.append(tc.picture(simulation, 270, 270 if camera is above else 125).pixels)
+    rows = [contact_sheet(panels, len(PUBLISHED), gap=4) for panels in seen.values()]
+    write(PICTURES / "drape.png", np.concatenate(rows))
+
+
 if __name__ == "__main__":
     draw_compare()
+    draw_drape()
     draw_walk()
     draw_notebook()

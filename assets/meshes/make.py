@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_cloth.mesh.rings import rings
+
 HERE = Path(__file__).parent
 RINGS, SPOKES = 46, 44
 SHEET_RINGS = 22  # 1519 points
@@ -68,22 +70,9 @@ def bust() -> tuple[NDArray[np.float64], list[list[int]]]:
 
 
 def round_sheet() -> tuple[NDArray[np.float64], list[list[int]]]:
-    """A level disc of radius 1: ring k has 6·k points, so that all triangles are nearly equilateral. Its faces run
-    counter-clockwise, seen from above.
-    """
-    points, faces = [[0.0, 0.0, 0.0]], []
-    inner = [0]
-    for k in range(1, SHEET_RINGS + 1):
-        angle = np.linspace(0, 2 * np.pi, 6 * k, endpoint=False)
-        outer = list(range(len(points), len(points) + 6 * k))
-        points += [[k / SHEET_RINGS * np.cos(a), 0.0, -k / SHEET_RINGS * np.sin(a)] for a in angle]
-        for sector in range(6):
-            out = [outer[(sector * k + n) % len(outer)] for n in range(k + 1)]
-            within = [inner[(sector * (k - 1) + n) % len(inner)] for n in range(k)]
-            faces += [[within[n], out[n], out[n + 1]] for n in range(k)]
-            faces += [[within[n], out[n + 1], within[n + 1]] for n in range(k - 1)]
-        inner = outer
-    return np.array(points), faces
+    """A level disc of radius 1. Its faces run counter-clockwise, seen from above."""
+    points, faces = rings(np.arange(1, SHEET_RINGS + 1) / SHEET_RINGS)
+    return points, faces.tolist()
 
 
 def disc() -> tuple[NDArray[np.float64], list[list[int]]]:
