@@ -139,7 +139,7 @@ def test_a_mesh_file_is_looked_for_beside_the_scene(tmp_path: Path) -> None:
     for file, reason in (
         ("solids/ball.obj", ""),
         ("ball.obj", "ball.obj: cannot be read: No such file or directory"),
-        ("boost", "'boost' is no shipped mesh: bust, or the path of an OBJ file (did you mean 'bust'?)"),
+        ("boost", "'boost' is no shipped mesh: bust, disc, round, or the path of an OBJ file (did you mean 'bust'?)"),
         ("solids/open.obj", "open.obj: it is not closed: the edge from point 3 to 2 belongs to one face only"),
         ("solids/bad.obj", "bad.obj: line 2: 'y' is no number"),
     ):

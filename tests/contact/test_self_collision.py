@@ -121,7 +121,7 @@ def folded(contacts: str, solver: str = "verlet") -> Scene:
     )
 
 
-@pytest.mark.parametrize("contacts", ["particles", "triangles"])
+@pytest.mark.parametrize("contacts", [pytest.param("particles", marks=pytest.mark.long), "triangles"])
 def test_all_paths_give_the_same_folds(contacts: str) -> None:
     scene = folded(contacts)
     with Simulation(scene, "list") as plain, Simulation(scene, "lanes") as lanes, Simulation(scene, "gather") as wide:
@@ -159,7 +159,9 @@ def least_gap(scene: Scene, frames: int) -> tuple[float, int]:
         return least, simulation.crossings()
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(
+    "solver", [pytest.param(s, marks=[pytest.mark.long] * (s not in ("verlet", "spring"))) for s in SOLVERS]
+)
 def test_folds_keep_off_each_other(solver: str) -> None:
     gap, crossed = least_gap(folded("particles", solver), 70)
     assert gap > 0.6 * 0.03

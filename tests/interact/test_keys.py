@@ -7,7 +7,7 @@ from pathlib import Path
 from taichi_cloth.interact.keys import KEYS, table
 
 # What Taichi 1.7.4 reports (taichi/ui/utils/utils.h); digits, F-keys and punctuation give nothing.
-REPORTED = {*"abcdefghijklmnopqrstuvwxyz", " ", "Escape", "Left", "Right", "Up", "Down"}
+REPORTED = {*"abcdefghijklmnopqrstuvwxyz", " ", "Tab", "Escape", "Left", "Right", "Up", "Down"}
 
 
 def test_every_key_is_one_the_window_can_see_and_has_one_meaning() -> None:

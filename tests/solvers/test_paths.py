@@ -120,7 +120,9 @@ def bits(scene: Scene, path: str, frames: int) -> bytes:
         return simulation.positions().tobytes() + simulation.velocities().tobytes()
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(
+    "solver", [pytest.param(name, marks=[pytest.mark.long] * (name not in SHOWN)) for name in SOLVERS]
+)
 def test_threads_side_by_side_give_the_same_bits_every_time(solver: str) -> None:
     with Simulation(busy(solver), "gather") as simulation:
         seen = []
@@ -132,7 +134,10 @@ def test_threads_side_by_side_give_the_same_bits_every_time(solver: str) -> None
     assert seen[0] == seen[1] == np.frombuffer(bits(busy(solver), "gather", 3))[: len(seen[0]) // 8].tobytes()
 
 
-@pytest.mark.parametrize(("solver", "path"), [("lines", "lanes"), ("spring", "lanes"), ("spring", "gather")])
+@pytest.mark.parametrize(
+    ("solver", "path"),
+    [("spring", "lanes"), ("spring", "gather"), pytest.param("lines", "lanes", marks=pytest.mark.long)],
+)
 def test_nothing_is_left_of_the_cloth_that_had_the_fields_before(solver: str, path: str) -> None:
     """The first and the second have the same capacities, and so the same fields."""
     small = replace(busy(solver), cloth=replace(busy(solver).cloth, rows=10, columns=33, pins=("top-left",)))

@@ -60,7 +60,7 @@ def test_verdicts() -> None:
 def test_a_wrong_spring_constant_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
     """The rows measure the program, not themselves: with springs 1 % too stiff a spring's law does not fit."""
     right = from_scene.stiffness_of
-    monkeypatch.setattr("taichi_cloth.simulation.stiffness_of", lambda *words: 1.01 * right(*words))
+    monkeypatch.setattr("taichi_cloth.scene_solver.stiffness_of", lambda *words: 1.01 * right(*words))
     assert all(result.broken for result in measure(BY_NUMBER["A2.2"], "spring"))
 
 
