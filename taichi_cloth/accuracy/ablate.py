@@ -109,8 +109,8 @@ def apart(a: Floats, b: Floats) -> Floats:
 
 
 def outlines(places: Floats, shape: tuple[int, int]) -> Floats:
-    """Area inside the edge of a sheet of (rows, columns), seen from above, frame by frame [m²]: how far it spreads."""
-    grid = places.reshape(len(places), *shape, 3)[..., [0, 2]]
+    """Area inside the edge of each sheet of (rows, columns) from above, frame by frame [m²]: how far it spreads."""
+    grid = places.reshape(-1, *shape, 3)[..., [0, 2]]
     edge = np.concatenate([grid[:, 0], grid[:, 1:, -1], grid[:, -1, -2::-1], grid[:, -2:0:-1, 0]], axis=1)
     onwards = np.roll(edge, -1, axis=1)
     areas: Floats = np.abs((edge[..., 0] * onwards[..., 1] - edge[..., 1] * onwards[..., 0]).sum(axis=1)) / 2

@@ -75,3 +75,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeyp
     assert cli.main(words) == 2
     assert cli.main(["ablate", "curtian"]) == 2
     assert "curtain" in capsys.readouterr().err
+
+
+def test_each_sheet_of_a_pile_has_its_outline() -> None:
+    flat = np.array([[[x, 0.0, z] for z in (0.0, 1.0, 2.0) for x in (0.0, 1.0)]])  # 3 rows of 2: 2 m²
+    pile = np.concatenate([flat, 2 * flat + [0.0, 1.0, 0.0]], axis=1)
+    assert outlines(np.concatenate([pile, pile]), (3, 2)).tolist() == [2.0, 8.0, 2.0, 8.0]
