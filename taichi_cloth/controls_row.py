@@ -33,7 +33,7 @@ class ControlsRow:
             self._fixed[c.HALF_AIR_DENSITY] = scene.wind.air_density / 2
 
     def at(
-        self, live: Mapping[str, float], *, blowing: bool, hand: Hand | None, seconds: float, h: float
+        self, live: Mapping[str, float], *, blowing: bool, hands: Mapping[int, Hand], seconds: float, h: float
     ) -> NDArray[np.float32]:
         """The row for the frame that begins at `seconds` [s], in substeps of `h` [s], (controls.COUNT,).
 
@@ -55,7 +55,7 @@ class ControlsRow:
             turns = self._gust_phase + np.asarray(c.GUST_RATES) * seconds
             turns -= np.asarray(c.GUST_WAVES) @ self._origin
             row[c.GUST_TURNS : c.GUST_TURNS + 3] = turns % 1
-        if hand is not None:
-            row[c.GRAB_FROM : c.GRAB_FROM + 3] = hand.start - hand.taken[0]
-            row[c.GRAB_TO : c.GRAB_TO + 3] = hand.target - hand.taken[0]
+        for number, hand in hands.items():
+            first = c.HANDS + 6 * number
+            row[first : first + 6] = *(hand.start - hand.taken[0]), *(hand.target - hand.taken[0])
         return row

@@ -1,4 +1,4 @@
-"""The hand that holds a patch of particles: where it goes in a frame, and how fast it was when it lets go.
+"""A hand that holds a patch of particles: where it goes in a frame, and how fast it was when it lets go.
 
 A patch is led as two fingers lead what is between them: every particle of it goes the hand's way from where it was
 taken, and has no mass meanwhile. So nothing moves when it is taken, the hand is where the cursor is to the last bit
@@ -11,13 +11,11 @@ patch is that spring already, and falls off as it does.)
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene.errors import shown
 from .scene.model import FRAME_SECONDS
 
 THROW_FRAMES = 3  # what is thrown gets the hand's mean velocity over this many frames
@@ -49,25 +47,6 @@ class Hand:
         """Mean velocity [m/s] over the last frames; zero before the first."""
         travel: Floats = self.path[-1] - self.path[0]
         return travel / (max(len(self.path) - 1, 1) * FRAME_SECONDS)
-
-
-def saved_hand(hand: Hand | None) -> dict[str, NDArray[Any]]:
-    """What a save tells of a hand: what it holds, since where, and its start, target and path."""
-    if hand is None:
-        return {"held": np.zeros(0, np.int64), "taken": np.zeros((0, 3)), "hand": np.zeros((0, 3))}
-    rows = np.array([hand.start, hand.target, *hand.path])
-    return {"held": hand.particles, "taken": hand.taken, "hand": rows}
-
-
-def hand_of(saved: Mapping[str, NDArray[Any]], particles: int) -> Hand | None:
-    """The hand that a save of a cloth of so many particles tells of. Raises ValueError for one that cannot be."""
-    held, taken, rows = (saved[name] for name in ("held", "taken", "hand"))
-    if len(held) == len(taken) == len(rows) == 0:
-        return None
-    inside = np.unique(held[(held >= 0) & (held < particles)])
-    if not 0 < len(held) == len(inside) == len(taken) or len(rows) < 3:
-        raise ValueError(f"no hand holds particles {shown(held.tolist())} with {len(taken)} and {len(rows)} places")
-    return Hand(held, taken, rows[0], rows[1], rows[2:])
 
 
 def patch(flat: Floats, free: NDArray[np.bool_], index: int, radius: float) -> NDArray[np.int64]:

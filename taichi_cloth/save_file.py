@@ -18,8 +18,8 @@ from .scene.errors import shown
 
 Arrays = dict[str, NDArray[Any]]
 
-OF_THE_HAND = ("held", "taken", "hand")
-MOST_BYTES = 1 << 24  # of what may vary: a scene's text, four a character, and the hand
+OF_HANDS = ("held", "taken", "hands", "ways")
+MOST_BYTES = 1 << 24  # of what may vary: a scene's text, four a character, and the hands
 
 
 def write_save(path: str | PathLike[str], scene_text: str, arrays: Arrays) -> None:
@@ -70,13 +70,13 @@ def read_save(path: str | PathLike[str], scene_text: str, like: Arrays) -> Array
 def _entry(archive: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[Any]:
     """One array, read only if its header says that it is of the kind and shape of `like`. Raises ValueError and others.
 
-    A text and what tells of the hand vary in length.
+    A text and what tells of hands vary in length.
     """
     with archive.open(f"{name}.npy") as stream:
         header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
         shape, _, kind = header(stream)
     same_kind = kind == like.dtype or kind.kind == like.dtype.kind == "U"
-    varies = name in OF_THE_HAND and len(shape) == like.ndim
+    varies = name in OF_HANDS and len(shape) == like.ndim
     same_shape = shape == like.shape or (varies and shape[1:] == like.shape[1:])
     if not (same_kind and same_shape) or prod(shape) * kind.itemsize > max(like.nbytes, MOST_BYTES):
         raise ValueError(f"{name} is {kind} of shape {shape}, not {like.dtype} of shape {like.shape}")

@@ -1,4 +1,4 @@
-"""A scene that runs: one cloth, one solver, the hand that holds it and the parameters a slider moves."""
+"""A scene that runs: one cloth, one solver, the hands that hold it and the parameters a slider moves."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ from .contact.release import Release
 from .controls_row import ControlsRow
 from .errors import WrongUse
 from .given import places, radius_of, target_point
-from .hand import Hand, hand_of, patch, saved_hand
+from .hand import Hand, patch
+from .hands import Hands, all_held, hands_of, saved_hands
+from .kernels.controls import MOST_HANDS
 from .kernels.tearing import longer_than
 from .measure.cloth import Measures, energies, spring_strains
 from .mesh.from_scene import stiffness_of
@@ -65,7 +67,7 @@ class Simulation:
         self._live: dict[str, float] = {}
         self._wind_on = True
         self._tear: Tear | None = None
-        self._hand: Hand | None = None
+        self._hands: Hands = {}
         self.frame = 0
         self._open(scene, None)
 
@@ -115,17 +117,17 @@ class Simulation:
     # -- running ---------------------------------------------------------------------------------------
 
     def advance_frame(self) -> None:
-        """Moves the cloth, the spheres and the hand by one frame of 1/60 s."""
+        """Moves the cloth, the spheres and the hands by one frame of 1/60 s."""
         self.solver.advance_frame(self._input())
-        if self._hand is not None:
-            self._hand.end_frame()
+        for hand in self._hands.values():
+            hand.end_frame()
         self.frame += 1
         if self._tear is not None:
             self._give_way(self._tear)
 
     def reset(self) -> None:
         """Back to the first frame, bit for bit, with the scene's own pins; parameters keep what they were set to."""
-        self._hand = None
+        self._hands = {}
         if self._repinned.any():
             self._reopen(self.scene, np.zeros_like(self._repinned))
         self._put(self.topology.start)
@@ -144,7 +146,8 @@ class Simulation:
         x = places(positions, "positions", shape)
         v = np.array(np.broadcast_to(places(velocities, "velocities", shape, (3,)), shape))
         v[self.topology.pinned] = 0.0
-        self.release()
+        for hand in list(self._hands):
+            self.release(hand)
         self._put(x)
         self.solver.set_velocities(v, self._substep)
         self._letting_out.ask()
@@ -275,50 +278,63 @@ class Simulation:
             self.topology, self._near = left, False
             self.solver.weave(left, stiffness_of(self.scene, self.solver.springs, left))
 
-    # -- the hand --------------------------------------------------------------------------------------
+    # -- hands -----------------------------------------------------------------------------------------
 
     @property
     def grabbed(self) -> int | None:
-        """Index of the particle that the hand took; those around it are in `held`."""
-        return None if self._hand is None else int(self._hand.particles[0])
+        """Index of the particle that the first hand took; those around it are in `held`."""
+        return self.grabbed_by(0)
+
+    def grabbed_by(self, hand: int) -> int | None:
+        """Index of the particle that a hand took."""
+        return int(self._hands[hand].particles[0]) if hand in self._hands else None
 
     @property
     def held(self) -> NDArray[np.int64]:
-        """Indices of all particles that the hand holds, (M,), the one that it took first."""
-        return np.zeros(0, np.int64) if self._hand is None else self._hand.particles
+        """Indices of all particles that are held, (M,), of each hand the one that it took first."""
+        return all_held(self._hands)[0]
 
     @property
     def added_pins(self) -> NDArray[np.int64]:
         """Indices of the particles that `pin` has pinned besides the scene's own."""
         return np.flatnonzero(self._repinned & self.topology.pinned)
 
-    def grab(self, index: int, target: ArrayLike, radius: float = 0.0) -> None:
+    def grab(self, index: int, target: ArrayLike, radius: float = 0.0, hand: int = 0) -> None:
         """Holds a particle and leads it to `target` (x, y, z) [m] within the next frame.
 
-        With it go all that are within `radius` [m] on the sheet and not pinned, as they lie (`hand.py`).
-        Call it again with the same index to move the hand; another index lets go of what was held.
-        Raises ValueError for an index that is no particle, for a target not of three numbers up to `given.FARTHEST`,
-        and for a radius that is not from 0 up to it.
+        With it go all that are within `radius` [m] on the sheet and neither pinned nor held, as they lie (`hand.py`).
+        Call it again with the same index to move the hand; another index lets go of what was held. There are
+        `MOST_HANDS` hands, by number.
+        Raises ValueError for an index that is no particle, or one that another hand holds, for a target not of three
+        numbers up to `given.FARTHEST`, for a radius that is not from 0 up to it, and for a hand that does not exist.
         """
         point = target_point(target)
         index = self._particle(index)
         within = radius_of(radius)
-        if self._hand is not None and self.grabbed == index:
-            self._hand.target = point
+        if type(hand) is not int or not 0 <= hand < MOST_HANDS:
+            raise ValueError(f"hand {shown(hand)} does not exist: they run from 0 to {MOST_HANDS - 1}")
+        if self.grabbed_by(hand) == index:
+            self._hands[hand].target = point
             return
-        self.release()
-        particles = patch(self.topology.flat, ~self.topology.pinned, index, within)
+        free = ~self.topology.pinned
+        for number, other in self._hands.items():
+            if number != hand:
+                free[other.particles] = False
+                if index in other.particles:
+                    raise ValueError(f"particle {index} is held by hand {number}")
+        self.release(hand)
+        particles = patch(self.topology.flat, free, index, within)
         taken = self.positions()[particles]
-        self._hold(Hand(particles, taken, taken[0], point))
+        self._hold(self._hands | {hand: Hand(particles, taken, taken[0], point)})
 
-    def release(self) -> None:
+    def release(self, hand: int = 0) -> None:
         """Lets go: what was held has its mass again, and the mean velocity of the hand's last frames."""
-        hand = self._hand
-        if hand is None:
+        if hand not in self._hands:
             return
-        self._hold(None)
-        thrown = hand.particles[self._inverse_mass[hand.particles] > 0]
-        self.solver.set_velocities(hand.velocity(), self._substep, of=thrown)
+        empty = self._hands[hand]
+        self._hold({number: other for number, other in self._hands.items() if number != hand})
+        thrown = empty.particles[self._inverse_mass[empty.particles] > 0]
+        self.solver.set_velocities(empty.velocity(), self._substep, of=thrown)
 
     def pin(self, index: int, on: bool = True) -> None:
         """Pins a particle where it is, or lets a pin go, one of the scene's own too; `reset` brings those back.
@@ -339,13 +355,14 @@ class Simulation:
             raise ValueError(f"particle {index} does not exist: indices run from 0 to {count - 1}")
         return int(index)
 
-    def _hold(self, hand: Hand | None) -> None:
-        """From now on this hand: those it holds have no inverse mass, all others have their own."""
-        self._hand = hand
+    def _hold(self, hands: Hands) -> None:
+        """From now on these hands: what they hold has no inverse mass, all others have their own."""
+        self._hands = hands
         masses = self._inverse_mass.copy()
-        if hand is not None:
-            masses[hand.particles] = 0.0
-            hold(self.solver.work, self.topology, hand.particles, hand.taken)
+        if hands:
+            particles, taken, numbers = all_held(hands)
+            masses[particles] = 0.0
+            hold(self.solver.work, self.topology, particles, taken, numbers)
         put(self.cloth.inverse_mass, masses)
 
     # -- reading ---------------------------------------------------------------------------------------
@@ -442,8 +459,8 @@ class Simulation:
         saved = read_save(path, scene_to_toml(self.scene), self._moving())
         try:
             live = self._checked_live(saved["live"].tolist())
-            hand = hand_of(saved, self.topology.particle_count)
-            for name in ("x", "x_prev", "velocity", "taken", "hand"):
+            hands = hands_of(saved, self.topology.particle_count)
+            for name in ("x", "x_prev", "velocity", "taken", "ways"):
                 places(saved[name], name, saved[name].shape)
             if saved["frame"] < 0:
                 raise ValueError(f"there is no frame {saved['frame']}")
@@ -458,7 +475,7 @@ class Simulation:
         self.frame = int(saved["frame"])
         for name in ("x", "x_prev", "velocity"):
             put(getattr(self.cloth, name), saved[name])
-        self._hold(hand)
+        self._hold(hands)
 
     def _checked_live(self, values: list[float]) -> dict[str, float]:
         """Live parameters from a save's numbers, all of them float. Raises ValueError."""
@@ -476,7 +493,7 @@ class Simulation:
             "live": np.array(list(self._live.values()), np.float64),
             "wind_on": np.array(self._wind_on),
             "pinned": self.topology.pinned,
-            **saved_hand(self._hand),
+            **saved_hands(self._hands),
         }
 
     # -- one frame's input -----------------------------------------------------------------------------
@@ -490,15 +507,15 @@ class Simulation:
             iterations=int(self._live["iterations"]),
             h=self._substep,
             held=len(self.held),
-            controls=self._row.at(self._live, blowing=self._wind_on, hand=self._hand, seconds=start, h=self._substep),
+            controls=self._row.at(self._live, blowing=self._wind_on, hands=self._hands, seconds=start, h=self._substep),
             bodies=body_table([*colliders, *self.scene.grips], start, end, smaller, tuple(self.topology.origin)),
         )
 
     def _put(self, x: Floats) -> None:
-        """Every particle at its place [m], (N, 3), and the hand about what it holds."""
+        """Every particle at its place [m], (N, 3), and the hands about what they hold."""
         for field in (self.cloth.x, self.cloth.x_prev):
             put(field, x - self.topology.origin)
-        self._hold(self._hand)
+        self._hold(self._hands)
 
     def _free_positions(self) -> Floats:
         return self.positions()[~self.topology.pinned]

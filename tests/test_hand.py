@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.hand import patch
+from taichi_cloth.kernels.controls import MOST_HANDS
 from taichi_cloth.scene import load_scene
 from taichi_cloth.scene.model import Cloth, Fabric, Forces, Grip, Ground, Limit, Scene, Solver, Sphere, Tethers
 from taichi_cloth.simulation import Simulation
@@ -103,6 +105,40 @@ def test_a_fine_cloth_is_pulled_without_a_needle() -> None:
                 simulation.advance_frame()
             strains.append(simulation.measure().max_strain)
     assert strains[1] < 0.6 * strains[0]  # 27 % instead of 50 %
+
+
+# -- several hands --------------------------------------------------------------------------------------------------
+
+
+def test_several_hands_hold_throw_and_save_each_its_own(hung: Simulation, tmp_path: Path) -> None:
+    hung.grab(MIDDLE, (0.0, 1.0, 0.0), radius=0.11)
+    hung.grab(60, hung.positions()[60], hand=5)
+    assert hung.held.tolist() == [MIDDLE, 31, 39, 41, 49, 60]
+    for k in range(1, 5):
+        hung.grab(MIDDLE, (0.0, 1.0, 0.02 * k))
+        hung.grab(60, hung.topology.start[60] + [0.03 * k, 0.0, 0.0], hand=5)
+        x = run(hung, 1)
+    assert x[MIDDLE] == pytest.approx([0.0, 1.0, 0.08], abs=1e-6)
+    assert x[60] == pytest.approx(hung.topology.start[60] + [0.12, 0.0, 0.0], abs=1e-6)
+    hung.save(tmp_path / "two.npz")
+    hung.release(5)
+    assert (hung.grabbed, hung.grabbed_by(5)) == (MIDDLE, None)
+    assert hung.velocities()[60] == pytest.approx([1.8, 0.0, 0.0], abs=1e-4)
+    hung.load(tmp_path / "two.npz")
+    assert (hung.grabbed, hung.grabbed_by(5)) == (MIDDLE, 60)
+    hung.reset()
+    assert len(hung.held) == 0
+
+
+def test_what_one_hand_holds_no_other_takes(hung: Simulation) -> None:
+    hung.grab(MIDDLE, (0.0, 1.0, 0.0), radius=0.11, hand=1)
+    with pytest.raises(ValueError, match="particle 41 is held by hand 1"):
+        hung.grab(41, (0.0, 1.0, 0.0))
+    hung.grab(42, hung.positions()[42], radius=0.11)
+    assert 41 not in hung.held[5:]
+    for hand in (-1, MOST_HANDS, 0.0, True):
+        with pytest.raises(ValueError, match="does not exist"):
+            hung.grab(70, (0.0, 1.0, 0.0), hand=hand)
 
 
 # -- pins ----------------------------------------------------------------------------------------------------------

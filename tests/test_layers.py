@@ -21,7 +21,7 @@ FLOORS = [
     {"kernels"},
     {"state"},
     {"contact", "solvers"},
-    {"controls_row", "given", "hand", "save_file", "scene_solver", "scene_stages", "simulation"},
+    {"controls_row", "given", "hand", "hands", "save_file", "scene_solver", "scene_stages", "simulation"},
     {"guard", "record"},
     {"export", "view"},  # the window writes meshes; a page has the window's colours
     {"kernel_cache", "runtime"},

@@ -20,14 +20,14 @@ GUST = 6  # [m/s] height of the gusts
 DRAG, LIFT = 7, 8  # coefficients
 HALF_AIR_DENSITY = 9  # [kg/m³] ½ρ
 GUST_TURNS = 10  # 10…12: phase of each gust wave at the start of the frame [turns]
-GRAB_FROM = 13  # 13…15: how far the hand has gone since it took what it holds, at the start of the frame [m]
-GRAB_TO = 16  # 16…18: and at its end [m]
-DAMPING_TIME = 19  # [s] a spring's dashpot is this times its stiffness
-MOST_STRAIN = 20  # of the strain limit
-TETHER_SLACK = 21  # how long a tether may be, as a multiple of the flat sheet's distance
-THICKNESS, SELF_FRICTION = 22, 23  # [m] of the cloth, and its friction on itself
-AREA_DENSITY = 24  # [kg/m²]
-COUNT = 25
+DAMPING_TIME = 13  # [s] a spring's dashpot is this times its stiffness
+MOST_STRAIN = 14  # of the strain limit
+TETHER_SLACK = 15  # how long a tether may be, as a multiple of the flat sheet's distance
+THICKNESS, SELF_FRICTION = 16, 17  # [m] of the cloth, and its friction on itself
+AREA_DENSITY = 18  # [kg/m²]
+HANDS = 19  # six for each hand: how far it has gone since it took what it holds, at both ends of the frame [m]
+MOST_HANDS = 8
+COUNT = HANDS + 6 * MOST_HANDS
 
 # Columns of a row of the table of colliders.
 BODY_FROM, BODY_TO = 0, 3  # [m] its middle at both ends of the frame
@@ -54,7 +54,7 @@ class Substep(NamedTuple):
     s: Any  # its number in the frame
     substeps: Any
     h: Any  # [s] its length
-    held: Any  # how many particles the hand holds
+    held: Any  # how many particles hands hold
     controls: Any  # the row above
     bodies: Any  # a row for each collider
     lasts: Any = 1.0  # how many of them contact and tethers act for, in a method of several stages

@@ -3,7 +3,7 @@
 import taichi as ti
 import taichi.math as tm
 
-from .controls import BODY_FROM, BODY_TO, BODY_TURN, GRAB_FROM, GRAB_TO
+from .controls import BODY_FROM, BODY_TO, BODY_TURN, HANDS
 from .layout import put_at
 from .poses import posed, vector_at
 
@@ -17,7 +17,7 @@ def lead(cloth: ti.template(), stages: ti.template(), place: int, x: tm.vec3, ve
 
 @ti.func
 def lead_held(cloth: ti.template(), stages: ti.template(), now: ti.template(), steps: float):
-    """Puts pins that move, and what the hand holds, where they are after so many substeps of the frame.
+    """Puts pins that move, and what hands hold, where they are after so many substeps of the frame.
 
     Forces see their velocity. A hand goes straight on; it wins over a grip.
     """
@@ -31,8 +31,9 @@ def lead_held(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
             velocity = (travel + vector_at(now.bodies, row, BODY_TURN).cross(away)) / seconds
             lead(cloth, stages, cloth.grips.place[n], center + away, velocity)
     controls = ti.static(now.controls)
-    gone = tm.vec3(controls[GRAB_FROM], controls[GRAB_FROM + 1], controls[GRAB_FROM + 2])
-    way = tm.vec3(controls[GRAB_TO], controls[GRAB_TO + 1], controls[GRAB_TO + 2]) - gone
     for n in range(now.held):
+        hand = HANDS + 6 * cloth.held.hand[n]
+        gone = tm.vec3(controls[hand], controls[hand + 1], controls[hand + 2])
+        way = tm.vec3(controls[hand + 3], controls[hand + 4], controls[hand + 5]) - gone
         # From where it was taken, and not from the hand: while the hand is still no bit of it changes.
         lead(cloth, stages, cloth.held.place[n], cloth.held.taken[n] + (gone + way * share), way / seconds)

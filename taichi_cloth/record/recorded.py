@@ -18,6 +18,11 @@ LONG = 100_000  # calls: half an hour of frames, or some minutes of pulling
 Row = tuple[int, str, tuple[Any, ...]]  # after how many frames, what, with which arguments
 
 
+def who(row: Row) -> tuple[int, int]:
+    """Particle and hand of a row that grabs."""
+    return row[2][0], row[2][-1]
+
+
 class Take:
     """All that was done since a moment, in order: every call that decides how the cloth moves, and who looked at it.
 
@@ -39,7 +44,7 @@ class Take:
     def add(self, call: str, *arguments: Any) -> None:
         row = (self.frames, call, arguments)
         # Between two frames only the last place of a hand counts: a picture that waits adds nothing.
-        if call == "grab" and self.rows and self.rows[-1][:2] == row[:2] and self.rows[-1][2][0] == arguments[0]:
+        if call == "grab" and self.rows and self.rows[-1][:2] == row[:2] and who(self.rows[-1]) == who(row):
             self.rows[-1] = row
         else:
             self.rows.append(row)
@@ -61,7 +66,7 @@ class Recorded(Simulation):
     def __init__(self, scene: Scene, path: str | None = None) -> None:
         self.take = Take(0)
         self.asked_path = path
-        self._radius = 0.0  # [m] of the patch that the hand took
+        self._radii: dict[int, float] = {}  # [m] of the patch that each hand took
         super().__init__(scene, path)
         self.first_scene = self.scene
 
@@ -105,22 +110,22 @@ class Recorded(Simulation):
         finally:  # as another method does
             self.take.add("change_fabric", name)
 
-    def grab(self, index: int, target: ArrayLike, radius: float = 0.0) -> None:
-        moved = self.grabbed == index
-        super().grab(index, target, radius)
+    def grab(self, index: int, target: ArrayLike, radius: float = 0.0, hand: int = 0) -> None:
+        moved = self.grabbed_by(hand) == index
+        super().grab(index, target, radius, hand)
         if not moved:
-            self._radius = float(radius)
-        self.take.add("grab", int(index), *numbers(target).tolist(), self._radius)
+            self._radii[hand] = float(radius)
+        self.take.add("grab", int(index), *numbers(target).tolist(), self._radii.get(hand, 0.0), int(hand))
 
     def pin(self, index: int, on: bool = True) -> None:
         super().pin(index, on)
         self.take.add("pin", int(index), bool(on))
 
-    def release(self) -> None:
-        held = self.grabbed is not None
-        super().release()
+    def release(self, hand: int = 0) -> None:
+        held = self.grabbed_by(hand) is not None
+        super().release(hand)
         if held:
-            self.take.add("release")
+            self.take.add("release", int(hand))
 
     def load(self, path: str | PathLike[str]) -> None:
         super().load(path)

@@ -21,7 +21,7 @@ from ..scene.writer import toml_value
 from ..simulation import Simulation
 from .recorded import Recorded, Row
 
-FORMAT = 1
+FORMAT = 2
 MOST_BYTES = 1 << 26  # an hour of pulling is 20 MB
 MOST_FRAMES = 10_000_000
 MOST = 1e9  # of any number in a row
@@ -32,9 +32,9 @@ CALLS: dict[str, tuple[tuple[type, ...], ...]] = {
     "change_solver": ((str,),),
     "change_fabric": ((str,),),
     "change": ((str,),),  # a scene as TOML
-    "grab": ((int,), (float,), (float,), (float,), (float,)),  # particle, place [m], radius [m]
+    "grab": ((int,), (float,), (float,), (float,), (float,), (int,)),  # particle, place [m], radius [m], hand
     "pin": ((int,), (bool,)),
-    "release": (),
+    "release": ((int,),),  # hand
     "reset": (),
     "place": ((list,), (list,)),
     "load": ((str,),),  # a save as base64

@@ -1,4 +1,4 @@
-"""Fields of the particles that the hand holds (`hand.py`)."""
+"""Fields of the particles that hands hold (`hand.py`)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,14 +18,18 @@ class Held:
 
     place: Any  # of the particle in the layout
     taken: Any  # [m] vec3 where it was when it was taken
+    hand: Any  # which of the hands holds it
 
 
 def room_to_hold(places: int) -> Held:
     """Room for as many particles as a layout has places."""
-    return Held(fields.numbers(places, kind=ti.i32), fields.places(places))
+    return Held(fields.numbers(places, kind=ti.i32), fields.places(places), fields.numbers(places, kind=ti.i32))
 
 
-def hold(work: Any, topology: Topology, particles: NDArray[np.int64], taken: NDArray[np.float64]) -> None:
-    """Tells a cloth or its strips which particles the hand holds, (M,), and where it took them [m], (M, 3)."""
+def hold(
+    work: Any, topology: Topology, particles: NDArray[np.int64], taken: NDArray[np.float64], hand: NDArray[np.int64]
+) -> None:
+    """Tells a cloth or its strips what is held, (M,), where it was taken [m], (M, 3), and by which hand, (M,)."""
     fields.put(work.held.place, place_in(work, topology, particles))
     fields.put(work.held.taken, taken - topology.origin)
+    fields.put(work.held.hand, hand)

@@ -95,8 +95,8 @@ class Rerun(Session):
         simulation = self.simulation
         match call:
             case "grab":
-                index, *target, radius = arguments
-                simulation.grab(index, target, radius)
+                index, *target, radius, hand = arguments
+                simulation.grab(index, target, radius, hand)
             case "change_solver" | "change_fabric":
                 with suppress(WrongUse):  # it could not be had then, either
                     getattr(simulation, call)(*arguments)

@@ -95,6 +95,7 @@ def test_pins_fabrics_patches_and_stages_are_repeated_too(simulation: Recorded, 
     run(simulation, 2)
     simulation.pin(12)
     simulation.grab(LAST, (0.4, 1.7, 0.3), radius=0.3)
+    simulation.grab(5, (0.0, 1.9, 0.3), hand=3)
     assert len(simulation.held) > 1
     run(simulation, 2)
     simulation.change_solver("xpbd")
@@ -102,11 +103,14 @@ def test_pins_fabrics_patches_and_stages_are_repeated_too(simulation: Recorded, 
     simulation.change(replace(simulation.scene, wind=None))
     run(simulation, 1)
     simulation.grab(LAST, (0.4, 1.8, 0.3), radius=0.1)  # the patch is the one that was taken
+    simulation.grab(5, (0.0, 1.9, 0.4), hand=3)
     simulation.pin(12, False)
     run(simulation, 2)
     repeated(simulation, tmp_path / "changes.toml")
     simulation.begin_anew()
     simulation.release()
+    run(simulation, 1)
+    simulation.release(3)
     run(simulation, 2)
     repeated(simulation, tmp_path / "after.toml")
 
@@ -249,9 +253,9 @@ def test_between_two_frames_only_the_hands_last_place_is_kept(simulation: Record
     simulation.advance_frame()
     simulation.grab(4, (0.0, 1.0, 0.3))
     assert [row for row in simulation.take.rows if row[1] == "grab"] == [
-        (0, "grab", (3, 0.0, 1.0, 0.2, 0.0)),
-        (0, "grab", (4, 0.0, 1.0, 0.2, 0.0)),
-        (1, "grab", (4, 0.0, 1.0, 0.3, 0.0)),
+        (0, "grab", (3, 0.0, 1.0, 0.2, 0.0, 0)),
+        (0, "grab", (4, 0.0, 1.0, 0.2, 0.0, 0)),
+        (1, "grab", (4, 0.0, 1.0, 0.3, 0.0, 0)),
     ]
 
 
@@ -336,15 +340,15 @@ Change = tuple[str, str]
     ("change", "said"),
     [
         (("[recording]", "[recordings]"), "not a recording: it has no [recording]"),
-        (("format = 1", "format = 2"), "recording.format is 2, and this program reads 1"),
-        (("format = 1\n", ""), "format must be int, not missing"),
+        (("format = 2", "format = 3"), "recording.format is 3, and this program reads 2"),
+        (("format = 2\n", ""), "format must be int, not missing"),
         (("frames = 16", "frames = -1"), "recording.frames must be from 0"),
         (("frames = 16", "frames = 1" + "0" * 30), "recording.frames must be from 0"),
         (("frames = 16", "frames = 5"), "comes after 6 frames: 5 to 5 are left"),
         (("size = [96, 54]", "size = [96, 0]"), "recording.size must be two numbers"),
         (("[done]", "[undone]"), "done must be dict, not missing"),
         (('"release"', '"relase"'), "is not a frame, one of set, "),
-        (('"release"]', '"release", 1]'), "not what release needs: [1]"),
+        (('"release", 0]', '"release"]'), "not what release needs: []"),
         (('[3, "grab", 19,', '[3, "grab", 1.5,'), "not what grab needs"),
         (('[3, "grab", 19,', '[3, "grab", true,'), "not what grab needs"),
         (('"change_solver", "xpbd"', '"change_solver", "magic"'), "'magic' is not a solver: verlet"),
