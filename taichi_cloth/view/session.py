@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,10 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..contact.bodies import first_hit
 from ..errors import WrongUse
 from ..export.clip import snapshot
 from ..guard import Guard
 from ..interact.camera import OrbitCamera
-from ..interact.picking import Handle, pick
 from ..interact.pointer import Mouse, Pointer
 from ..measure.cloth import Measures
 from ..record.recorded import Recorded
@@ -28,6 +26,7 @@ from ..scene.model import PRESET_NAMES, SOLVER_NAMES
 from .curves import History
 from .draw_list import VIEWS, DrawList
 from .keepsakes import Keepsakes
+from .puller import Puller, under
 
 ZOOM_RATE = 8.0  # [steps/s] while a key is held
 PAN_RATE = 0.5  # [heights of the picture/s]
@@ -58,15 +57,6 @@ HAND_STEP = 1.25
 def words(name: str) -> str:
     """A section's name as the user reads it."""
     return name.replace("_", "-")
-
-
-@dataclass
-class Grip:
-    """The held particle and the hand that holds it."""
-
-    index: int
-    handle: Handle
-    led_to: NDArray[np.float64]  # [m] where the hand was at the last simulated frame
 
 
 class Session:
@@ -104,7 +94,8 @@ class Session:
             self.simulation.close()
             raise
         self.camera = OrbitCamera.from_scene(scene.camera)
-        self.grip: Grip | None = None
+        self.puller = Puller(self.simulation)
+        self.pullers = {0: self.puller}  # hands by number; the first is that of the window's mouse
         self.note = ""
         self._guard = Guard(self.simulation)
         self.radius = self.usual_radius
@@ -148,17 +139,18 @@ class Session:
     def ask(self, action: str) -> None:
         """`act`, at once or, where the picture will stand still for it, when the note that says so is on the screen."""
         if action in SLOW and self.obeys(action):
-            self._wait(action, partial(self.act, action))
+            self.wait(SLOW[action], partial(self.act, action))
         else:
             self.act(action)
 
     def ask_to_switch(self, stages: dict[str, bool]) -> None:
         """`switch`, likewise."""
         if self.obeys("stage"):
-            self._wait("stage", partial(self.switch, stages))
+            self.wait(SLOW["stage"], partial(self.switch, stages))
 
-    def _wait(self, action: str, do: Callable[[], None]) -> None:
-        self.note = f"{SLOW[action]}: compiling; the first time the picture stands still for some seconds"
+    def wait(self, what: str, do: Callable[[], None]) -> None:
+        """Does it when a picture has told `what` the user waits for."""
+        self.note = f"{what}: compiling; the first time the picture stands still for some seconds"
         self._asked.append(do)
 
     def do_asked(self) -> None:
@@ -180,7 +172,7 @@ class Session:
                 self.frozen = True
                 self._simulate(1)
             case "reset":
-                self._let_go()
+                self._let_all_go()
                 self._change(self.simulation.reset)
             case "wind":
                 self.simulation.set("wind", not self.simulation.get("wind"))
@@ -189,8 +181,7 @@ class Session:
             case "solver":
                 self._next_solver()
             case "fabric":
-                self.fabric = FABRICS[(FABRICS.index(self.fabric) + 1) % len(FABRICS)]
-                self._change(lambda: self.simulation.change_fabric(self.fabric))
+                self.change_fabric(FABRICS[(FABRICS.index(self.fabric) + 1) % len(FABRICS)])
             case "stage":
                 self._next_stage_off()
             case "pin":
@@ -245,8 +236,12 @@ class Session:
         if self._first.name not in names:
             names.append(self._first.name)
         name = names[(names.index(self.simulation.scene.name) + step) % len(names)]
+        self.open_scene(name)
+
+    def open_scene(self, name: str) -> None:
+        """Closes the scene and opens a shipped one, or that which the session began with."""
         scene = self._first if name == self._first.name else load_scene(name)
-        self._let_go()
+        self._let_all_go()
         self._end_clip()
         note = self.note
         self._close_scene()
@@ -265,6 +260,15 @@ class Session:
         camera, take = self.camera, self.simulation.take
         take.look("view", self.view)
         take.look("camera", camera.azimuth, camera.elevation, camera.distance, *camera.target.tolist())
+
+    def change_fabric(self, name: str) -> None:
+        """`Simulation.change_fabric`; the note tells why where it cannot be."""
+        self.fabric = name
+        self._change(lambda: self.simulation.change_fabric(name))
+
+    def change_solver(self, name: str) -> None:
+        """`Simulation.change_solver`, likewise; the hands keep what they hold."""
+        self._change(lambda: self.simulation.change_solver(name))
 
     def _next_solver(self) -> None:
         """Goes on with the next method that the scene can have; the hand keeps what it holds."""
@@ -315,8 +319,7 @@ class Session:
     ) -> None:
         """Takes one displayed frame's mouse: its screen point in a window of `size` pixels, the buttons held."""
         self.size = size
-        aspect = size[0] / size[1]
-        mouse = Mouse(cursor[0] * aspect, cursor[1], held)
+        mouse = Mouse(cursor[0] * size[0] / size[1], cursor[1], held)
         self._cursor = None if on_panel else (cursor, size)
         gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
         self.camera.orbit(*gesture.orbit)
@@ -325,8 +328,7 @@ class Session:
             self._grab(cursor, size)
         if gesture.release:
             self._let_go()
-        if self.grip is not None:
-            self.simulation.grab(self.grip.index, self.grip.handle.move(self.camera, cursor, aspect))
+        self.puller.follow(self.camera, cursor, size)
 
     @property
     def usual_radius(self) -> float:
@@ -339,25 +341,18 @@ class Session:
         return LARGEST_HAND * self.simulation.topology.side
 
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
-        index = self._under(cursor, size)
-        if index is None:
+        if not self.puller.take(self.camera, cursor, size, self.radius):
             self.pointer.miss()
-            return
-        particle = self.simulation.positions()[index]
-        self.grip = Grip(index, Handle(self.camera, cursor, size[0] / size[1], particle), particle)
-        self.simulation.grab(index, particle, self.radius)
-
-    def _under(self, cursor: tuple[float, float], size: tuple[int, int]) -> int | None:
-        """The particle at a screen point."""
-        simulation = self.simulation
-        solid = partial(first_hit, simulation.bodies())
-        picked = pick(self.camera, cursor, size, simulation.positions(), simulation.topology.triangles, solid)
-        return None if picked is None else picked.index
 
     def _pin(self) -> None:
         """Pins what is held, or what is under the cursor; a pin is let go."""
-        held = self.simulation.grabbed
-        index = held if held is not None or self._cursor is None else self._under(*self._cursor)
+        index = self.simulation.grabbed
+        if index is None and self._cursor is not None:
+            index = under(self.simulation, self.camera, *self._cursor)
+        self.pin(index)
+
+    def pin(self, index: int | None) -> None:
+        """Pins a particle, or lets a pin go."""
         if index is None:
             self.note = "no cloth under the cursor to pin"
             return
@@ -365,19 +360,20 @@ class Session:
 
     def follow(self, other: Session, partner: NDArray[np.int64]) -> None:
         """Holds what another session holds, by the same hand: here it is the `partner` of each particle there, (N,)."""
-        if other.grip is None:
-            if self.grip is not None:
-                self._let_go()
-        elif self.grip is None or self.grip.handle is not other.grip.handle:
-            index = int(partner[other.grip.index])
-            place = self.simulation.positions()[index]
-            self.grip = Grip(index, other.grip.handle, place)
-            self.simulation.grab(index, place, other.radius)
+        self.puller.join(other.puller, partner, other.radius)
+
+    def hand(self, number: int) -> Puller:
+        """One of the hands; it is empty where it was never asked for since the scene opened."""
+        return self.pullers.setdefault(number, Puller(self.simulation, number))
 
     def _let_go(self) -> None:
-        self.simulation.release()
+        self.puller.let_go()
         self.pointer.miss()
-        self.grip = None
+
+    def _let_all_go(self) -> None:
+        for puller in self.pullers.values():
+            puller.let_go()
+        self.pointer.miss()
 
     # -- time ------------------------------------------------------------------------------------------
 
@@ -393,32 +389,24 @@ class Session:
         self._look()
         start = time.perf_counter()
         for k in range(frames):
-            self._lead((k + 1) / frames)
+            for puller in self.pullers.values():
+                puller.lead((k + 1) / frames)
             self.simulation.advance_frame()
             if not self._guard.sound():
                 self._restore()
-                self._let_go()
+                self._let_all_go()
                 self.frozen = True
                 break
         ti.sync()
         self.physics_ms = 1e3 * (time.perf_counter() - start) / frames
-        if self.grip is not None:
-            self.grip.led_to = self.grip.handle.target
+        for puller in self.pullers.values():
+            puller.arrive()
         if self.simulation.take.is_long and not self.keepsakes.clip_is_on:
             self._record_anew()
 
     def _restore(self) -> None:
         self.note = self._guard.restore()
         self.simulation.take.add("restore")
-
-    def _lead(self, share: float) -> None:
-        """Moves the hand this share of the way that the cursor went since the last picture.
-
-        On a slow display several frames pass between two pictures: the hand must not jump in one of them.
-        """
-        if self.grip is not None:
-            start, end = self.grip.led_to, self.grip.handle.target
-            self.simulation.grab(self.grip.index, start + share * (end - start))
 
     def measure(self) -> Measures:
         """Measures the cloth, for the figures and the curves."""
