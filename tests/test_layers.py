@@ -23,7 +23,8 @@ FLOORS = [
     {"contact", "solvers"},
     {"controls_row", "given", "hand", "hands", "save_file", "scene_solver", "scene_stages", "simulation"},
     {"guard", "record"},
-    {"export", "view"},  # the window writes meshes; a page has the window's colours
+    {"export", "page", "view"},  # the window writes meshes; a page has the window's colours
+    {"web"},
     {"kernel_cache", "runtime"},
     {"bench"},
     {"validate", "accuracy", "stress"},

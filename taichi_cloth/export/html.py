@@ -7,29 +7,25 @@ box along each axis. A clip is held in memory until it is whole, 24 bytes for ea
 from __future__ import annotations
 
 import base64
-import json
-import re
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import one_line
 from ..files import whole_file
 from ..mesh.topology import Topology
+from ..page.sheet import quantised, vertices
+from ..page.surroundings import Solids, air
+from ..page.template import filled, script_safe
 from ..simulation import Simulation
 from ..view.patterns import pattern_colours
-from .html_scene import Solids, air
 from .sheet import Floats
 
 PLAYER = Path(__file__).with_name("player.html")
-STEPS = 2**16 - 1  # from one side of the clip's box to the other
-
 Ids = NDArray[np.int64]
 
 
@@ -48,12 +44,8 @@ def html_clip(path: Path, simulation: Simulation, rate: float) -> Iterator[Calla
 
 def page(title: str, head: dict[str, Any], data: bytes) -> str:
     """The viewer with a clip in it; nothing that the title or the clip says is taken for HTML."""
-    parts = {
-        "title": escape(one_line(title)),
-        "head": json.dumps(head, separators=(",", ":")).replace("<", "\\u003c"),
-        "data": base64.b64encode(zlib.compress(data, 9)).decode(),
-    }
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], PLAYER.read_text(encoding="utf-8"))
+    packed = base64.b64encode(zlib.compress(data, 9)).decode()
+    return filled(PLAYER, title, {"head": script_safe(head), "data": packed})
 
 
 class Samples:
@@ -112,23 +104,6 @@ class Samples:
             tint.astype("u1"),
         ]
         return head, b"".join(array.tobytes() for array in arrays)
-
-
-def quantised(x: Floats) -> tuple[Floats, Floats, NDArray[np.uint16]]:
-    """Lowest corner of the box (3,) [m], its step along each axis (3,) [m], and places (…, 3) [m] in steps."""
-    points = x.reshape(-1, 3)
-    low = points.min(axis=0)
-    step = np.ptp(points, axis=0) / STEPS
-    return low, step, np.rint((x - low) / np.where(step > 0, step, 1.0)).astype(np.uint16)
-
-
-def vertices(topology: Topology, colours: NDArray[np.float32]) -> tuple[Ids, NDArray[np.uint8], Ids]:
-    """Particles (V,) and colours (V, 3) of what triangles (T, 3) share: corners of one particle and one colour."""
-    rgb = np.rint(255 * colours).astype(np.int64)
-    key = (topology.triangles.ravel().astype(np.int64) << 24) + (rgb << np.array([16, 8, 0])).sum(axis=1)
-    one, corners = np.unique(key, return_inverse=True)
-    tint = (one[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
-    return one >> 24, tint, corners.reshape(-1, 3)
 
 
 def _keys(topology: Topology, whole: Topology) -> Ids:

@@ -82,6 +82,7 @@ def air(scene: Scene) -> dict[str, Any]:
         "light": {name: np.array(value, float).tolist() for name, value in light.items()},
         "gloss": draw_list.GLOSS,
         "sheen": scene.look.sheen,
+        "read": draw_list.READ,
         "floor": draw_list.FLOOR,
         "ground": None if scene.ground is None else scene.ground.height,
     }
