@@ -12,13 +12,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
-from . import __version__, cli_compare, cli_export, cli_measure, cli_replay, cli_run, cli_scenes
+from . import __version__, cli_compare, cli_export, cli_measure, cli_replay, cli_run, cli_scenes, cli_web
 from .cli_options import Action
 from .errors import BlewUp, OutputInUse, WrongUse, one_line, why
 from .scene import SceneError
 
 PROGRAM = "taichi-cloth"
-FILES = (cli_run, cli_compare, cli_export, cli_replay, cli_scenes, cli_measure)  # in the order of the help
+FILES = (cli_run, cli_web, cli_compare, cli_export, cli_replay, cli_scenes, cli_measure)  # in the order of the help
 
 
 class Parser(argparse.ArgumentParser):

@@ -29,7 +29,7 @@ FLOORS = [
     {"bench"},
     {"validate", "accuracy", "stress"},
     {"cli_options"},
-    {"cli_compare", "cli_export", "cli_measure", "cli_replay", "cli_run", "cli_scenes"},
+    {"cli_compare", "cli_export", "cli_measure", "cli_replay", "cli_run", "cli_scenes", "cli_web"},
     {"cli", "__init__", "__main__"},
 ]
 NO_TAICHI = {"errors", "files", "lock", "machine", "progress", "scene", "mesh", "interact", "measure"}

@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..files import whole_file
-from ..mesh.topology import Topology
-from ..page.sheet import quantised, vertices
+from ..page.sheet import left_of, quantised, vertices
 from ..page.surroundings import Solids, air
 from ..page.template import filled, script_safe
 from ..simulation import Simulation
@@ -26,7 +24,6 @@ from ..view.patterns import pattern_colours
 from .sheet import Floats
 
 PLAYER = Path(__file__).with_name("player.html")
-Ids = NDArray[np.int64]
 
 
 @contextmanager
@@ -56,6 +53,7 @@ class Samples:
         self._whole = self._seen = simulation.topology
         self._solids = Solids(simulation)
         self._x: list[Floats] = []
+        self._poses: list[Floats] = []
         self._shown = np.zeros(self._whole.triangle_count, np.int64)  # samples that have a triangle
         self._there = np.ones(self._whole.triangle_count, bool)
 
@@ -64,10 +62,10 @@ class Samples:
         topology = self._simulation.topology
         if topology is not self._seen:  # it tore
             self._seen = topology
-            self._there = np.isin(_keys(self._whole, self._whole), _keys(topology, self._whole))
+            self._there = left_of(self._whole, topology)
         self._shown += self._there
         self._x.append(self._simulation.positions())
-        self._solids.add()
+        self._poses.append(self._solids.poses())
 
     def packed(self) -> tuple[dict[str, Any], bytes]:
         """Head and data. Places are told by their second differences in time, modulo 2¹⁶: numbers that deflate well.
@@ -78,7 +76,8 @@ class Samples:
         low, step, steps = quantised(x)
         owner, tint, corners = vertices(self._whole, pattern_colours(self._whole, self._simulation.scene.look))
         last = np.argsort(-self._shown, kind="stable")
-        solids, solid_vertices, poses, solid_corners = self._solids.packed()
+        solids, solid_vertices, solid_corners = self._solids.packed()
+        poses = self._told_poses(solids)
         head = {
             "samples": len(x),
             "particles": x.shape[1],
@@ -96,7 +95,7 @@ class Samples:
         change = np.diff(steps, 2, axis=0, prepend=np.zeros((2, *steps.shape[1:]), np.uint16))
         arrays = [
             solid_vertices.astype("<f4"),
-            poses.astype("<f4"),
+            np.swapaxes(poses, 1, 2).astype("<f4"),
             solid_corners.astype("<u4"),
             owner.astype("<u4"),
             corners[last].astype("<u4"),
@@ -105,9 +104,12 @@ class Samples:
         ]
         return head, b"".join(array.tobytes() for array in arrays)
 
-
-def _keys(topology: Topology, whole: Topology) -> Ids:
-    """A number for every triangle, by its particles."""
-    a, b, c = topology.triangles.T.astype(np.int64)
-    keys: Ids = (a * whole.particle_count + b) * whole.particle_count + c
-    return keys
+    def _told_poses(self, solids: list[dict[str, Any]]) -> Floats:
+        """Of each solid those of all samples, or one if it never moves; where they stand is added to what it is."""
+        poses, placed = np.array(self._poses), 0
+        parts = [np.zeros((0, 4, 4))]
+        for k, (one, moving) in enumerate(zip(solids, self._solids.moving, strict=True)):
+            parts.append(poses[:, k] if moving else poses[:1, k])
+            one |= {"pose": placed, "poses": len(parts[-1])}
+            placed += len(parts[-1])
+        return np.concatenate(parts)

@@ -16,10 +16,13 @@ const STEEPEST = (89 * Math.PI) / 180;
 class Camera {
   constructor(told) {
     Object.assign(this, told); // eye, target [m], fov [degrees], wide
+    this.middle = told.target;
+    this.panel = 0; // [heights of the picture] how wide a panel stands at its left
     this.reset();
   }
 
   reset() {
+    this.target = this.middle;
     const [x, y, z] = minus(this.eye, this.target);
     this.first = Math.max(Math.hypot(x, y, z), 1e-6);
     this.far = this.first;
@@ -37,18 +40,29 @@ class Camera {
     this.far = within(this.far * factor, this.first / 20, this.first * 20);
   }
 
-  /** From the target [m]; a narrow picture is taken from farther off. */
+  /** Sideways, by heights of the picture as they are at the target. */
+  pan(right, up) {
+    const height = 2 * this.far * Math.tan((this.fov * Math.PI) / 360), [x, y] = this.axes();
+    this.target = this.target.map((v, k) => v + height * (right * x[k] + up * y[k]));
+  }
+
+  /** Unit vectors to the right, up and back. */
+  axes() {
+    const ca = Math.cos(this.azimuth), sa = Math.sin(this.azimuth);
+    const ce = Math.cos(this.elevation), se = Math.sin(this.elevation);
+    return [[ca, 0, -sa], [-se * sa, ce, -se * ca], [ce * sa, se, ce * ca]];
+  }
+
+  /** From the target [m]; a picture with little room is taken from farther off. */
   distance(aspect) {
-    return this.far * Math.max(1, this.wide / aspect);
+    return this.far * Math.max(1, this.wide / Math.max(aspect - this.panel, 0.1));
   }
 
   /** The eye, and the matrix to clip space by columns. */
   seen(aspect) {
-    const ca = Math.cos(this.azimuth), sa = Math.sin(this.azimuth);
-    const ce = Math.cos(this.elevation), se = Math.sin(this.elevation);
-    const right = [ca, 0, -sa], up = [-se * sa, ce, -se * ca], back = [ce * sa, se, ce * ca];
-    const distance = this.distance(aspect);
-    const eye = this.target.map((v, k) => v + distance * back[k]);
+    const [right, up, back] = this.axes(), distance = this.distance(aspect);
+    const aside = this.panel * distance * Math.tan((this.fov * Math.PI) / 360); // the target is in the middle of the room
+    const eye = this.target.map((v, k) => v + distance * back[k] - aside * right[k]);
     const near = distance / 50, end = distance + 8 * this.first;
     const f = 1 / Math.tan((this.fov * Math.PI) / 360);
     const row = (axis, s) => [...axis.map((v) => s * v), -s * dot(axis, eye)];

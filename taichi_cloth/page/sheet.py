@@ -15,10 +15,11 @@ Ids = NDArray[np.int64]
 
 def quantised(x: Floats) -> tuple[Floats, Floats, NDArray[np.uint16]]:
     """Lowest corner of the box (3,) [m], its step along each axis (3,) [m], and places (…, 3) [m] in steps."""
-    points = x.reshape(-1, 3)
-    low = points.min(axis=0)
-    step = np.ptp(points, axis=0) / STEPS
-    return low, step, np.rint((x - low) / np.where(step > 0, step, 1.0)).astype(np.uint16)
+    axes = np.ascontiguousarray(x.reshape(-1, 3).T)  # NumPy looks through rows ten times as fast as through columns
+    low = axes.min(axis=1)
+    step = (axes.max(axis=1) - low) / STEPS
+    inverse = np.divide(1.0, step, out=np.zeros(3), where=step > 0)
+    return low, step, ((x - low) * inverse + 0.5).astype(np.uint16)  # cut off, which is cheaper than to round
 
 
 def vertices(topology: Topology, colours: NDArray[np.float32]) -> tuple[Ids, NDArray[np.uint8], Ids]:
@@ -28,3 +29,16 @@ def vertices(topology: Topology, colours: NDArray[np.float32]) -> tuple[Ids, NDA
     one, corners = np.unique(key, return_inverse=True)
     tint = (one[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
     return one >> 24, tint, corners.reshape(-1, 3)
+
+
+def left_of(whole: Topology, torn: Topology) -> NDArray[np.bool_]:
+    """Which triangles of a whole cloth (T,) are still there when it is torn."""
+    left: NDArray[np.bool_] = np.isin(_keys(whole), _keys(torn))
+    return left
+
+
+def _keys(topology: Topology) -> Ids:
+    """A number for every triangle, by its particles: the same in whatever is left of a cloth."""
+    a, b, c = topology.triangles.T.astype(np.int64)
+    keys: Ids = (a * topology.particle_count + b) * topology.particle_count + c
+    return keys

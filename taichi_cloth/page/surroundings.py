@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,39 +17,41 @@ from .sheet import Floats
 
 
 class Solids:
-    """All that is drawn of a scene but the cloth and the floor, and where it is at each sample."""
+    """All that is drawn of a scene but the cloth and the floor: colliders and the pole."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, more: Sequence[Soup] = ()) -> None:
+        """`more` are drawn too; whoever adds them says where."""
         self._simulation = simulation
         bodies = simulation.bodies()
         self._drawn = [k for k, body in enumerate(bodies) if not isinstance(body.collider, Ground)]
+        self._sizes = [bodies[k].size[0] for k in self._drawn]
+        self.moving = [not is_still(bodies[k].collider) for k in self._drawn]
         self._soups = [_soup(bodies[k]) for k in self._drawn]
-        self._poses: list[list[Floats]] = [[] for _ in self._drawn]
         if simulation.scene.look.pole:
             self._soups.append(draw_bodies.pole(simulation.scene, simulation.topology.start))
-            self._poses.append([np.eye(4)])
+            self.moving.append(False)
+        self._soups += more
 
-    def add(self) -> None:
-        """Takes where they are now; those that never move are told once."""
+    def poses(self) -> Floats:
+        """Where each is now, (K, 4, 4); without those that were added."""
         bodies = self._simulation.bodies()
-        for k, poses in zip(self._drawn, self._poses, strict=False):  # the pole comes behind
-            if not poses or not is_still(bodies[k].collider):
-                poses.append(_pose(bodies[k]))
+        poses = [_pose(bodies[k], size) for k, size in zip(self._drawn, self._sizes, strict=True)]
+        poses += [np.eye(4)] * (len(self.moving) - len(poses))
+        return np.array(poses).reshape(-1, 4, 4)
 
-    def packed(self) -> tuple[list[dict[str, Any]], Floats, Floats, NDArray[np.int64]]:
-        """What each is, then of all in a row: vertices (V, 6), poses (M, 4, 4) by columns, corners (3·T,)."""
+    def packed(self) -> tuple[list[dict[str, Any]], Floats, NDArray[np.int64]]:
+        """What each is, then of all in a row: vertices (V, 6) and corners (3·T,)."""
         told: list[dict[str, Any]] = []
-        poses, corners, vertices = [np.zeros((0, 4, 4))], [np.zeros(0, np.int64)], [np.zeros((0, 6))]
-        placed = welded = first = 0
-        for soup, of_one in zip(self._soups, self._poses, strict=True):
+        corners, vertices = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
+        welded = first = 0
+        for soup in self._soups:
             tint = [round(float(share), 3) for share in soup[2][0]]
-            told.append({"tint": tint, "first": first, "corners": len(soup[0]), "pose": placed, "poses": len(of_one)})
+            told.append({"tint": tint, "first": first, "corners": len(soup[0])})
             one, inverse = np.unique(np.hstack(soup[:2]), axis=0, return_inverse=True)
             vertices.append(one)
             corners.append(inverse.ravel() + welded)
-            poses.append(np.swapaxes(of_one, 1, 2))
-            placed, welded, first = placed + len(of_one), welded + len(one), first + len(soup[0])
-        return told, np.concatenate(vertices), np.concatenate(poses), np.concatenate(corners)
+            welded, first = welded + len(one), first + len(soup[0])
+        return told, np.concatenate(vertices), np.concatenate(corners)
 
 
 def air(scene: Scene) -> dict[str, Any]:
@@ -96,7 +99,9 @@ def _soup(body: Body) -> Soup:
     return draw_bodies.soup(body)
 
 
-def _pose(body: Body) -> Floats:
+def _pose(body: Body, first_size: float) -> Floats:
+    """A ball may have grown."""
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = body.axes, body.center
+    scale = body.size[0] / first_size if isinstance(body.collider, Sphere) else 1.0
+    pose[:3, :3], pose[:3, 3] = scale * body.axes, body.center
     return pose

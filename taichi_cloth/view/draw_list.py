@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..mesh.topology import Topology
 from ..simulation import Simulation
 from ..state.pool import Pool
 from . import draw_bodies, fill, lighting, shadow, solids
@@ -62,8 +63,8 @@ class DrawList:
         distance = float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
         self._ball, self._bead = (solids.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
         self._pins = simulation.added_pins
-        self._grain = float(topology.rest.mean()) if topology.spring_count else 0.1  # [m] a typical spring
-        self._mark = max(0.3 * self._grain, MARK * topology.side)  # [m] radius of a bead
+        self._grain = grain(topology)
+        self._mark = bead_radius(topology)
         self._shadow_frame = ti.math.vec4(*scene.camera.target, SHADOWED * distance)
         self._reach = REACH * distance  # [m] where the floor ends
 
@@ -200,6 +201,16 @@ class DrawList:
         topology = self.simulation.topology
         colours = [FAMILY_COLOURS[b.family] for b in topology.batches for _ in range(b.count)]
         return np.array(colours, np.float32).reshape(-1, 3)
+
+
+def grain(topology: Topology) -> float:
+    """[m] a typical spring."""
+    return float(topology.rest.mean()) if topology.spring_count else 0.1
+
+
+def bead_radius(topology: Topology) -> float:
+    """[m] of the beads on what is held and on new pins."""
+    return max(0.3 * grain(topology), MARK * topology.side)
 
 
 def round_length(length: float) -> float:

@@ -174,17 +174,19 @@ def wrapped(text: str) -> list[str]:
     return textwrap.wrap(text, LETTERS, subsequent_indent="  ")
 
 
-def numbers(session: Session, draw_ms: float, pictures: float) -> str:
-    """The lines that tell how fast and how right the picture is; `pictures` were shown in a second.
+def numbers(session: Session, draw_ms: float, pictures: float, drawing: str = "drawing") -> str:
+    """The lines that tell how fast and how right the picture is.
+
+    `pictures` were shown in a second; each took `draw_ms` [ms] of `drawing`.
 
     The first `SHORT` stand on every page.
     """
     simulation, measures, topology = session.simulation, session.measures, session.simulation.topology
-    physics, drawing, measuring = (f"{t:.{int(t < 10)}f}" for t in (session.physics_ms, draw_ms, session.measuring_ms))
+    physics, shown, measuring = (f"{t:.{int(t < 10)}f}" for t in (session.physics_ms, draw_ms, session.measuring_ms))
     strain, mean = 100 * measures.max_strain, 100 * measures.mean_strain
     lines = (
         f"{simulation.scene.name} · {session.view} · frame {simulation.frame} · {pictures:.0f} fps",
-        f"physics {physics} + drawing {drawing} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
+        f"physics {physics} + {drawing} {shown} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %; {error_of(simulation)}",
         f"energy: kinetic {measures.kinetic_energy:.3g} J, of height {measures.potential_energy:.3g} J",
         f"deepest in a collider: {1e3 * measures.penetration:.3g} mm",

@@ -153,12 +153,13 @@ class Session:
         self.note = f"{what}: compiling; the first time the picture stands still for some seconds"
         self._asked.append(do)
 
-    def do_asked(self) -> None:
-        """What waited for a picture to be shown."""
+    def do_asked(self) -> bool:
+        """What waited for a picture to be shown; whether anything did."""
         asked, self._asked = self._asked, []
         for do in asked:
             self.note = ""
             do()
+        return bool(asked)
 
     def act(self, action: str) -> None:
         """Does what a key or button stands for."""

@@ -1,0 +1,47 @@
+"""One page that is connected: what waits to be sent to it, and how much it may say."""
+
+from __future__ import annotations
+
+import asyncio
+
+ORDER = ("scene", "panel", "told", "figures", "moment")  # a scene comes before what is said of it
+IN_FLIGHT = 4  # moments that are sent and not shown yet; more would only be late
+RATE, BURST = 150.0, 300.0  # messages a second that are allowed for long, and at once: a mouse tells 60 moves
+
+
+class Client:
+    """Only the newest of each kind waits: a slow page misses moments, and nothing is queued for it."""
+
+    def __init__(self, number: int, now: float) -> None:
+        """`now`: the wall time [s]."""
+        self.number = number
+        self.something = asyncio.Event()
+        self._waiting: dict[str, bytes] = {}
+        self._flying = 0
+        self._allowance, self._heard_at = BURST, now
+
+    def put(self, kind: str, data: bytes) -> None:
+        """The newest of its kind."""
+        if kind == "scene":
+            self._waiting.clear()  # they are of another one
+        self._waiting[kind] = data
+        self.something.set()
+
+    def next(self) -> bytes | None:
+        """What is to be sent now."""
+        for kind in ORDER:
+            if kind in self._waiting and (kind != "moment" or self._flying < IN_FLIGHT):
+                self._flying += kind == "moment"
+                return self._waiting.pop(kind)
+        return None
+
+    def shown(self) -> None:
+        """The page has shown a moment."""
+        self._flying = max(self._flying - 1, 0)
+        self.something.set()
+
+    def may_say(self, now: float) -> bool:
+        """Whether it may say something more at `now` [s]; each time it does costs it."""
+        self._allowance = min(self._allowance + RATE * (now - self._heard_at), BURST) - 1
+        self._heard_at = now
+        return self._allowance >= 0
