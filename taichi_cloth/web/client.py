@@ -17,7 +17,7 @@ class Client:
         self.number = number
         self.something = asyncio.Event()
         self._waiting: dict[str, bytes] = {}
-        self._flying = 0
+        self._sent = self._seen = 0  # moments
         self._allowance, self._heard_at = BURST, now
 
     def put(self, kind: str, data: bytes) -> None:
@@ -30,14 +30,14 @@ class Client:
     def next(self) -> bytes | None:
         """What is to be sent now."""
         for kind in ORDER:
-            if kind in self._waiting and (kind != "moment" or self._flying < IN_FLIGHT):
-                self._flying += kind == "moment"
+            if kind in self._waiting and (kind != "moment" or self._sent - self._seen < IN_FLIGHT):
+                self._sent += kind == "moment"
                 return self._waiting.pop(kind)
         return None
 
-    def shown(self) -> None:
-        """The page has shown a moment."""
-        self._flying = max(self._flying - 1, 0)
+    def shown(self, moments: int) -> None:
+        """The page has shown the last of so many moments that it was sent."""
+        self._seen = min(moments, self._sent)
         self.something.set()
 
     def may_say(self, now: float) -> bool:

@@ -154,7 +154,7 @@ class Hub:
                 raise Malformed("too many messages")
             said = heard(message)
             if said.what == "seen":
-                client.shown()
+                client.shown(said.value)
             else:
                 self.inbox.put((client.number, said))
 

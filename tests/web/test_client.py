@@ -45,8 +45,13 @@ def test_a_page_that_shows_nothing_is_sent_no_more_moments_but_all_else() -> Non
     assert sent == [b"%d" % k for k in range(IN_FLIGHT)]
     page.put("figures", b"f")
     assert everything(page) == [b"f"]
-    page.shown()
+    page.shown(1)
     assert everything(page) == [b"9"]
+    page.shown(999)  # more than there were
+    for k in range(10, 20):
+        page.put("moment", b"%d" % k)
+        everything(page)
+    assert page.next() is None
 
 
 def test_it_may_say_so_much_at_once_and_so_much_for_long() -> None:

@@ -21,7 +21,12 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 SIZE = 640, 360  # [pixels]
 OPTIONS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--remote-debugging-pipe")
 START = "import os, sys; _, r, w, *words = sys.argv; os.dup2(int(r), 3); os.dup2(int(w), 4); os.execvp(words[0], words)"
-READY = "new Promise(done => { const look = () => %s ? done(true) : setTimeout(look, 20); look(); })"
+PATIENCE = 60_000  # [ms]
+READY = f"""new Promise((done, fail) => {{
+  const end = Date.now() + {PATIENCE};
+  const look = () => %s ? done(true) : Date.now() > end ? fail("it does not come true") : setTimeout(look, 20);
+  look();
+}})"""
 TOLD = ("Runtime.exceptionThrown", "Log.entryAdded", "Network.requestWillBeSent")
 
 Said = dict[str, Any]
@@ -77,8 +82,10 @@ class Pipe:
 class Browser:
     """One of its pages. `errors` and `requests` are those since it was opened."""
 
-    def __init__(self, pipe: Pipe) -> None:
+    def __init__(self, pipe: Pipe, size: tuple[int, int] = SIZE) -> None:
+        """`size` of its picture [pixels]."""
         self._pipe = pipe
+        self.size = size
         self.errors: list[str] = []
         self.requests: list[str] = []
         self._target = pipe.say("Target.createTarget", {}, {"url": "about:blank"})["targetId"]
@@ -87,7 +94,7 @@ class Browser:
         pipe.pages[told["sessionId"]] = self
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.say(f"{domain}.enable")
-        self.say("Emulation.setDeviceMetricsOverride", width=SIZE[0], height=SIZE[1], deviceScaleFactor=1, mobile=False)
+        self.say("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
         self.say("Emulation.setFocusEmulationEnabled", enabled=True)  # of several pages none is in the background
 
     def say(self, method: str, **params: Any) -> Said:
@@ -96,7 +103,7 @@ class Browser:
 
     def another(self) -> Browser:
         """A second page beside this one."""
-        return Browser(self._pipe)
+        return Browser(self._pipe, self.size)
 
     def kill(self) -> None:
         """Ends the page without a word to it."""
