@@ -17,7 +17,7 @@ class Camera {
   constructor(told) {
     Object.assign(this, told); // eye, target [m], fov [degrees], wide
     this.middle = told.target;
-    this.panel = 0; // [heights of the picture] how wide a panel stands at its left
+    this.left = this.right = 0; // [heights of the picture] how wide panels stand at its sides
     this.reset();
   }
 
@@ -55,13 +55,18 @@ class Camera {
 
   /** From the target [m]; a picture with little room is taken from farther off. */
   distance(aspect) {
-    return this.far * Math.max(1, this.wide / Math.max(aspect - this.panel, 0.1));
+    return this.far * Math.max(1, this.wide / Math.max(aspect - this.left - this.right, 0.1));
+  }
+
+  /** How far right of the middle the target is shown [heights of the picture]: in the middle of what is free. */
+  get shift() {
+    return (this.left - this.right) / 2;
   }
 
   /** The eye, and the matrix to clip space by columns. */
   seen(aspect) {
     const [right, up, back] = this.axes(), distance = this.distance(aspect);
-    const aside = this.panel * distance * Math.tan((this.fov * Math.PI) / 360); // the target is in the middle of the room
+    const aside = 2 * this.shift * distance * Math.tan((this.fov * Math.PI) / 360);
     const eye = this.target.map((v, k) => v + distance * back[k] - aside * right[k]);
     const near = distance / 50, end = distance + 8 * this.first;
     const f = 1 / Math.tan((this.fov * Math.PI) / 360);
