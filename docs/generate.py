@@ -195,7 +195,7 @@ def api() -> str:
     for name in ("load_scene", "scene_names", "start", "picture"):
         blocks.append(entry("###", f"tc.{name}", getattr(tc, name)))
     blocks.append(f"### tc.Simulation\n\n{described(tc.Simulation)}\n\n{signature('tc.Simulation', tc.Simulation)}")
-    for name, member in vars(tc.Simulation).items():
+    for name, member in vars(tc.Simulation.__base__).items():
         if not name.startswith("_"):
             blocks.append(entry("####", f"simulation.{name}", member))
     fields = re.findall(r"^    (\w+): ([\w| ]+?)  # (.+)$", inspect.getsource(Measures), re.MULTILINE)

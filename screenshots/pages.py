@@ -1,5 +1,5 @@
-"""Draws docs/pictures/compare.png and drape.png; docs/pictures/walk, the scene of docs/writing_a_scene.md as it grows;
-and docs/pictures/notebook, what examples/notebook.ipynb shows. `make screenshots` runs it too.
+"""Draws docs/pictures/compare.png, drape.png and web.png, docs/pictures/walk, the scene of docs/writing_a_scene.md as it
+grows, and docs/pictures/notebook, what examples/notebook.ipynb shows. `make screenshots` runs it too.
 """
 
 from __future__ import annotations
@@ -7,6 +7,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,7 @@ from taichi_cloth.view.contact_sheet import contact_sheet
 TOP = Path(__file__).parents[1]
 PICTURES = TOP / "docs" / "pictures"
 MOMENT = 100  # [frames] of the scene that grows
+sys.path[:0] = [str(TOP / "tests" / folder) for folder in ("window", "web")]  # a real server in a real browser
 
 
 def draw_walk() -> None:
@@ -78,7 +80,28 @@ def draw_drape() -> None:
     write(PICTURES / "drape.png", np.concatenate(rows))
 
 
+def draw_web() -> None:
+    """The page of `taichi-cloth web`, with a hand on the cloth."""
+    from chromium import Browser, chromium
+    from server import Server
+
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        server, pipe = Server(Path(folder), "curtain"), chromium(Path(folder))
+        page = Browser(pipe, (1280, 720))
+        page.open(server.address, ready="typeof moment !== 'undefined' && moment && sliders.gravity")
+        page.until("moment.frame > 240")
+        page.mouse("Pressed", 640, 330, button="left", clickCount=1)
+        page.until("pull?.state === 'holds'")
+        for k in range(40):
+            page.mouse("Moved", 640 - 2 * k, 330 + k, button="left", buttons=1)
+        page.until(f"moment.frame > {page.value('moment.frame')} + 30")
+        write(PICTURES / "web.png", page.picture())
+        pipe.close()
+        server.stop()
+
+
 if __name__ == "__main__":
+    draw_web()
     draw_compare()
     draw_drape()
     draw_walk()

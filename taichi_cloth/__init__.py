@@ -21,8 +21,8 @@ from .runtime import start
 from .scene import Scene, SceneError, load_scene, scene_names
 
 if TYPE_CHECKING:
-    from .simulation import Simulation
     from .view.picture import Picture, picture
+    from .view.shown import Simulation
 
 __version__ = "0.1.0"
 
@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 # Public names whose modules need Taichi to run.
-_LATE = {"Simulation": "simulation", "Picture": "view.picture", "picture": "view.picture"}
+_LATE = {"Simulation": "view.shown", "Picture": "view.picture", "picture": "view.picture"}
 
 
 def __getattr__(name: str) -> Any:

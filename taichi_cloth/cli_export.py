@@ -18,15 +18,16 @@ def declare(command: Command) -> None:
     )
     export_options(export)
     export.add_argument("--clip", action="store_true", help="write a whole clip, as `bake` does")
+    export.add_argument("--html", type=Path, metavar="FILE", help="write a page that plays a clip: --clip --out FILE")
 
     bake = command("bake", run_export, "write a whole clip of the cloth", "bake curtain --frames 240 --out clip.pc2")
     export_options(bake)
-    bake.set_defaults(clip=True)
+    bake.set_defaults(clip=True, html=None)
 
 
 def export_options(parser: argparse.ArgumentParser) -> None:
     """The options of `export` and `bake`."""
-    scene_options(parser)
+    scene_options(parser, nargs="?")
     parser.add_argument(
         "--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="frames of 1/60 s to simulate"
     )
@@ -41,6 +42,10 @@ def export_options(parser: argparse.ArgumentParser) -> None:
 
 def run_export(args: argparse.Namespace) -> int:
     scene = chosen_scene(args)
+    if args.html:
+        if args.out or args.format not in (None, "html"):
+            raise WrongUse("--html says both what is written and where: it goes without --out and --format")
+        args.out, args.format, args.clip = args.html, "html", True
     if args.every and not args.clip:
         raise WrongUse("--every leaves frames of a clip out: it goes with --clip, or use `bake`")
     format = format_of(args.out, args.format, clip=args.clip)

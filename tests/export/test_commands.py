@@ -95,8 +95,11 @@ def test_bake_writes_the_moments_that_a_render_shows() -> None:
     assert run("bake", "--frames", "7", "--every", "3") == 0
     assert run("bake", "--frames", "7", "--every", "3", "--out", "o") == 0
     assert run("export", "--clip", "--frames", "7", "--every", "3", "--out", "o.usdc") == 0
+    assert run("export", "--frames", "7", "--every", "3", "--html", "p.html") == 0
+    assert run("bake", "--frames", "7", "--every", "3", "--out", "q.html") == 0
+    assert Path("p.html").read_bytes() == Path("q.html").read_bytes()
     numbered = [f"o/frame_0000{k}.obj" for k in range(3)]
-    assert made() == ["o.usdc", *numbered, "out/small.obj", "out/small.pc2"]
+    assert made() == ["o.usdc", *numbered, "out/small.obj", "out/small.pc2", "p.html", "q.html"]
     cache = np.frombuffer(Path("out/small.pc2").read_bytes(), "<f4", offset=32).reshape(3, -1, 3)
     assert (cache == np.array(clip, np.float32)).all()
     assert vertices("out/small.obj") == pytest.approx(clip[0], rel=1e-6, abs=1e-9)
@@ -132,7 +135,8 @@ def test_what_a_tear_took_is_missing_but_for_files_of_points_that_move() -> None
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["export"], "SCENE"),
+        (["export", "small.toml", "--html", "c.html", "--out", "d.html"], "--html says both"),
+        (["export", "small.toml", "--html", "c.html", "--format", "obj"], "--html says both"),
         (["export", "small.toml", "--format", "obk"], "did you mean 'obj'?"),
         (["export", "small.toml", "--out", "c.stl"], "no format has the suffix '.stl'"),
         (["export", "small.toml", "--out", "c.pc2"], "use `bake`"),

@@ -40,3 +40,14 @@ def test_what_cannot_be_drawn_is_refused(taichi: None) -> None:
             tc.picture(simulation, view="wire")
         with pytest.raises(ValueError, match="1 x 1"):
             tc.picture(simulation, 0, 54)
+
+
+def test_a_notebook_shows_a_simulation_as_it_is(taichi: None) -> None:
+    simulation = tc.Simulation(tc.load_scene("drape15", rows=5, columns=5))
+    first = simulation._repr_png_()
+    assert first == tc.picture(simulation)._repr_png_()
+    for _ in range(20):
+        simulation.advance_frame()
+    assert simulation._repr_png_() not in (None, first)
+    simulation.close()
+    assert simulation._repr_png_() is None
