@@ -22,7 +22,7 @@ FLOORS = [
     {"state"},
     {"contact", "solvers"},
     {"controls_row", "given", "hand", "save_file", "scene_solver", "scene_stages", "simulation"},
-    {"guard", "record"},
+    {"guard", "record", "timing"},
     {"export", "view"},  # the window writes meshes; a page has the window's colours
     {"kernel_cache", "runtime"},
     {"bench"},

@@ -126,7 +126,7 @@ class Trial:
         self.frame += 1
         self.watch.look(driven=driven)
         if self.setting.tear is not None:
-            self.tell("springs torn", float(simulation.torn.sum()))
+            self.tell("torn [%]", 100 * float(simulation.torn.mean()))
 
     def change_solver(self, name: str) -> None:
         """Another method for the same cloth; its springs may have other constants."""
