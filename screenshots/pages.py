@@ -1,5 +1,5 @@
-"""Draws docs/pictures/compare.png, drape.png and web.png, docs/pictures/walk, the scene of docs/writing_a_scene.md as it
-grows, and docs/pictures/notebook, what examples/notebook.ipynb shows. `make screenshots` runs it too.
+"""Draws docs/pictures/compare.png, drape.png and web.png, docs/pictures/walk, the scene of docs/writing_a_scene.md as
+it grows, and docs/pictures/notebook, what examples/notebook.ipynb shows. `make screenshots` runs it too.
 """
 
 from __future__ import annotations

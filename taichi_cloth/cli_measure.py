@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from . import runtime
-from .cli_options import Command, count
+from .cli_options import Command, count, strain
 from .errors import OutputInUse, WrongUse
 from .scene import load_scene
 from .scene.model import SOLVER_NAMES
@@ -45,6 +45,9 @@ def declare(command: Command) -> None:
     stress = command("stress", run_stress, "run 40 cases that break cloth", "stress --only yank --solver lines")
     stress.add_argument("--only", metavar="CASE", help="one case, by its number or name")
     stress.add_argument("--solver", choices=(*SOLVER_NAMES, "robust"), metavar="NAME", help="one solver, or robust")
+    stress.add_argument(
+        "--tear", type=strain, metavar="STRAIN", help="sheets tear where threads are stretched by so much"
+    )
     stress.add_argument("--starts", type=count, default=10, metavar="N", help="starts of each case")
     stress.add_argument("--long", action="store_true", help="with --only 32: a million frames")
     stress.add_argument("--json", type=Path, metavar="FILE", help="write every start, with what broke")
@@ -174,9 +177,11 @@ def run_stress(args: argparse.Namespace) -> int:
 
     for path in filter(None, (args.json, args.markdown)):
         check_free(path, force=args.force)
+    if args.tear is not None and args.markdown:
+        raise WrongUse("--markdown writes the page about sheets that stay whole: --tear has no part in it")
     if args.pictures.exists() and not args.pictures.is_dir():
         raise OutputInUse(f"{args.pictures} is a file, not a folder")
-    pairs = chosen(args.only, args.solver, long=args.long)
+    pairs = chosen(args.only, args.solver, long=args.long, tear=args.tear)
     with steps_progress(len(pairs)) as on_step:
         results = running.run_all(pairs, args.starts, args.pictures, on_step)
     report.print_report(results)
@@ -184,7 +189,8 @@ def run_stress(args: argparse.Namespace) -> int:
         report.write_json(args.json, results)
     if args.markdown:
         report.write_markdown(args.markdown, results)
-    return 0 if all(result.alive for result in results if result.setting == ROBUST.name) else 1
+    robust = ROBUST if args.tear is None else ROBUST.tearing(args.tear)
+    return 0 if all(result.alive for result in results if result.setting == robust.name) else 1
 
 
 def run_ablate(args: argparse.Namespace) -> int:

@@ -55,6 +55,17 @@ def percent(text: str) -> float:
     return value
 
 
+def strain(text: str) -> float:
+    """A strain that threads may tear at."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.01 <= value <= 100:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a strain from 0.01 to 100, as 0.5 for half its length more")
+    return value
+
+
 def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
     """The options of every command that runs a scene."""
     default = DEFAULT_SCENE if nargs else None

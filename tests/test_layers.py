@@ -22,7 +22,7 @@ FLOORS = [
     {"state"},
     {"contact", "solvers"},
     {"controls_row", "given", "hand", "hands", "save_file", "scene_solver", "scene_stages", "simulation"},
-    {"guard", "record"},
+    {"guard", "record", "timing"},
     {"export", "page", "view"},  # the window writes meshes; a page has the window's colours
     {"web"},
     {"kernel_cache", "runtime"},

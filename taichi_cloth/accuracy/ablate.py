@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench.report import machine, markdown_table, printed_table, wide_console
-from ..bench.worker import frames as time_frames
 from ..errors import WrongUse
 from ..files import whole_file
 from ..measure.cloth import energies
@@ -21,6 +20,7 @@ from ..scene.leave_out import may_do_without, scene_without
 from ..scene.model import COLLIDERS, Scene
 from ..simulation import Simulation
 from ..solvers import SOLVERS
+from ..timing import frames as time_frames
 
 Floats = NDArray[np.float64]
 

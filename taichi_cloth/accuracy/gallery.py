@@ -15,7 +15,6 @@ import numpy as np
 
 from ..bench.cases import BUDGETS
 from ..bench.report import machine, markdown_table, printed_table, wide_console
-from ..bench.worker import timed_frame
 from ..errors import WrongUse
 from ..files import whole_file
 from ..mesh.from_scene import particles_of
@@ -23,6 +22,7 @@ from ..scene.model import Scene, Solver, keys_of
 from ..scene_stages import unfit_for
 from ..simulation import Simulation
 from ..solvers import SOLVERS
+from ..timing import timed_frame
 from .ablate import Floats, apart, horizon, motion
 
 FRAMES = 120

@@ -8,10 +8,10 @@ from math import pi, sqrt
 
 import numpy as np
 
-from ..bench.worker import timed_frame
 from ..scene.model import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, Springs
 from ..simulation import Simulation
 from ..solvers import SOLVERS
+from ..timing import timed_frame
 from .truth import Curtain, truth
 
 FRAMES = 60

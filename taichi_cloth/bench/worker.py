@@ -15,24 +15,14 @@ import json
 import os
 import re
 import sys
-import time
 from math import prod
 from pathlib import Path
 from typing import Any
 
 from .. import runtime
 from ..simulation import Simulation
+from ..timing import frames, timed_frame
 from .cases import Case, scene_of, static_strain
-
-
-def timed_frame(simulation: Simulation) -> float:
-    """Milliseconds of one frame."""
-    import taichi as ti
-
-    start = time.perf_counter()
-    simulation.advance_frame()
-    ti.sync()
-    return 1e3 * (time.perf_counter() - start)
 
 
 def first_frame(simulation: Simulation) -> dict[str, Any]:
@@ -44,16 +34,6 @@ def first_frame(simulation: Simulation) -> dict[str, Any]:
         "substeps": simulation.substeps,
         "springs": simulation.topology.spring_count,
     }
-
-
-def frames(simulations: list[Simulation], count: int, seconds: float) -> list[list[float]]:
-    """Times of frames, of all simulations in turn, so that a slow moment of the machine meets all alike."""
-    ms: list[list[float]] = [[] for _ in simulations]
-    end = time.perf_counter() + seconds
-    while len(ms[0]) < count and (not ms[0] or time.perf_counter() < end):
-        for simulation, times in zip(simulations, ms, strict=True):
-            times.append(timed_frame(simulation))
-    return ms
 
 
 def deepest(simulation: Simulation, count: int) -> float:

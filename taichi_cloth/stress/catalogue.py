@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ..errors import WrongUse
+from ..solvers import SOLVERS
 from . import changes, loads, sizes, springs, starts, touching
 from .setting import SETTINGS, Setting
 from .trial import Trial
@@ -244,10 +245,13 @@ CASES = (
 LONG_FRAMES = 1_000_000
 
 
-def chosen(only: str | None, setting: str | None, *, long: bool = False) -> list[tuple[Case, Setting]]:
+def chosen(
+    only: str | None, setting: str | None, *, long: bool = False, tear: float | None = None
+) -> list[tuple[Case, Setting]]:
     """Cases, by number or name, with each setting or with one: by setting, so that kernels are used again.
 
-    `long` makes a million frames of the long run. Raises WrongUse for no case, and for a long run of another.
+    `long` makes a million frames of the long run. `tear` is the strain at which threads give way, with the settings
+    that can do it. Raises WrongUse for no case, for a long run of another, and for a setting that cannot tear.
     """
     cases = [case for case in CASES if only is None or only in (str(case.number), case.name)]
     if not cases:
@@ -256,4 +260,11 @@ def chosen(only: str | None, setting: str | None, *, long: bool = False) -> list
         if [case.number for case in cases] != [32]:
             raise WrongUse("--long is about the long run: it goes with --only 32")
         cases = [replace(case, run=partial(springs.long_run, frames=LONG_FRAMES)) for case in cases]
-    return [(case, SETTINGS[name]) for name in SETTINGS if setting in (None, name) for case in cases]
+    settings = [one for name, one in SETTINGS.items() if setting in (None, name)]
+    if tear is not None:
+        able = [one for one in SETTINGS.values() if not SOLVERS[one.solver.name].needs_rows]
+        settings = [one.tearing(tear) for one in settings if one in able]
+        if not settings:
+            others = ", ".join(one.name for one in able)
+            raise WrongUse(f"{setting} needs a grid of whole rows, and one that tears loses its rows: take {others}")
+    return [(case, one) for one in settings for case in cases]

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..scene import load_scene
 from ..scene.model import SOLVER_NAMES, Sphere
+from ..solvers import SOLVERS
 from .scenes import sheet
 from .trial import Trial
 
@@ -68,7 +69,8 @@ def mid_run(trial: Trial) -> None:
     trial.start()
     trial.run(1.0)
     simulation = trial.simulation
-    solver = SOLVER_NAMES[(SOLVER_NAMES.index(simulation.solver.name) + 1) % len(SOLVER_NAMES)]
+    able = [name for name in SOLVER_NAMES if trial.setting.tear is None or not SOLVERS[name].needs_rows]
+    solver = able[(able.index(simulation.solver.name) + 1) % len(able)]
     changes: dict[str, tuple[Callable[[], object], ...]] = {
         "stiffer": (lambda: simulation.set("stiffness", 1.0),),
         "softer": (lambda: simulation.set("stiffness", 1e-3),),

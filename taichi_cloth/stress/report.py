@@ -167,4 +167,8 @@ extra bounds of a case are in its row. One start that fails is a failure.
 
 A run ends early where its frames take so many substeps that it would last for minutes (stiff springs with the
 explicit methods): its frames are then marked with a plus. Colliders are swept in `robust` only. The cloth of 14
-to 16 keeps off itself by its particles, at nine tenths of a cell; the layers of 15 and 16 are those of one strip."""
+to 16 keeps off itself by its particles, at nine tenths of a cell; the layers of 15 and 16 are those of one strip.
+
+`taichi-cloth stress --tear 0.5` runs the cases with sheets whose threads give way at that strain: without bending,
+which cannot be cut, and without `lines`, whose rows must be whole. Alive is the same there, but that a sheet that has
+torn need neither be still at the end nor near to its pins: pieces fall. Rows tell the share of springs torn."""

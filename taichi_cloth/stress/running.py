@@ -84,7 +84,7 @@ def run_start(case: Case, setting: Setting, number: int, pictures: Path | None) 
     except Broken as broken:
         failure = Failure(trial.frame, broken.what, float(broken.value), float(broken.bound))
         if pictures:
-            path = pictures / f"{case.number:02d}_{case.name.replace(' ', '_')}_{setting.name}_{number}.png"
+            path = pictures / f"{case.number:02d}_{case.name}_{setting.name}_{number}.png".replace(" ", "_")
             shown = str(path) if draw(trial, path) else ""
     except OutOfTime:
         cut = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..scene.model import COLLIDERS, USUAL, Scene, Solver
+from ..scene.model import COLLIDERS, USUAL, Scene, Solver, Tear
 
 CELLS = 32  # of a side of the usual sheet
 
@@ -19,6 +19,7 @@ class Setting:
     limit_sweeps: int = 1  # of a limit of strain
     swept: bool = False  # every collider is
     cells: int = CELLS
+    tear: float | None = None  # strain at which threads give way
 
     def of(self, scene: Scene) -> Scene:
         """The same scene run with this setting."""
@@ -26,6 +27,8 @@ class Setting:
         solver = replace(self.solver, damping=damping, stiffness=scene.solver.stiffness)
         limit = scene.limit and replace(scene.limit, sweeps=self.limit_sweeps)
         scene = replace(scene, solver=solver, limit=limit)
+        if self.tear is not None:  # what resists bending cannot be cut
+            scene = replace(scene, tear=Tear(self.tear), fabric=replace(scene.fabric, bending=0.0))
         if not self.swept:
             return scene
         ground = scene.ground and replace(scene.ground, swept=True)
@@ -33,6 +36,10 @@ class Setting:
             name: tuple(replace(body, swept=True) for body in getattr(scene, name)) for name in COLLIDERS
         }
         return replace(scene, ground=ground, **bodies)
+
+    def tearing(self, strain: float) -> Setting:
+        """The same, with threads that give way at this strain."""
+        return replace(self, name=f"{self.name} tear {strain:g}", tear=strain)
 
 
 # A frame on 33 × 33 particles takes 2.3 ms and 60 ms with these: with all cases that would be hours.

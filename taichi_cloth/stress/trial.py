@@ -83,7 +83,7 @@ class Trial:
             still = strain_at_rest(rest)
             self.most_strain = still + CALM_STRAIN * max(1.0, still)
         self.simulation = opened(own)
-        self.watch = Watch(self.simulation, self.worst, far)
+        self.watch = Watch(self.simulation, self.worst, far if self.setting.tear is None else inf)
         return self.simulation.topology.start.copy()
 
     def start(
@@ -125,6 +125,8 @@ class Trial:
             self.seconds += time.perf_counter() - start
         self.frame += 1
         self.watch.look(driven=driven)
+        if self.setting.tear is not None:
+            self.tell("torn [%]", 100 * float(simulation.torn.mean()))
 
     def change_solver(self, name: str) -> None:
         """Another method for the same cloth; its springs may have other constants."""
@@ -153,10 +155,12 @@ class Trial:
             self.one_frame()
 
     def settle(self) -> None:
-        """The disturbance is over: runs on, and the cloth must be at rest again in time."""
+        """The disturbance is over: runs on, and the cloth must be at rest again in time, unless a part of it falls."""
         self.run(CALM_SECONDS - CALM_FRAMES * FRAME_SECONDS)
         for _ in range(CALM_FRAMES):
             self.one_frame()
+            if self.simulation.torn.any():
+                continue
             self.demand("strain 5 s after", self.watch.strain, self.most_strain)
             self.demand("speed 5 s after [m/s]", self.watch.speed, CALM_SPEED)
 

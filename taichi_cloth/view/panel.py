@@ -16,6 +16,7 @@ from ..simulation import Simulation
 from . import curves
 from .panel_place import Place, saved_place
 from .session import PAGES, Session, words
+from .stage_times import StageTimes
 
 NAME = "taichi_cloth"
 MARGIN = 10  # [pixels]
@@ -97,14 +98,17 @@ class Panel:
     def _stages(self, gui: Any, session: Session, numbers: str) -> bool:
         """What is simulated, of what and by which method; how it is shown; which scene."""
         simulation = session.simulation
-        wind = [] if simulation.scene.wind is None else [("wind", "Wind", bool(simulation.get("wind")))]
-        used = obey(gui, session, switches=wind)
+        times = session.stage_times
+        wind = simulation.scene.wind and [("wind", with_cost("wind", times), bool(simulation.get("wind")))]
+        used = obey(gui, session, switches=wind or ())
         before = session.stages
-        after = {name: gui.checkbox(words(name).capitalize(), on) for name, on in before.items()}
+        after = {name: gui.checkbox(with_cost(name, times), on) for name, on in before.items()}
         if after != before:
             session.ask_to_switch(after)
             used = True
-        used |= obey(gui, session, buttons=CHOICES)
+        used |= obey(gui, session, buttons=[("time_stages", "Time the stages"), *CHOICES])
+        if times:
+            gui.text(f"from frame {times.frame} on a frame took {times.ms:.2f} ms")
         for line in (*wrapped(simulation.method), f"fabric: {simulation.scene.fabric.preset or 'of the scene'}"):
             gui.text(line)
         return used
@@ -133,6 +137,12 @@ def obey(gui: Any, session: Session, switches: Switches = (), buttons: Buttons =
     for action in asked:
         session.ask(action)
     return bool(asked)
+
+
+def with_cost(stage: str, times: StageTimes | None) -> str:
+    """The label of a stage, with what it costs where that was measured."""
+    label = words(stage).capitalize()
+    return f"{label} {times.less[stage]:+.2f} ms" if times and stage in times.less else label
 
 
 def help_for(name: str, keys: Mapping[str, LiveKey]) -> str:

@@ -27,6 +27,7 @@ from .curves import History
 from .draw_list import VIEWS, DrawList
 from .keepsakes import Keepsakes
 from .puller import Puller, under
+from .stage_times import StageTimes, stage_times
 
 ZOOM_RATE = 8.0  # [steps/s] while a key is held
 PAN_RATE = 0.5  # [heights of the picture/s]
@@ -45,6 +46,7 @@ SLOW = {
     "solver": "next solver",
     "fabric": "next fabric",
     "stage": "other stages",
+    "time_stages": "times of the stages",
     "next_scene": "next scene",
     "previous_scene": "previous scene",
 }
@@ -87,6 +89,7 @@ class Session:
         self._whole = scene  # with all its stages
         self.fabric = ""  # a shipped one, or the scene's own
         self.history = History()
+        self.stage_times: StageTimes | None = None
         self._cursor: tuple[tuple[float, float], tuple[int, int]] | None = None
         try:
             self.draw_list = DrawList(self.simulation)
@@ -103,6 +106,7 @@ class Session:
 
     def _renew(self) -> None:
         """What is drawn and watched follows a simulation that was opened anew."""
+        self.stage_times = None
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
         self._guard = Guard(self.simulation)
@@ -185,6 +189,8 @@ class Session:
                 self.change_fabric(FABRICS[(FABRICS.index(self.fabric) + 1) % len(FABRICS)])
             case "stage":
                 self._next_stage_off()
+            case "time_stages":
+                self._time_stages()
             case "pin":
                 self._pin()
             case "smaller_hand":
@@ -306,6 +312,12 @@ class Session:
         self.switch({name: k != next_one for k, name in enumerate(names)})
         if not self.note and next_one < len(names):
             self.note = f"without {words(names[next_one])}"
+
+    def _time_stages(self) -> None:
+        try:
+            self.stage_times = stage_times(self.simulation, self._path)
+        except WrongUse as error:
+            self.note = str(error)
 
     # -- the mouse -------------------------------------------------------------------------------------
 

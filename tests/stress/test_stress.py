@@ -14,7 +14,8 @@ import pytest
 
 from taichi_cloth import cli
 from taichi_cloth.errors import WrongUse
-from taichi_cloth.scene.model import SOLVER_NAMES, Ground, Limit, Solver, Sphere
+from taichi_cloth.mesh.from_scene import topology_of
+from taichi_cloth.scene.model import SOLVER_NAMES, Ground, Limit, Solver, Sphere, Tear
 from taichi_cloth.stress import catalogue, report
 from taichi_cloth.stress.catalogue import CASES, Case
 from taichi_cloth.stress.running import Outcome, Result, deaf_children, run_case
@@ -96,6 +97,37 @@ def test_a_setting_keeps_what_is_the_scenes() -> None:
     assert Setting("r", Solver("lines", damping=9.0)).of(scene).solver.damping == 9.0
 
 
+def pulled_apart(trial: Trial) -> None:
+    trial.open(sheet(8, pins=("top", "bottom")))
+    trial.start()
+    pins = trial.simulation.positions()[trial.simulation.topology.pinned]
+    trial.move_pins(np.where(pins[:, 1:2] < 0, pins - [0.0, 1.0, 0.0], pins), 0.5)
+    trial.settle()
+
+
+def test_a_sheet_that_tears_is_alive_and_need_not_be_still() -> None:
+    tearing = SMALL.tearing(0.3)
+    scene = tearing.of(sheet(8))
+    assert (tearing.name, scene.tear, scene.fabric.bending) == ("xpbd tear 0.3", Tear(0.3), 0.0)
+    case = Case(1, "pulled apart", "", pulled_apart)
+    result = run_case(case, tearing, 1, None)
+    assert result.alive, result.failed[0].failure
+    [torn] = [figure.value for figure in result.outcomes[0].figures if figure.what == "torn [%]"]
+    assert torn / 100 * topology_of(scene, "fabric").spring_count >= 9  # one thread in each column
+    [outcome] = run_case(case, SMALL, 1, None).outcomes  # whole, it stays twice as long
+    assert outcome.failure is not None
+    assert outcome.failure.what == "strain 5 s after"
+
+
+def test_who_can_tear() -> None:
+    able = [name for name in SETTINGS if name != "lines"]
+    assert [s.name for _, s in catalogue.chosen("29", None, tear=0.5)] == [f"{name} tear 0.5" for name in able]
+    with pytest.raises(
+        WrongUse, match="lines needs a grid of whole rows, and one that tears loses its rows: take verlet"
+    ):
+        catalogue.chosen("29", "lines", tear=0.5)
+
+
 def breaks(trial: Trial) -> None:
     trial.open(sheet(8), rest=inf)
     trial.start()
@@ -169,6 +201,8 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeyp
         (["--only", "41"], "no case '41': 1 stiffness sweep, "),
         (["--long"], "--long is about the long run: it goes with --only 32"),
         (["--markdown", "no/where.md"], "no is no folder to write where.md into"),
+        (["--markdown", "o.md", "--tear", "0.5"], "--tear has no part in it"),
+        (["--solver", "lines", "--tear", "0.5"], "lines needs a grid of whole rows"),
     ],
 )
 def test_wrong_use_is_one_line(
@@ -180,7 +214,7 @@ def test_wrong_use_is_one_line(
 
 
 def test_an_unknown_solver_and_a_wrong_number_of_starts(capsys: pytest.CaptureFixture[str]) -> None:
-    for words in (["--solver", "robst"], ["--starts", "0"]):
+    for words in (["--tear", "nan"], ["--solver", "robst"], ["--starts", "0"]):
         with pytest.raises(SystemExit) as ended:
             cli.main(["stress", *words])
         assert ended.value.code == 2

@@ -16,6 +16,7 @@ from taichi_cloth.view.curves import SPAN
 from taichi_cloth.view.panel import COLUMN, HEIGHT, LETTERS, MARGIN, NAME, WIDTH, Panel, help_lines, numbers
 from taichi_cloth.view.panel_place import TITLE_HEIGHT, Place, saved_place
 from taichi_cloth.view.session import PAGES, Session
+from taichi_cloth.view.stage_times import StageTimes
 
 SIZE = (1280, 720)
 LETTER, PADDING, WIDGET_ROW, TEXT_ROW, SPACING = 7, 8, 23, 17, 4  # [pixels] Dear ImGui's look and font
@@ -27,6 +28,7 @@ class Notes:
     def __init__(self, **answers: Any) -> None:
         self.answers = answers
         self.labels: list[str] = []
+        self.boxes: list[str] = []  # labels of check boxes
         self.texts: list[str] = []
 
     @contextmanager
@@ -43,6 +45,7 @@ class Notes:
 
     def checkbox(self, label: str, value: bool) -> bool:
         self.labels.append(label)
+        self.boxes.append(label)
         return value ^ (label in self.answers)
 
     def button(self, label: str) -> bool:
@@ -76,8 +79,9 @@ Drawn = Callable[..., tuple[Session, Notes, bool]]
 
 @pytest.mark.parametrize("scene", scene_names())
 def test_labels_are_unique_and_everything_fits(scene: str, tmp_path: Path) -> None:
-    """Every page, with curves on, with a long note and the longest help."""
+    """Every page, with curves on, with a long note and the longest help, and all stages timed."""
     session = Session(load_scene(scene))
+    session.stage_times = StageTimes(123456, 1234.56, dict.fromkeys((*session.stages, "wind"), -123.45))
     session.curves = True
     session.note = "spring would take 200,001 substeps a frame, more than 200,000: " + "its springs are stiff " * 4
     panel = Panel(SIZE, tmp_path / "imgui.ini")
@@ -89,7 +93,8 @@ def test_labels_are_unique_and_everything_fits(scene: str, tmp_path: Path) -> No
             assert not panel.draw(notes, session, numbers(session, 12.3, 59.9)), "nobody touched a widget"
             assert len(set(notes.labels)) == len(notes.labels)
             room = (WIDTH - 0.65 * WIDTH - PADDING - SPACING) / LETTER  # beside a slider
-            assert max(map(len, notes.labels)) <= room
+            assert max(len(label) for label in notes.labels if label not in notes.boxes) <= room
+            assert max(map(len, notes.boxes)) <= LETTERS - (WIDGET_ROW + SPACING) // LETTER
             assert max(map(len, notes.texts)) <= LETTERS
             height = TITLE_HEIGHT + 2 * PADDING + len(notes.labels) * WIDGET_ROW + len(notes.texts) * TEXT_ROW
             assert height <= HEIGHT
@@ -176,6 +181,18 @@ def test_a_stage_is_switched_off(drawn: Drawn) -> None:
     assert {"Limit", "Spheres", "Ground"} <= set(notes.labels)
     assert "limit" not in session.simulation.stages
     assert session.stages == {"limit": False, "spheres": True, "ground": True}
+
+
+def test_stages_have_their_times(drawn: Drawn, tmp_path: Path) -> None:
+    session, notes, used = drawn("net", "Stages", **{"Time the stages": True})
+    assert used
+    assert "Limit" in notes.boxes
+    times = session.stage_times
+    assert times is not None
+    again = Notes()
+    Panel(SIZE, tmp_path / "imgui.ini").draw(again, session, "")
+    assert {f"{name.capitalize()} {times.less[name]:+.2f} ms" for name in session.stages} <= set(again.boxes)
+    assert f"from frame 0 on a frame took {times.ms:.2f} ms" in again.texts
 
 
 def test_figures_tell_times_and_curves_have_their_legend(drawn: Drawn) -> None:

@@ -1,7 +1,5 @@
 """The rasteriser against areas, planes and spheres that are known in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +9,7 @@ import taichi as ti
 
 from taichi_cloth.scene.model import Vec3
 from taichi_cloth.view.draw_mesh import DrawMesh
-from taichi_cloth.view.raster import FAR_OUT, NEAR, Raster
+from taichi_cloth.view.raster import FAR_OUT, GRID, NEAR, GridPoint, Raster, crossing, edge
 
 CAPACITY = 3 * 16_000
 BLACK = (0.0, 0.0, 0.0)
@@ -125,6 +123,30 @@ def test_pixel_at_an_edge_shows_the_share_covered(soup: Soup, quarters: int, upr
     np.testing.assert_array_equal(line[2], np.rint(255 * np.array([0.8, 0.4, 0.2])))
     np.testing.assert_array_equal(line[3], np.rint(255 * mixed))
     np.testing.assert_array_equal(line[4], [0, 235, 51])
+
+
+@ti.kernel
+def columns_crossed(
+    ends: ti.types.ndarray(dtype=GridPoint, ndim=2), at: ti.types.ndarray(dtype=GridPoint, ndim=1), columns: ti.i32
+):
+    for k in range(at.shape[0]):
+        at[k].x = crossing(edge(ends[k, 0], ends[k, 1]), at[k].x, at[k].y, columns)
+
+
+def test_an_edge_is_crossed_where_integers_say() -> None:
+    rng, columns = np.random.default_rng(3), 1920
+    ends = rng.integers(-300 * GRID, 2200 * GRID, (20_000, 2, 2))
+    ends[:5000] = 2 * GRID * (ends[:5000] // (2 * GRID))  # their middles are where samples may be: on whole pixels
+    ends = np.take_along_axis(ends, np.argsort(ends[:, :, 1:], axis=1), axis=1)
+    ends = ends[ends[:, 0, 1] < ends[:, 1, 1]]
+    (ax, ay), (bx, by) = ends[:, 0].T, ends[:, 1].T
+    x, y = rng.choice([32, 96, 128, 160, 224], len(ends)), rng.integers(ay, by)
+    x[:4900], y[:4900] = 0, (ay + by)[:4900] // 2
+    above, below = (ax - x) * (by - ay) + (bx - ax) * (y - ay), GRID * (by - ay)
+    assert (above % below == 0).sum() > 4000
+    found = np.ascontiguousarray(np.stack([x, y], axis=1))
+    columns_crossed(np.ascontiguousarray(ends), found, columns)
+    np.testing.assert_array_equal(found[:, 0], np.clip(-(-above // below), 0, columns))
 
 
 # -- depth ---------------------------------------------------------------------------------------------------

@@ -18,8 +18,10 @@ from taichi_cloth.interact.pointer import Owner
 from taichi_cloth.mesh.obj import read_obj
 from taichi_cloth.scene import load_scene, scene_names
 from taichi_cloth.scene.model import PRESET_NAMES, SOLVER_NAMES, Tear
+from taichi_cloth.simulation import Simulation
 from taichi_cloth.view.keepsakes import Keepsakes
 from taichi_cloth.view.session import HOLD, Session
+from taichi_cloth.view.stage_times import take_over
 
 SIZE = (1280, 720)
 ASPECT = SIZE[0] / SIZE[1]
@@ -397,6 +399,42 @@ def test_what_compiles_waits_until_its_note_was_shown(session: Session, few: lis
     assert session.note == ""
     session.do_asked()
     assert session.simulation.scene.name == "fold"
+
+
+def test_times_of_the_stages_are_of_copies(session: Session) -> None:
+    session.simulation.set("wind_z", 7.0)
+    session.advance(3)
+    take(session)
+    before = session.simulation.positions(), session.simulation.velocities(), len(session.simulation.take.rows)
+    session.ask("time_stages")
+    assert session.note.startswith("times of the stages: compiling")
+    session.do_asked()
+    times = session.stage_times
+    assert times is not None
+    assert set(times.less) == {*session.stages, "wind"}
+    assert times.frame == session.simulation.frame == 3
+    assert times.ms > max(times.less.values())
+    assert session.simulation.grabbed == PARTICLE
+    np.testing.assert_array_equal(session.simulation.positions(), before[0])
+    np.testing.assert_array_equal(session.simulation.velocities(), before[1])
+    assert len(session.simulation.take.rows) == before[2]
+    session.act("solver")
+    assert session.stage_times is None
+
+
+def test_a_copy_is_where_the_running_cloth_is(session: Session) -> None:
+    running = session.simulation
+    running.set("wind_z", 7.0)
+    running.pin(PARTICLE)
+    running.pin(0, on=False)
+    session.advance(5)
+    with Simulation(running.scene) as copy:
+        take_over(copy, running)
+        for one in (copy, running):
+            one.advance_frame()
+        np.testing.assert_allclose(copy.positions(), running.positions(), atol=1e-6)
+        assert (copy.frame, copy.get("wind_z")) == (6, 7.0)
+        np.testing.assert_array_equal(copy.topology.pinned, running.topology.pinned)
 
 
 def test_a_stage_waits_too(session: Session) -> None:
