@@ -22,9 +22,9 @@ from ..scene.model import PRESET_NAMES, SOLVER_NAMES
 from ..view import draw_bodies, solids
 from ..view.draw_list import HELD, PINNED, bead_radius
 from ..view.fill import FULL_STRAIN, strain_colours
-from ..view.panel import HAND_HELP, numbers
+from ..view.panel import HAND_HELP, numbers, with_cost
 from ..view.patterns import pattern_colours
-from ..view.session import Session, words
+from ..view.session import Session
 from .words import BARRED
 
 RAMP = 129  # colours of strain, from shortest to longest
@@ -128,7 +128,7 @@ class Telling:
 
     def panel(self, scenes: list[str]) -> bytes:
         """What there is to choose, to switch and to move."""
-        session, scene = self._session, self._scene
+        session, scene, times = self._session, self._scene, self._session.stage_times
         sliders = [_slider(key) for key in self._keys.values()]
         hand = {"low": 0.0, "high": session.largest_radius, "value": session.usual_radius}
         hand |= {"step": session.largest_radius / SLIDER_STEPS}
@@ -142,8 +142,8 @@ class Telling:
                 "solver": scene.solver.name,
                 "fabrics": PRESET_NAMES,
                 "fabric": session.fabric,
-                "stages": {name: [words(name), on] for name, on in session.stages.items()},
-                "wind": scene.wind is not None,
+                "stages": {name: [with_cost(name, times), on] for name, on in session.stages.items()},
+                "wind": with_cost("wind", times) if scene.wind else "",
                 "sliders": [*sliders, {"name": "hand", "label": "Hand", "unit": "m", "help": HAND_HELP, **hand}],
             }
         )

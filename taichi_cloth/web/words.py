@@ -19,7 +19,7 @@ LONGEST = 64  # letters of a name
 # What keys do that only this page sees, and what would write files or end the server.
 OWN = ("view", "curves", "hide", "first_view", "pin", *(key.action for key in KEYS if key.held))
 BARRED = ("export", "screenshot", "clip", "page", "quit")
-ACTIONS = tuple(key.action for key in KEYS if key.action not in (*OWN, *BARRED))
+ACTIONS = ("time_stages", *(key.action for key in KEYS if key.action not in (*OWN, *BARRED)))
 CHOICES = ("scene", "solver", "fabric")
 
 

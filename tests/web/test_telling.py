@@ -142,7 +142,7 @@ def test_the_panel_and_the_figures_are_those_of_the_window(session: Session) -> 
     telling = Telling(session, 0)
     panel = Told(telling.panel(["curtain", "flag"])).head
     assert [slider["label"] for slider in panel["sliders"]][:3] == ["Gravity", "Wind X", "Wind Z"]
-    assert panel["stages"] == {"spheres": ["spheres", True], "ground": ["ground", True]}
+    assert panel["stages"] == {"spheres": ["Spheres", True], "ground": ["Ground", True]}
     session.simulation.set("gravity", 3.0)
     session.advance(1)
     session.measure()
