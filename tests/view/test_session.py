@@ -21,6 +21,8 @@ from taichi_cloth.scene.model import PRESET_NAMES, SOLVER_NAMES, Tear
 from taichi_cloth.view.keepsakes import Keepsakes
 from taichi_cloth.view.session import HOLD, Session
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 SIZE = (1280, 720)
 ASPECT = SIZE[0] / SIZE[1]
 
