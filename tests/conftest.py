@@ -24,11 +24,15 @@ def pytest_configure() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-DEAREST = ("test_scenes", "test_window", "test_paths", "test_self_collision", "test_contract", "test_bench", "test_sweeps")
+DEAREST = ("scenes", "window", "paths", "self_collision", "contract", "bench", "sweeps")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: DEAREST.index(item.path.stem) if item.path.stem in DEAREST else len(DEAREST))
+    def place(item: pytest.Item) -> int:
+        name = item.path.stem.removeprefix("test_")
+        return DEAREST.index(name) if name in DEAREST else len(DEAREST)
+
+    items.sort(key=place)
 
 
 @pytest.fixture(autouse=True, scope="module")
