@@ -143,9 +143,14 @@ def test_threads_side_by_side_give_the_same_bits_every_time(solver: str) -> None
 )
 def test_nothing_is_left_of_the_cloth_that_had_the_fields_before(solver: str, path: str) -> None:
     """The first and the second have the same capacities, and so the same fields."""
-    small = replace(busy(solver), cloth=replace(busy(solver).cloth, rows=10, columns=33, pins=("top-left",)))
+    large = replace(busy(solver), cloth=replace(busy(solver).cloth, rows=10))
+    small = replace(large, cloth=replace(large.cloth, rows=9, columns=34, pins=("top-left",)))
+    with Simulation(small, path) as simulation:
+        fields = simulation.cloth
+    with Simulation(large, path) as simulation:
+        assert simulation.cloth is fields
     alone = bits(small, path, 3)
-    bits(busy(solver), path, 3)
+    bits(large, path, 3)
     assert bits(small, path, 3) == alone
 
 
