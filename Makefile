@@ -95,9 +95,9 @@ venv: .venv/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
-.venv/tools: pyproject.toml .venv/ready
+.venv/tools: pyproject.toml .venv/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,dev,docs]'
-	@touch $@
+	@touch .venv/ready $@
 
 clean:
 	rm -rf .venv out dist build site

@@ -39,7 +39,7 @@ from .scene.presets import in_fabric
 from .scene_solver import give_back, made_for
 from .scene_stages import words_for
 from .solvers import SOLVERS, FrameInput, Solver
-from .state.fields import put
+from .state.fields import put, put_all
 from .state.held import hold
 from .state.near import come_near
 
@@ -473,8 +473,7 @@ class Simulation:
         self.mend(saved["torn"])
         self._wind_on = bool(saved["wind_on"])
         self.frame = int(saved["frame"])
-        for name in ("x", "x_prev", "velocity"):
-            put(getattr(self.cloth, name), saved[name])
+        put_all(*((getattr(self.cloth, name), saved[name]) for name in ("x", "x_prev", "velocity")))
         self._hold(hands)
 
     def _checked_live(self, values: list[float]) -> dict[str, float]:
@@ -513,8 +512,7 @@ class Simulation:
 
     def _put(self, x: Floats) -> None:
         """Every particle at its place [m], (N, 3), and the hands about what they hold."""
-        for field in (self.cloth.x, self.cloth.x_prev):
-            put(field, x - self.topology.origin)
+        put_all(*((field, x - self.topology.origin) for field in (self.cloth.x, self.cloth.x_prev)))
         self._hold(self._hands)
 
     def _free_positions(self) -> Floats:

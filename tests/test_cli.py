@@ -202,7 +202,7 @@ def test_render_writes_pictures_and_what_made_them(tmp_path: Path) -> None:
 
 def test_two_runs_give_the_same_bytes(tmp_path: Path) -> None:
     for out in ("a", "b"):
-        words = ["render", "curtain", "--frames", "20", "--every", "19", "--out", out, *SMALL]
+        words = ["render", "drape15", "--frames", "20", "--every", "19", "--out", out, *SMALL]
         assert run(*words, cwd=tmp_path).returncode == 0
     for k in range(2):
         first, second = ((tmp_path / out / f"frame_{k:05d}.png").read_bytes() for out in ("a", "b"))

@@ -41,13 +41,12 @@ def bond(work: Any, topology: Topology) -> None:
         return
     found = attached(work, "bonds", lambda: _allocate(particles, capacity(len(DIRECTIONS) * particles)))
     first, rows = incidence(bonds.ends, topology.particle_count)
-    for field, values in (
+    fields.put_all(
         (found.ends, bonds.ends),
         (found.stiffness, bonds.constant),
         (found.spring_first, first),
         (found.spring_rows, rows),
-    ):
-        fields.put(field, values)
+    )
     found.spring_count[None] = len(bonds.ends)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..kernels.filling import write_all
 from ..mesh.strips import STRIPS
 
 
@@ -31,7 +32,16 @@ def like_places(work: Any) -> Any:
 
 def put(field: Any, values: NDArray[Any]) -> None:
     """Writes `values` to the beginning of a field and zeros behind them. `values` that do not fit raise ValueError."""
-    kind = np.float32 if field.dtype == ti.f32 else np.int32
-    out = np.zeros((field.shape[0], *values.shape[1:]), kind)
+    put_all((field, values))
+
+
+def put_all(*pairs: tuple[Any, NDArray[Any]]) -> None:
+    """The same for several fields and their values, with one kernel."""
+    bits = [_filled(field, values).reshape(-1).view(np.int32) for field, values in pairs]
+    write_all(tuple(field for field, _ in pairs), np.concatenate(bits), ti.cfg.arch in (ti.x64, ti.arm64))
+
+
+def _filled(field: Any, values: NDArray[Any]) -> NDArray[Any]:
+    out = np.zeros((field.shape[0], *values.shape[1:]), np.float32 if field.dtype == ti.f32 else np.int32)
     out[: len(values)] = values
-    field.from_numpy(out)
+    return out

@@ -33,9 +33,14 @@ class GatherState:
 
     def upload(self, topology: Topology) -> None:
         """Fills what a cloth does not have already."""
-        for name, rows in (("spring", topology.ends), ("triangle", topology.triangles)):
-            for kind, values in zip(("first", "rows"), incidence(rows, topology.particle_count), strict=True):
-                fields.put(getattr(self, f"{name}_{kind}"), values)
+        spring_first, spring_rows = incidence(topology.ends, topology.particle_count)
+        triangle_first, triangle_rows = incidence(topology.triangles, topology.particle_count)
+        fields.put_all(
+            (self.spring_first, spring_first),
+            (self.spring_rows, spring_rows),
+            (self.triangle_first, triangle_first),
+            (self.triangle_rows, triangle_rows),
+        )
 
 
 def gathering(cloth: ClothState, topology: Topology) -> Any:

@@ -30,6 +30,8 @@ def hold(
     work: Any, topology: Topology, particles: NDArray[np.int64], taken: NDArray[np.float64], hand: NDArray[np.int64]
 ) -> None:
     """Tells a cloth or its strips what is held, (M,), where it was taken [m], (M, 3), and by which hand, (M,)."""
-    fields.put(work.held.place, place_in(work, topology, particles))
-    fields.put(work.held.taken, taken - topology.origin)
-    fields.put(work.held.hand, hand)
+    fields.put_all(
+        (work.held.place, place_in(work, topology, particles)),
+        (work.held.taken, taken - topology.origin),
+        (work.held.hand, hand),
+    )

@@ -53,15 +53,18 @@ class LaneState:
         by_place = topology.by_place(stiffness)
         sprung = by_place.max(axis=(1, 2)) > 0
         bonded = np.isin(np.arange(len(DIRECTIONS)), topology.bonds.direction)
-        for field, values in (
-            (self.rest, topology.by_place(topology.rest)),
-            (self.stiffness, by_place[:, strips.row_kinds(rows)]),
-            (self.has_cell, np.arange(columns) < columns - 1),
-        ):
-            fields.put(field, strips.pack(values, pitch).reshape(-1, strips.STRIPS))
-        fields.put(self.used, sprung | bonded)
         table = strips.passes(sprung & coloured, pitch)
-        fields.put(self.passes, table)
+
+        def packed(values: NDArray[Any]) -> NDArray[Any]:
+            return strips.pack(values, pitch).reshape(-1, strips.STRIPS)
+
+        fields.put_all(
+            (self.rest, packed(topology.by_place(topology.rest))),
+            (self.stiffness, packed(by_place[:, strips.row_kinds(rows)])),
+            (self.has_cell, packed(np.arange(columns) < columns - 1)),
+            (self.used, sprung | bonded),
+            (self.passes, table),
+        )
         self.pass_count[None] = len(table)
         self.rows[None], self.columns[None], self.pitch[None] = rows, columns, pitch
         self.slot_count[None] = rows * pitch

@@ -28,8 +28,8 @@ def leash(work: Any, topology: Topology) -> None:
         work, "leashes", lambda: Leashes(fields.places(slots, lanes=lanes), fields.numbers(slots, lanes=lanes))
     )
     at = place_in(work, topology, np.arange(topology.particle_count))
-    for field, values in ((found.place, topology.start - topology.origin), (found.reach, topology.leash)):
-        fields.put(field, _in_lanes(values, at, slots) if lanes else values)
+    pairs = (found.place, topology.start - topology.origin), (found.reach, topology.leash)
+    fields.put_all(*((field, _in_lanes(values, at, slots) if lanes else values) for field, values in pairs))
 
 
 def _in_lanes(values: Any, at: Any, slots: int) -> Any:

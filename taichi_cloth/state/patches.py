@@ -38,5 +38,5 @@ def patch(work: Any, topology: Topology) -> None:
         second[1:] = (cells[1:] == cells[:-1]).all(axis=1)
         colour = 4 * row + 2 * column + second
     order = np.argsort(colour, kind="stable")
-    fields.put(found.corners, topology.triangles[order])
-    fields.put(found.first, np.searchsorted(colour[order], np.arange(COLOURS + 1)))
+    first = np.searchsorted(colour[order], np.arange(COLOURS + 1))
+    fields.put_all((found.corners, topology.triangles[order]), (found.first, first))

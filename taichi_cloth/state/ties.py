@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import taichi as ti
+from numpy.typing import NDArray
 
 from ..mesh import strips
 from ..mesh.tethers import MOST, tethers
@@ -38,7 +39,10 @@ def tie(work: Any, topology: Topology) -> None:
     ties = attached(work, "ties", lambda: _allocate(MOST * work.x.shape[0], lanes))
     pins, reach = tethers(topology)
     ties.count[None] = len(pins)
-    for field, values in ((ties.pin, place_in(work, topology, pins)), (ties.reach, reach)):
-        if lanes:
-            values = strips.pack(values.reshape(-1, *topology.shape), work.pitch[None]).reshape(-1, strips.STRIPS)
-        fields.put(field, values if lanes else values.reshape(-1))
+
+    def laid_out(values: NDArray[Any]) -> NDArray[Any]:
+        if not lanes:
+            return values.reshape(-1)
+        return strips.pack(values.reshape(-1, *topology.shape), work.pitch[None]).reshape(-1, strips.STRIPS)
+
+    fields.put_all((ties.pin, laid_out(place_in(work, topology, pins))), (ties.reach, laid_out(reach)))

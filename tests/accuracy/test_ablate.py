@@ -11,7 +11,7 @@ from taichi_cloth.accuracy.ablate import ablate, horizon, motion, outlines, with
 from taichi_cloth.scene.model import Cloth, Ground, Scene, Solver, Springs, Wind
 from taichi_cloth.simulation import Simulation
 
-pytestmark = pytest.mark.usefixtures("running")
+pytestmark = pytest.mark.usefixtures("running", "on_lists")
 
 HANGING = Scene(cloth=Cloth(rows=8, columns=8, width=1.0, height=1.0), springs=Springs(shear=0.0, bend=0.0))
 

@@ -11,7 +11,7 @@ from taichi_cloth.accuracy import gallery
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene.model import SOLVER_NAMES, Cloth, Fabric, Scene, Solver
 
-pytestmark = pytest.mark.usefixtures("running")
+pytestmark = pytest.mark.usefixtures("running", "on_lists")
 
 HANGING = Scene(
     name="hanging",

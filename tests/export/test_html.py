@@ -33,6 +33,8 @@ from taichi_cloth.view.patterns import pattern_colours
 from taichi_cloth.view.portrait import portrait
 from taichi_cloth.view.raster import Raster
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 FRAMES, SHOWN = 240, 120
 EVIL = "</script><script>alert(1)</script> \"'>&amp; <!-- {{data}} \U0001f9f5"
 DOCUMENT = Path(taichi_cloth.__file__).parents[1] / "docs" / "export.md"

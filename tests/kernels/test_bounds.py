@@ -55,6 +55,6 @@ def test_an_index_out_of_range_is_an_error() -> None:
 def test_strips_stay_within_their_fields(solver: str, rows: int, columns: int) -> None:
     """`lines` in strips has the most slots behind its fields."""
     scene = load_scene("curtain", rows=rows, columns=columns, solver=solver, substeps=2)
-    with Simulation(replace(scene, wind=None, spheres=()), "lanes") as simulation:
+    with Simulation(replace(scene, wind=None, spheres=(), ground=None), "lanes") as simulation:
         simulation.advance_frame()
         assert simulation.measure().finite

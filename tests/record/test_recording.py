@@ -20,6 +20,8 @@ from taichi_cloth.scene.model import Cloth, Fabric, Maps, Solver, Sphere, Tear, 
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.view.rerun import Rerun
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 SMALL = Scene(
     name="small",
     cloth=Cloth(rows=4, columns=5, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),

@@ -173,7 +173,7 @@ def test_it_is_several_times_nearer_to_the_truth_than_xpbd_at_the_same_cost() ->
     assert tethered < xpbd / 8
 
 
-@pytest.mark.parametrize("cells", [64, 128])
+@pytest.mark.parametrize("cells", [64, pytest.param(128, marks=pytest.mark.long)])
 def test_a_fine_curtain_takes_the_substeps_that_waves_across_its_threads_ask_for(cells: int) -> None:
     """With one fewer it would tear itself apart within a second."""
     scene = Scene(

@@ -14,6 +14,8 @@ from taichi_cloth.view import solids
 from taichi_cloth.view.draw_list import HELD, VIEWS, DrawList
 from taichi_cloth.view.raster import Raster
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 EYE = (3.0, 2.5, 6.0)
 
 

@@ -23,6 +23,8 @@ from taichi_cloth.view.raster import Raster
 from taichi_cloth.view.rerun import Rerun
 from taichi_cloth.view.session import Session
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 SMALL = Scene(
     name="small",
     cloth=Cloth(rows=5, columns=6, width=1.0, height=1.0, center=(0.0, 1.0, 0.0)),

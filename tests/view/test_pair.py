@@ -9,6 +9,8 @@ import pytest
 from taichi_cloth.scene import load_scene
 from taichi_cloth.view.pair import Pair
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 SIZE = (1200, 500)
 ASPECT = SIZE[0] / 2 / SIZE[1]
 SMALL = {"rows": 10, "columns": 11}

@@ -18,6 +18,8 @@ from taichi_cloth.view.panel_place import TITLE_HEIGHT, Place, saved_place
 from taichi_cloth.view.session import PAGES, Session
 from taichi_cloth.view.stage_times import StageTimes
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 SIZE = (1280, 720)
 LETTER, PADDING, WIDGET_ROW, TEXT_ROW, SPACING = 7, 8, 23, 17, 4  # [pixels] Dear ImGui's look and font
 

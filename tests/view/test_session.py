@@ -23,6 +23,8 @@ from taichi_cloth.view.keepsakes import Keepsakes
 from taichi_cloth.view.session import HOLD, Session
 from taichi_cloth.view.stage_times import take_over
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 SIZE = (1280, 720)
 ASPECT = SIZE[0] / SIZE[1]
 
