@@ -71,7 +71,7 @@ def run_scene(args: argparse.Namespace) -> int:
         return 0
     from .view.frames import Plan
 
-    print(f"no window ({obstacle}): rendering frames instead", flush=True)
+    print(f"no window ({obstacle}): rendering frames instead; `taichi-cloth web` shows it in a browser", flush=True)
     plan = Plan(Path("out") / scene.name, args.frames or DEFAULT_FRAMES, sheet=True)
     return render_plan(scene, plan, args, force=True)
 
