@@ -17,12 +17,19 @@ def single(place) -> bool:
 
 
 @ti.func
+def thrice(row):
+    """A row of eight for each of the three components."""
+    return ti.Matrix([[row[k] for k in ti.static(range(LANES))] for _ in ti.static(range(3))])
+
+
+@ti.func
 def dot(a, b):
     """a·b of each place."""
     if ti.static(single(a)):
         return a.dot(b)
     else:
-        return ti.Vector([a[0, k] * b[0, k] + a[1, k] * b[1, k] + a[2, k] * b[2, k] for k in ti.static(range(LANES))])
+        product = a * b
+        return product[0, :] + product[1, :] + product[2, :]
 
 
 @ti.func
@@ -48,7 +55,7 @@ def times(place, number):
     if ti.static(single(place)):
         return place * number
     else:
-        return ti.Matrix([[place[c, k] * number[k] for k in ti.static(range(LANES))] for c in ti.static(range(3))])
+        return place * thrice(number)
 
 
 @ti.func
@@ -90,9 +97,7 @@ def choose(condition, a, b):
     if ti.static(single(a)):
         return ti.select(condition, a, b)
     else:
-        return ti.Matrix(
-            [[ti.select(condition[k], a[c, k], b[c, k]) for k in ti.static(range(LANES))] for c in ti.static(range(3))]
-        )
+        return ti.select(thrice(condition), a, b)
 
 
 @ti.func
