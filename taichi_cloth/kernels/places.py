@@ -38,15 +38,10 @@ def cross(a, b):
     if ti.static(single(a)):
         return a.cross(b)
     else:
-        return ti.Matrix(
-            [
-                [
-                    a[(c + 1) % 3, k] * b[(c + 2) % 3, k] - a[(c + 2) % 3, k] * b[(c + 1) % 3, k]
-                    for k in ti.static(range(LANES))
-                ]
-                for c in ti.static(range(3))
-            ]
-        )
+        x = a[1, :] * b[2, :] - a[2, :] * b[1, :]
+        y = a[2, :] * b[0, :] - a[0, :] * b[2, :]
+        z = a[0, :] * b[1, :] - a[1, :] * b[0, :]
+        return join(x, y, z, a)
 
 
 @ti.func
@@ -79,7 +74,7 @@ def part(place, c: ti.template()):
     if ti.static(single(place)):
         return place[c]
     else:
-        return ti.Vector([place[c, k] for k in ti.static(range(LANES))])
+        return place[c, :]
 
 
 @ti.func
