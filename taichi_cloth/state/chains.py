@@ -53,9 +53,8 @@ def list_chains(cloth: Any, topology: Topology) -> None:
     """Gives a cloth its `chains`, filled."""
     found = attached(cloth, "chains", lambda: _allocate_list(cloth.rest.shape[0]))
     table, order = chains(topology)
-    fields.put(found.table, table)
-    fields.put(found.springs, order)
-    fields.put(found.first, np.searchsorted(topology.direction[order[table[:, FIRST]]], [*CHAINED, len(CHAINED)]))
+    first = np.searchsorted(topology.direction[order[table[:, FIRST]]], [*CHAINED, len(CHAINED)])
+    fields.put_all((found.table, table), (found.springs, order), (found.first, first))
     found.first_bend[None] = sum(batch.direction in CHAINED for batch in topology.batches)
 
 
@@ -84,12 +83,15 @@ def strip_chains(lanes: Any, topology: Topology, stiffness: NDArray[np.float64])
         layouts[upright] = height, pitch, masses, links, start, len(directions)
         masses, links = masses + height * pitch, links + (height + 1) * (pitch + 2)
     nothing = np.zeros((0, strips.STRIPS))
-    fields.put(found.rest, np.concatenate([nothing, *all_rest]))
-    fields.put(found.stiffness, np.concatenate([nothing, *all_kinds]))
-    fields.put(found.layouts, layouts)
-    fields.put(found.directions, np.array(directions, np.int32).reshape(-1, DIRECTION_COLUMNS))
-    for scratch in (found.normal, found.share, found.coupling, found.change):
-        scratch.fill(0.0)  # a row above and below the springs stays so
+    fields.put_all(
+        (found.rest, np.concatenate([nothing, *all_rest])),
+        (found.stiffness, np.concatenate([nothing, *all_kinds])),
+        (found.layouts, layouts),
+        (found.directions, np.array(directions, np.int32).reshape(-1, DIRECTION_COLUMNS)),
+        # A row above and below the springs stays zero.
+        *((scratch, nothing) for scratch in (found.share, found.coupling, found.change)),
+        (found.normal, np.zeros((0, 3, strips.STRIPS))),
+    )
     found.spring_count[None] = springs
     found.first_bend[None] = 2 * int(used[list(CHAINED)].sum())
 

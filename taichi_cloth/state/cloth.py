@@ -56,19 +56,20 @@ class ClothState:
         """Fills what joins the particles: springs, their `stiffness`, (E,), and triangles."""
         first = np.full(self.batch_first.shape[0], topology.spring_count)  # batches that are not there are empty
         first[: len(topology.batches)] = [batch.first for batch in topology.batches]
-        fields.put(self.ends, topology.ends)
-        fields.put(self.rest, topology.rest)
-        fields.put(self.stiffness, stiffness)
-        fields.put(self.triangles, topology.triangles)
-        fields.put(self.batch_first, first)
+        fields.put_all(
+            (self.ends, topology.ends),
+            (self.rest, topology.rest),
+            (self.stiffness, stiffness),
+            (self.triangles, topology.triangles),
+            (self.batch_first, first),
+        )
         self.spring_count[None] = topology.spring_count
         self.batch_count[None] = len(topology.batches)
         self.triangle_count[None] = topology.triangle_count
 
     def put(self, x: NDArray[Any], x_prev: NDArray[Any], inverse_mass: NDArray[Any]) -> None:
         """Sets the places from the origin: two (N, 3) arrays [m] and one (N,) array [1/kg]."""
-        for field, values in ((self.x, x), (self.x_prev, x_prev), (self.inverse_mass, inverse_mass)):
-            fields.put(field, values)
+        fields.put_all((self.x, x), (self.x_prev, x_prev), (self.inverse_mass, inverse_mass))
 
     def taken(self, field: Any) -> NDArray[np.float32]:
         """A field over the particles in use, as NumPy."""

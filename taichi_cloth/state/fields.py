@@ -6,6 +6,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..kernels.writing import shape_of, write
 from ..mesh.strips import STRIPS
 
 
@@ -31,7 +32,14 @@ def like_places(work: Any) -> Any:
 
 def put(field: Any, values: NDArray[Any]) -> None:
     """Writes `values` to the beginning of a field and zeros behind them. `values` that do not fit raise ValueError."""
-    kind = np.float32 if field.dtype == ti.f32 else np.int32
-    out = np.zeros((field.shape[0], *values.shape[1:]), kind)
-    out[: len(values)] = values
-    field.from_numpy(out)
+    put_all((field, values))
+
+
+def put_all(*pairs: tuple[Any, NDArray[Any]]) -> None:
+    """The same for several fields and the values of each. The fewer the calls, the earlier is a first frame."""
+    bits = []
+    for field, values in pairs:
+        out = np.zeros((field.shape[0], *shape_of(field)), np.float32 if field.dtype == ti.f32 else np.int32)
+        out[: len(values)] = values
+        bits.append(out.reshape(-1).view(np.int32))
+    write(tuple(field for field, _ in pairs), np.concatenate(bits))

@@ -53,15 +53,17 @@ class LaneState:
         by_place = topology.by_place(stiffness)
         sprung = by_place.max(axis=(1, 2)) > 0
         bonded = np.isin(np.arange(len(DIRECTIONS)), topology.bonds.direction)
-        for field, values in (
-            (self.rest, topology.by_place(topology.rest)),
-            (self.stiffness, by_place[:, strips.row_kinds(rows)]),
-            (self.has_cell, np.arange(columns) < columns - 1),
-        ):
-            fields.put(field, strips.pack(values, pitch).reshape(-1, strips.STRIPS))
-        fields.put(self.used, sprung | bonded)
         table = strips.passes(sprung & coloured, pitch)
-        fields.put(self.passes, table)
+        packed = [
+            strips.pack(values, pitch).reshape(-1, strips.STRIPS)
+            for values in (
+                topology.by_place(topology.rest),
+                by_place[:, strips.row_kinds(rows)],
+                np.arange(columns) < columns - 1,
+            )
+        ]
+        of_strips = zip((self.rest, self.stiffness, self.has_cell), packed, strict=True)
+        fields.put_all(*of_strips, (self.used, sprung | bonded), (self.passes, table))
         self.pass_count[None] = len(table)
         self.rows[None], self.columns[None], self.pitch[None] = rows, columns, pitch
         self.slot_count[None] = rows * pitch
