@@ -40,13 +40,12 @@ def take(grids: Sequence[DistanceGrid]) -> Distances | None:
         return None
     sizes = np.array([grid.values.size for grid in grids])
     found = _pool.take(int(sizes.sum()), len(grids))
-    for field, values in (
+    fields.put_all(
         (found.values, np.concatenate([grid.values.ravel() for grid in grids])),
         (found.first, np.cumsum(sizes) - sizes),
         (found.nodes, np.array([grid.values.shape for grid in grids])),
         (found.spacing, np.array([grid.spacing for grid in grids])),
-    ):
-        fields.put(field, values)
+    )
     return found
 
 

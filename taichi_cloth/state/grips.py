@@ -30,9 +30,11 @@ def grip(work: Any, topology: Topology, holder: NDArray[np.int64], centers: NDAr
     """
     grips = attached(work, "grips", lambda: _allocate(place_count(work)))
     held = np.flatnonzero(holder >= 0)
-    fields.put(grips.place, place_in(work, topology, held))
-    fields.put(grips.local, topology.start[held] - centers[holder[held]])
-    fields.put(grips.body, holder[held])
+    fields.put_all(
+        (grips.place, place_in(work, topology, held)),
+        (grips.local, topology.start[held] - centers[holder[held]]),
+        (grips.body, holder[held]),
+    )
     grips.count[None] = len(held)
 
 

@@ -27,5 +27,4 @@ def room_to_hold(places: int) -> Held:
 
 def hold(work: Any, topology: Topology, particles: NDArray[np.int64], taken: NDArray[np.float64]) -> None:
     """Tells a cloth or its strips which particles the hand holds, (M,), and where it took them [m], (M, 3)."""
-    fields.put(work.held.place, place_in(work, topology, particles))
-    fields.put(work.held.taken, taken - topology.origin)
+    fields.put_all((work.held.place, place_in(work, topology, particles)), (work.held.taken, taken - topology.origin))

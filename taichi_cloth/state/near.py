@@ -71,13 +71,12 @@ def come_near(work: Any, topology: Topology) -> None:
     flat = np.zeros((near.flat.shape[0], 3))
     flat[place] = topology.flat
     edges = topology.edges
-    for field, values in (
+    fields.put_all(
         (near.particle, place),
         (near.flat, flat),
         (near.edges, place[edges]),
         (near.triangles, place[topology.triangles]),
-    ):
-        fields.put(field, values)
+    )
     near.longest[None] = float(np.linalg.norm(np.diff(topology.flat[edges], axis=1), axis=2).max(initial=0.0))
     near.listed_for[None] = 0.0  # nothing is listed yet
     near.particle_count[None], near.edge_count[None] = len(place), len(edges)
