@@ -18,7 +18,7 @@ def load(work: ti.template(), cloth: ti.template(), stages: ti.template()):
                 if column < columns:
                     i = row * columns + column
                     work.inverse_mass[slot][k] = cloth.inverse_mass[i]
-                    for c in ti.static(range(3)):
+                    for c in range(3):
                         work.x[slot][c, k] = cloth.x[i][c]
                         if ti.static(stages.own_velocity):
                             work.velocity[slot][c, k] = cloth.velocity[i][c]
@@ -26,7 +26,7 @@ def load(work: ti.template(), cloth: ti.template(), stages: ti.template()):
                             work.x_prev[slot][c, k] = cloth.x_prev[i][c]
                 else:  # an empty column: held at the origin, where nothing pulls at it
                     work.inverse_mass[slot][k] = 0.0
-                    for c in ti.static(range(3)):
+                    for c in range(3):
                         work.x[slot][c, k] = 0.0
                         work.x_prev[slot][c, k] = 0.0
                         work.velocity[slot][c, k] = 0.0
@@ -43,7 +43,7 @@ def store(work: ti.template(), cloth: ti.template(), stages: ti.template()):
                 column = place + k * pitch
                 if column < columns:
                     i = row * columns + column
-                    for c in ti.static(range(3)):
+                    for c in range(3):
                         cloth.x[i][c] = work.x[slot][c, k]
                         if ti.static(stages.own_velocity):
                             cloth.velocity[i][c] = work.velocity[slot][c, k]
@@ -65,7 +65,7 @@ def at(cloth: ti.template(), field: ti.template(), place: int):
 def put_at(cloth: ti.template(), field: ti.template(), place: int, vector: tm.vec3):
     """Sets a vector of one particle."""
     if ti.static(cloth.in_lanes):
-        for c in ti.static(range(3)):
+        for c in range(3):
             field[place // LANES][c, place % LANES] = vector[c]
     else:
         field[place] = vector

@@ -17,12 +17,19 @@ def single(place) -> bool:
 
 
 @ti.func
+def thrice(row):
+    """A row of eight for each of the three components."""
+    return ti.Matrix([[row[k] for k in ti.static(range(LANES))] for _ in ti.static(range(3))])
+
+
+@ti.func
 def dot(a, b):
     """a·b of each place."""
     if ti.static(single(a)):
         return a.dot(b)
     else:
-        return ti.Vector([a[0, k] * b[0, k] + a[1, k] * b[1, k] + a[2, k] * b[2, k] for k in ti.static(range(LANES))])
+        product = a * b
+        return product[0, :] + product[1, :] + product[2, :]
 
 
 @ti.func
@@ -31,15 +38,10 @@ def cross(a, b):
     if ti.static(single(a)):
         return a.cross(b)
     else:
-        return ti.Matrix(
-            [
-                [
-                    a[(c + 1) % 3, k] * b[(c + 2) % 3, k] - a[(c + 2) % 3, k] * b[(c + 1) % 3, k]
-                    for k in ti.static(range(LANES))
-                ]
-                for c in ti.static(range(3))
-            ]
-        )
+        x = a[1, :] * b[2, :] - a[2, :] * b[1, :]
+        y = a[2, :] * b[0, :] - a[0, :] * b[2, :]
+        z = a[0, :] * b[1, :] - a[1, :] * b[0, :]
+        return join(x, y, z, a)
 
 
 @ti.func
@@ -48,7 +50,7 @@ def times(place, number):
     if ti.static(single(place)):
         return place * number
     else:
-        return ti.Matrix([[place[c, k] * number[k] for k in ti.static(range(LANES))] for c in ti.static(range(3))])
+        return place * thrice(number)
 
 
 @ti.func
@@ -72,7 +74,7 @@ def part(place, c: ti.template()):
     if ti.static(single(place)):
         return place[c]
     else:
-        return ti.Vector([place[c, k] for k in ti.static(range(LANES))])
+        return place[c, :]
 
 
 @ti.func
@@ -90,9 +92,7 @@ def choose(condition, a, b):
     if ti.static(single(a)):
         return ti.select(condition, a, b)
     else:
-        return ti.Matrix(
-            [[ti.select(condition[k], a[c, k], b[c, k]) for k in ti.static(range(LANES))] for c in ti.static(range(3))]
-        )
+        return ti.select(thrice(condition), a, b)
 
 
 @ti.func

@@ -88,9 +88,10 @@ def strip_chains(lanes: Any, topology: Topology, stiffness: NDArray[np.float64])
         (found.stiffness, np.concatenate([nothing, *all_kinds])),
         (found.layouts, layouts),
         (found.directions, np.array(directions, np.int32).reshape(-1, DIRECTION_COLUMNS)),
+        # A row above and below the springs stays zero.
+        *((scratch, nothing) for scratch in (found.share, found.coupling, found.change)),
+        (found.normal, np.zeros((0, 3, strips.STRIPS))),
     )
-    for scratch in (found.normal, found.share, found.coupling, found.change):
-        scratch.fill(0.0)  # a row above and below the springs stays so
     found.spring_count[None] = springs
     found.first_bend[None] = 2 * int(used[list(CHAINED)].sum())
 

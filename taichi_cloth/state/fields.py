@@ -6,7 +6,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..kernels.filling import write_all
+from ..kernels.writing import shape_of, write
 from ..mesh.strips import STRIPS
 
 
@@ -36,12 +36,10 @@ def put(field: Any, values: NDArray[Any]) -> None:
 
 
 def put_all(*pairs: tuple[Any, NDArray[Any]]) -> None:
-    """The same for several fields and their values, with one kernel."""
-    bits = [_filled(field, values).reshape(-1).view(np.int32) for field, values in pairs]
-    write_all(tuple(field for field, _ in pairs), np.concatenate(bits), ti.cfg.arch in (ti.x64, ti.arm64))
-
-
-def _filled(field: Any, values: NDArray[Any]) -> NDArray[Any]:
-    out = np.zeros((field.shape[0], *values.shape[1:]), np.float32 if field.dtype == ti.f32 else np.int32)
-    out[: len(values)] = values
-    return out
+    """The same for several fields and the values of each. The fewer the calls, the earlier is a first frame."""
+    bits = []
+    for field, values in pairs:
+        out = np.zeros((field.shape[0], *shape_of(field)), np.float32 if field.dtype == ti.f32 else np.int32)
+        out[: len(values)] = values
+        bits.append(out.reshape(-1).view(np.int32))
+    write(tuple(field for field, _ in pairs), np.concatenate(bits))
