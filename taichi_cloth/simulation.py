@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -114,9 +115,19 @@ class Simulation:
 
     # -- running ---------------------------------------------------------------------------------------
 
-    def advance_frame(self) -> None:
-        """Moves the cloth, the spheres and the hand by one frame of 1/60 s."""
-        self.solver.advance_frame(self._input())
+    def advance_frame(self, look: Callable[[float], object] | None = None) -> None:
+        """Moves the cloth, the spheres and the hand by one frame of 1/60 s.
+
+        `look` is called after every substep with the share of the frame that has passed, for slow motion: places are
+        those of that moment then, and come out the same.
+        """
+        frame = self._input()
+        if look is None:
+            self.solver.advance_frame(frame)
+        else:
+            for part in frame.one_by_one():
+                self.solver.advance_frame(part)
+                look(part.last / part.substeps)
         if self._hand is not None:
             self._hand.end_frame()
         self.frame += 1

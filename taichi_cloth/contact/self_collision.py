@@ -69,8 +69,8 @@ def part(
                 if distance < 1e-4 * thickness:  # at one and the same point: the flat sheet says which way is apart
                     apart = gap_flat / distance_flat
                 motion = gap - gap_before
-                nearer = ti.max(-apart.dot(motion), 0.0) + APART * now.h * now.lasts
-                push = apart * ti.min(depth, nearer)
+                wanted = ti.max(APART * now.h * now.lasts - apart.dot(motion), 0.0)
+                push = apart * ti.min(depth, wanted)
                 push += friction_slide(push, motion + push, now.controls[SELF_FRICTION])
                 unit = UNITS / (thickness * inverse * crowd)
                 for k in ti.static(range(count)):

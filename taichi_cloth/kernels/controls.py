@@ -27,7 +27,8 @@ MOST_STRAIN = 20  # of the strain limit
 TETHER_SLACK = 21  # how long a tether may be, as a multiple of the flat sheet's distance
 THICKNESS, SELF_FRICTION = 22, 23  # [m] of the cloth, and its friction on itself
 AREA_DENSITY = 24  # [kg/m²]
-COUNT = 25
+COMPRESSION = 25  # share of its constant with which a spring resists being shortened
+COUNT = 26
 
 # Columns of a row of the table of colliders.
 BODY_FROM, BODY_TO = 0, 3  # [m] its middle at both ends of the frame

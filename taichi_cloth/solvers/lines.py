@@ -195,4 +195,5 @@ class Lines(Solver):
     def advance_frame(self, frame: FrameInput) -> None:
         controls = frame.controls.copy()
         controls[KEPT] = sqrt(controls[KEPT])  # half of it before a substep and half behind
-        super().advance_frame(replace(frame, substeps=2 * frame.substeps, h=frame.h / 2, controls=controls))
+        span = (2 * frame.span[0], 2 * frame.span[1])
+        super().advance_frame(replace(frame, substeps=2 * frame.substeps, h=frame.h / 2, controls=controls, span=span))

@@ -219,7 +219,7 @@ class Projective(Solver):
         factor = self._factorised(frame.h**2 * float(frame.controls[STIFFNESS]))
         both = np.zeros((3, self._topology.particle_count), np.float32)
         substeps, iterations, h, *steering = frame.arguments
-        for s in range(substeps):
+        for s in range(frame.first, frame.last):
             here = (self.cloth, self.stages, s, substeps, h, *steering)
             run_serially(self.before, *here)
             both.fill(0.0)
@@ -232,7 +232,7 @@ class Projective(Solver):
     def _advance_by_searching(self, frame: FrameInput) -> None:
         search = self.work.search
 
-        for s in range(frame.substeps):
+        for s in range(frame.first, frame.last):
 
             def run(*parts: Any, s: int = s) -> None:
                 self.launches.run([(part, s) for part in parts], frame.steering)

@@ -119,6 +119,7 @@ def robust_words() -> str:
     """The recommended setting, as a scene writes it."""
     solver = ROBUST.solver
     words = [f'`[solver] name = "{solver.name}"`, `substeps = {solver.substeps}`, `iterations = {solver.iterations}`']
+    words += [f"`[fabric] compression = {ROBUST.compression:g}`"]
     words += [f"`damping = {solver.damping:g}` where a scene has less but some", "`swept = true` in every collider"]
     words += [f"and `[limit] sweeps = {ROBUST.limit_sweeps}` where a scene has a limit"]
     return ", ".join(words)
