@@ -115,19 +115,21 @@ class Simulation:
 
     # -- running ---------------------------------------------------------------------------------------
 
-    def advance_frame(self, look: Callable[[float], object] | None = None) -> None:
-        """Moves the cloth, the spheres and the hand by one frame of 1/60 s.
+    def advance_frame(self) -> None:
+        """Moves the cloth, the spheres and the hand by one frame of 1/60 s."""
+        self.solver.advance_frame(self._input())
+        self._end_frame()
 
-        `look` is called after every substep with the share of the frame that has passed, for slow motion: places are
-        those of that moment then, and come out the same.
+    def advance_slowly(self, look: Callable[[float], object]) -> None:
+        """The same frame, to the last bit, in slow motion: `look` is called after every substep with the share of the
+        frame that has passed, and `positions` are those of that moment.
         """
-        frame = self._input()
-        if look is None:
-            self.solver.advance_frame(frame)
-        else:
-            for part in frame.one_by_one():
-                self.solver.advance_frame(part)
-                look(part.last / part.substeps)
+        for part in self._input().one_by_one():
+            self.solver.advance_frame(part)
+            look(part.last / part.substeps)
+        self._end_frame()
+
+    def _end_frame(self) -> None:
         if self._hand is not None:
             self._hand.end_frame()
         self.frame += 1

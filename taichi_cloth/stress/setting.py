@@ -43,6 +43,6 @@ USUAL_SETTINGS = {
     name: Setting(name, Solver(name, *usual, damping=0.0), cells=FEWER.get(name, CELLS))
     for name, usual in USUAL.items()
 }
-# Threads that do not push: the energy of springs has one least value then, and no sheet can be knotted (docs/stability.md).
+# Threads that do not push have an energy without other valleys than its least: no sheet can be knotted.
 ROBUST = Setting("robust", Solver("xpbd", 60, 8, damping=4.0), limit_sweeps=160, swept=True, compression=0.0)
 SETTINGS = USUAL_SETTINGS | {ROBUST.name: ROBUST}

@@ -23,7 +23,7 @@ def test_slow_motion_is_the_same_motion(solver: str) -> None:
             for simulation in (whole, slow):
                 simulation.grab(44, (0.1 * frame, 0.0, 0.3))
             whole.advance_frame()
-            slow.advance_frame(shares.append)
+            slow.advance_slowly(shares.append)
             assert np.array_equal(slow.positions(), whole.positions())
             assert np.array_equal(slow.velocities(), whole.velocities())
         steps = whole.substeps
