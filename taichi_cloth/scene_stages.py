@@ -46,6 +46,7 @@ def stages_of(scene: Scene) -> Stages:
         leashes=scene.maps is not None and bool(scene.maps.max_distance),
         grips=bool(scene.grips),
         self_collision=scene.self_collision is not None,
+        untangles=scene.self_collision is not None and scene.self_collision.untangle,
         self_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
     )
 

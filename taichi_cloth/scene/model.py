@@ -353,6 +353,7 @@ class SelfCollision:
         0.05, "how far the cloth keeps off itself", "m", low=0.0, high=10.0, above_low=True, slider=(0.005, 0.2)
     )
     friction: float = _key(0.3, "Coulomb coefficient of cloth on cloth", low=0.0, high=1e6)
+    untangle: bool = _key(False, "lets go what is through itself already, until it is not any more")
     contacts: str = _key(
         "particles",
         "particles keep off particles (for a thickness like a cell's side), or triangles off particles and edges off"

@@ -55,6 +55,7 @@ class Stages:
     grips: bool = False
     self_collision: bool = False
     self_triangles: bool = False  # between triangles and edges too, not particles alone
+    untangles: bool = False  # contact lets go where the cloth is through itself
     bending: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
     constrained: bool = True  # something needs to know where a particle was a substep ago

@@ -7,6 +7,7 @@ import taichi as ti
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.tangles import find_tangles
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
@@ -18,6 +19,7 @@ from .base import Solver
 
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    find_tangles(cloth, stages, now)
     add_air(cloth, stages, now, now.s)
     add_repulsion(cloth, stages, now, now.s)
     add_bending(cloth, stages, now.controls, now.h)

@@ -19,6 +19,7 @@ class Setting:
     limit_sweeps: int = 1  # of a limit of strain
     swept: bool = False  # every collider is
     compression: float = 1.0  # of a fabric that has more
+    untangle: bool = False  # a cloth that keeps off itself does
     cells: int = CELLS
 
     def of(self, scene: Scene) -> Scene:
@@ -27,7 +28,9 @@ class Setting:
         solver = replace(self.solver, damping=damping, stiffness=scene.solver.stiffness)
         limit = scene.limit and replace(scene.limit, sweeps=self.limit_sweeps)
         fabric = replace(scene.fabric, compression=min(scene.fabric.compression, self.compression))
-        scene = replace(scene, solver=solver, limit=limit, fabric=fabric)
+        off_itself = scene.self_collision
+        off_itself = off_itself and replace(off_itself, untangle=off_itself.untangle or self.untangle)
+        scene = replace(scene, solver=solver, limit=limit, fabric=fabric, self_collision=off_itself)
         if not self.swept:
             return scene
         ground = scene.ground and replace(scene.ground, swept=True)
@@ -44,5 +47,12 @@ USUAL_SETTINGS = {
     for name, usual in USUAL.items()
 }
 # Threads that do not push have an energy without other valleys than its least: no sheet can be knotted.
-ROBUST = Setting("robust", Solver("xpbd", 60, 8, damping=4.0), limit_sweeps=160, swept=True, compression=0.0)
+ROBUST = Setting(
+    "robust",
+    Solver("xpbd", 60, 8, damping=4.0),
+    limit_sweeps=160,
+    swept=True,
+    compression=0.0,
+    untangle=True,
+)
 SETTINGS = USUAL_SETTINGS | {ROBUST.name: ROBUST}

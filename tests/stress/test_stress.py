@@ -14,7 +14,7 @@ import pytest
 
 from taichi_cloth import cli
 from taichi_cloth.errors import WrongUse
-from taichi_cloth.scene.model import SOLVER_NAMES, Ground, Limit, Solver, Sphere
+from taichi_cloth.scene.model import SOLVER_NAMES, Ground, Limit, SelfCollision, Solver, Sphere
 from taichi_cloth.stress import catalogue, report
 from taichi_cloth.stress.catalogue import CASES, Case
 from taichi_cloth.stress.running import Outcome, Result, deaf_children, run_case
@@ -92,6 +92,11 @@ def test_a_setting_keeps_what_is_the_scenes() -> None:
     slack = Setting("r", Solver("lines"), compression=0.3)
     assert slack.of(scene).fabric == replace(scene.fabric, compression=0.3)
     assert slack.of(slack.of(scene)) == slack.of(scene)
+    touching = replace(scene, self_collision=SelfCollision(thickness=0.01))
+    assert Setting("r", Solver("lines"), untangle=True).of(touching).self_collision == SelfCollision(
+        0.01, untangle=True
+    )
+    assert Setting("r", Solver("lines"), untangle=True).of(scene).self_collision is None
     assert robust.ground is not None
     assert (robust.ground.swept, robust.spheres[0].swept) == (True, True)
     limited = replace(scene, limit=Limit(0.2), solver=replace(scene.solver, damping=0.0))
