@@ -26,6 +26,7 @@ class ControlsRow:
         self._fixed = np.zeros(c.COUNT, np.float32)
         self._fixed[c.AREA_DENSITY] = scene.cloth.area_density
         self._fixed[c.DAMPING_TIME] = damping_time
+        self._fixed[c.COMPRESSION] = scene.fabric.compression
         if scene.self_collision is not None:
             self._fixed[c.SELF_FRICTION] = scene.self_collision.friction
         if scene.wind is not None:

@@ -39,12 +39,14 @@ def stages_of(scene: Scene) -> Stages:
         distances=distances.take([distances_of(mesh) for mesh in scene.meshes]),
         triangles=any(meets_triangles(collider) for collider in colliders),
         swept=any(collider.swept for collider in colliders),
+        slack=scene.fabric.compression < 1,
         spring_damping=scene.fabric.damping_time > 0,
         strain_limit=0 if scene.limit is None else scene.limit.sweeps,
         tethers=scene.tethers is not None,
         leashes=scene.maps is not None and bool(scene.maps.max_distance),
         grips=bool(scene.grips),
         self_collision=scene.self_collision is not None,
+        untangles=scene.self_collision is not None and scene.self_collision.untangle,
         self_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
     )
 

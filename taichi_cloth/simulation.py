@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -119,6 +120,18 @@ class Simulation:
     def advance_frame(self) -> None:
         """Moves the cloth, the spheres and the hands by one frame of 1/60 s."""
         self.solver.advance_frame(self._input())
+        self._end_frame()
+
+    def advance_slowly(self, look: Callable[[float], object]) -> None:
+        """The same frame, to the last bit, in slow motion: `look` is called after every substep with the share of the
+        frame that has passed, and `positions` are those of that moment.
+        """
+        for part in self._input().one_by_one():
+            self.solver.advance_frame(part)
+            look(part.last / part.substeps)
+        self._end_frame()
+
+    def _end_frame(self) -> None:
         for hand in self._hands.values():
             hand.end_frame()
         self.frame += 1

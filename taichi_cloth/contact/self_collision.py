@@ -44,11 +44,12 @@ def part(
 ):
     """Counts a contact at each of its `count` particles, or adds to their moves; 0 where there is none."""
     thickness = now.controls[THICKNESS]
-    gap = tm.vec3(0.0)
+    gap, let_go = tm.vec3(0.0), 0
     for k in ti.static(range(count)):
         gap += weight[k] * at(cloth, cloth.x, who[k])
+        let_go |= cloth.near.through[who[k]]
     distance, touching = gap.norm(), 0
-    if distance < thickness:
+    if distance < thickness and let_go == 0:
         gap_before, gap_flat, inverse, crowd = tm.vec3(0.0), tm.vec3(0.0), 0.0, 1.0
         for k in ti.static(range(count)):
             gap_before += weight[k] * at(cloth, cloth.x_prev, who[k])
@@ -69,8 +70,8 @@ def part(
                 if distance < 1e-4 * thickness:  # at one and the same point: the flat sheet says which way is apart
                     apart = gap_flat / distance_flat
                 motion = gap - gap_before
-                nearer = ti.max(-apart.dot(motion), 0.0) + APART * now.h * now.lasts
-                push = apart * ti.min(depth, nearer)
+                wanted = ti.max(APART * now.h * now.lasts - apart.dot(motion), 0.0)
+                push = apart * ti.min(depth, wanted)
                 push += friction_slide(push, motion + push, now.controls[SELF_FRICTION])
                 unit = UNITS / (thickness * inverse * crowd)
                 for k in ti.static(range(count)):

@@ -31,13 +31,14 @@ from ..mesh.chains import (
 from .controls import DAMPING_TIME, STIFFNESS
 from .maths import TINY
 from .places import LANES, dot, from_next, from_previous, length, next_lane, spread, times
-from .springs import forget_multipliers
+from .springs import bearing, forget_multipliers
 from .strips import row_kind
 
 
 @ti.func
 def eliminate(
     stages: ti.template(),
+    controls: ti.template(),
     gap,
     old_gap,
     w_here,
@@ -58,13 +59,15 @@ def eliminate(
     """
     long = length(gap)
     n = times(gap, ti.select(stiffness > 0.0, 1.0, 0.0) / ti.max(long, TINY))
-    error, damped = long - rest, stiffness
+    error = long - rest
+    bears = bearing(stages, controls, error - multiplier * w_both, stiffness)
+    damped = bears
     if ti.static(stages.spring_damping):
         error += gamma * dot(n, gap - old_gap)
         damped *= 1.0 + gamma
     g = w_here * dot(n_before, n)
     share = 1.0 / (1.0 + damped * (w_both - g * g * share_before))
-    change = (damped * g * change_before - stiffness * error - multiplier) * share
+    change = (damped * g * change_before - bears * error - multiplier) * share
     return n, damped * share, g * share_before, change
 
 
@@ -121,6 +124,7 @@ def solve_chain(
         w_a = cloth.inverse_mass[a]
         n, share, coupling, change = eliminate(
             stages,
+            controls,
             gap,
             old_gap,
             w_a,
@@ -219,6 +223,7 @@ def solve_direction(chains: ti.template(), stages: ti.template(), layout, d: int
                 old_gap = chains.x_prev[b] - chains.x_prev[a]
             n, share, coupling, change = eliminate(
                 stages,
+                controls,
                 gap,
                 old_gap,
                 w_b if right_up else w_a,

@@ -25,7 +25,8 @@ MOST_STRAIN = 14  # of the strain limit
 TETHER_SLACK = 15  # how long a tether may be, as a multiple of the flat sheet's distance
 THICKNESS, SELF_FRICTION = 16, 17  # [m] of the cloth, and its friction on itself
 AREA_DENSITY = 18  # [kg/m²]
-HANDS = 19  # six for each hand: how far it has gone since it took what it holds, at both ends of the frame [m]
+COMPRESSION = 19  # share of its constant with which a spring resists being shortened
+HANDS = 20  # six for each hand: how far it has gone since it took what it holds, at both ends of the frame [m]
 MOST_HANDS = 8
 COUNT = HANDS + 6 * MOST_HANDS
 

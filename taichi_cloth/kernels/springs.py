@@ -10,7 +10,7 @@ from typing import Any
 
 import taichi as ti
 
-from .controls import DAMPING_TIME, MOST_STRAIN, STIFFNESS
+from .controls import COMPRESSION, DAMPING_TIME, MOST_STRAIN, STIFFNESS
 from .maths import TINY, dashpot_pull, project_compliant, project_distance, spring_pull
 from .motion import displace
 from .places import dot, length, times
@@ -34,6 +34,17 @@ def relax(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, contr
 
 
 @ti.func
+def bearing(stages: ti.template(), controls: ti.template(), error, stiffness):
+    """The constant with which a spring resists that is longer than at rest by `error` [m], or shorter: where threads
+    go slack, a share of its own. With a share of 0 the energy of springs is a convex function of all places.
+    """
+    bears = stiffness
+    if ti.static(stages.slack):
+        bears = stiffness * ti.select(error < 0.0, controls[COMPRESSION], 1.0)
+    return bears
+
+
+@ti.func
 def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """The same for a spring of `stiffness` [N/m], with the multiplier it has gathered in this substep."""
     w_a, w_b = cloth.inverse_mass[a], cloth.inverse_mass[b]
@@ -44,11 +55,13 @@ def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffn
         before = cloth.x_prev[b] - cloth.x_prev[a]
         gamma = controls[DAMPING_TIME] / h
         grown = dot(gap, gap - before) / ti.max(length(gap), TINY)
+    # What it does at the end of the substep hangs on its error without the pull that it has gathered.
+    free = length(gap) - cloth.rest[e] - cloth.multiplier[e] * (w_a + w_b)
     shift, change = project_compliant(
         gap,
         w_a + w_b,
         cloth.rest[e],
-        stiffness * (controls[STIFFNESS] * h * h),
+        bearing(stages, controls, free, stiffness) * (controls[STIFFNESS] * h * h),
         cloth.multiplier[e],
         gamma,
         grown,
@@ -61,10 +74,11 @@ def relax_compliant(cloth: ti.template(), stages: ti.template(), a, b, e, stiffn
 def pull(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
     """Force [N] on a of the spring-damper e between a and b; in strips of their bond too."""
     gap = cloth.x[b] - cloth.x[a]
-    force = spring_pull(gap, cloth.rest[e], stiffness * controls[STIFFNESS])
+    bears = bearing(stages, controls, length(gap) - cloth.rest[e], stiffness)
+    force = spring_pull(gap, cloth.rest[e], bears * controls[STIFFNESS])
     if ti.static(stages.spring_damping):
         rate = cloth.velocity[b] - cloth.velocity[a]
-        force += dashpot_pull(gap, rate, stiffness * (controls[STIFFNESS] * controls[DAMPING_TIME]))
+        force += dashpot_pull(gap, rate, bears * (controls[STIFFNESS] * controls[DAMPING_TIME]))
     if ti.static(stages.bending and cloth.in_lanes):
         force += times(gap, cloth.bonds.stiffness[e] * controls[STIFFNESS])
     return force

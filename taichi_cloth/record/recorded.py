@@ -78,8 +78,8 @@ class Recorded(Simulation):
             self.take.add("change", scene_to_toml(self.scene))
         self.take.add("load", state)
 
-    def advance_frame(self) -> None:
-        super().advance_frame()
+    def _end_frame(self) -> None:
+        super()._end_frame()
         self.take.frames += 1
 
     def reset(self) -> None:

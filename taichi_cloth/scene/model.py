@@ -147,6 +147,12 @@ class Fabric:
     shear: float = _key(1000.0, "the same along the diagonals of each cell", "N/m", low=0.0, high=1e9)
     bend: float = _key(20.0, "the same for particles two apart: no linear bending", "N/m", low=0.0, high=1e9)
     bending: float = _key(0.0, "resistance of the sheet to bending, whatever the grid", "N·m", low=0.0, high=1e6)
+    compression: float = _key(
+        1.0,
+        "share of its constant with which a spring resists being shortened: 0 for threads that go slack",
+        low=0.0,
+        high=1.0,
+    )
     damping_time: float = _key(0.0, "a spring's dashpot is this times its constant", "s", low=0.0, high=1.0)
     preset: str = _key(
         "",
@@ -347,6 +353,7 @@ class SelfCollision:
         0.05, "how far the cloth keeps off itself", "m", low=0.0, high=10.0, above_low=True, slider=(0.005, 0.2)
     )
     friction: float = _key(0.3, "Coulomb coefficient of cloth on cloth", low=0.0, high=1e6)
+    untangle: bool = _key(False, "lets go what is through itself already, until it is not any more")
     contacts: str = _key(
         "particles",
         "particles keep off particles (for a thickness like a cell's side), or triangles off particles and edges off"

@@ -1,6 +1,7 @@
 """What a solver is given, what it must offer, and the frame that all of them share."""
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any, ClassVar
@@ -46,6 +47,7 @@ class Stages:
     distances: Distances | None = None  # to the meshes
     swept: bool = False  # ways are tested too, of one of them at least
     triangles: bool = False  # whole triangles are kept out too, by one of them at least
+    slack: bool = False  # springs resist being shortened by a share only
     spring_damping: bool = False
     strain_limit: int = 0  # sweeps
     tethers: bool = False
@@ -53,6 +55,7 @@ class Stages:
     grips: bool = False
     self_collision: bool = False
     self_triangles: bool = False  # between triangles and edges too, not particles alone
+    untangles: bool = False  # contact lets go where the cloth is through itself
     bending: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
     constrained: bool = True  # something needs to know where a particle was a substep ago
@@ -73,11 +76,26 @@ class FrameInput:
     held: int  # how many particles the hand holds
     controls: NDArray[np.float32]  # (controls.COUNT,)
     bodies: NDArray[np.float32]  # (colliders, BODY_COLUMNS)
+    span: tuple[int, int] = (0, 0)  # from which substep up to which; all, if there are none in it
+
+    @property
+    def first(self) -> int:
+        """The substep to begin with."""
+        return self.span[0]
+
+    @property
+    def last(self) -> int:
+        """The one not to run any more."""
+        return self.span[1] or self.substeps
+
+    def one_by_one(self) -> Iterator["FrameInput"]:
+        """Its substeps, which give the same bits as all at once."""
+        return (replace(self, span=(s, s + 1)) for s in range(self.substeps))
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """All of it in the order above, as `run_frame` takes it."""
-        return tuple(getattr(self, f.name) for f in dataclasses.fields(self))
+        """All of it in the order above but for the span, as `run_frame` takes it."""
+        return tuple(getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "span")
 
     @property
     def steering(self) -> dict[str, Any]:
@@ -99,7 +117,8 @@ def run_frame(
     cloth: ti.template(),
     work: ti.template(),
     stages: ti.template(),
-    closing: int,
+    first: int,
+    last: int,
     substeps: int,
     iterations: int,
     h: float,
@@ -109,13 +128,13 @@ def run_frame(
 ):
     """A whole frame in one launch, serial: a launch for every colour of every iteration would cost 20 times as much.
 
-    `work` is the layout that is moved: the cloth itself, or its strips. `closing`: calls of `before` after the last
-    substep.
+    `work` is the layout that is moved: the cloth itself, or its strips. Substeps are those from `first` up to `last`;
+    of one behind the frame's there is only `before`.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
         load(work, cloth, stages)
-        for s in range(substeps + closing):
+        for s in range(first, last):
             now = ti.static(Substep(s, substeps, h, held, controls, bodies))
             before(work, stages, now)
             if s < substeps:
@@ -220,15 +239,20 @@ class Solver:
             self._advance_in_parallel(frame)
         else:
             parts = (self.before, self.sweep, self.after)
-            run_frame(*parts, self.cloth, self.work, self.stages, int(self.closing), *frame.arguments)
+            last = frame.last + self._closes(frame)
+            run_frame(*parts, self.cloth, self.work, self.stages, frame.first, last, *frame.arguments)
+
+    def _closes(self, frame: FrameInput) -> bool:
+        """Whether one more `before` follows."""
+        return self.closing and frame.last == frame.substeps
 
     def _advance_in_parallel(self, frame: FrameInput) -> None:
         """The same frame as one queue of launches."""
         sweeps = frame.iterations if self.iterates else 0
         parts: list[tuple[Any, int]] = []
-        for s in range(frame.substeps):
+        for s in range(frame.first, frame.last):
             parts += [(self.before, s), *[(self.sweep, s)] * sweeps, (self.after, s)]
-        if self.closing:
+        if self._closes(frame):
             parts.append((self.before, frame.substeps))
         self.launches.run(parts, frame.steering)
 

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.tangles import find_tangles
 from ..kernels.chains import begin_frame, forget_chains, solve_chains
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
@@ -132,6 +133,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     h, kept = now.h * LENGTH, 1.0
     if is_first(now):
         kept = now.controls[KEPT]
+    find_tangles(cloth, stages, now)
     coast(cloth, kept, h)
     lead_held(cloth, stages, now, end_of(now))
     add_air(cloth, stages, ti.static(now._replace(h=2.0 * now.h)), 0.5 * end_of(now))
@@ -195,4 +197,5 @@ class Lines(Solver):
     def advance_frame(self, frame: FrameInput) -> None:
         controls = frame.controls.copy()
         controls[KEPT] = sqrt(controls[KEPT])  # half of it before a substep and half behind
-        super().advance_frame(replace(frame, substeps=2 * frame.substeps, h=frame.h / 2, controls=controls))
+        span = (2 * frame.span[0], 2 * frame.span[1])
+        super().advance_frame(replace(frame, substeps=2 * frame.substeps, h=frame.h / 2, controls=controls, span=span))

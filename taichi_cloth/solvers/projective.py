@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.tangles import find_tangles
 from ..kernels.conjugate import MOST_PRODUCTS, PARTIAL_SUMS, begin_search, find_way, search_on
 from ..kernels.controls import KEPT, STIFFNESS, row, table
 from ..kernels.forces import add_air, take_force
@@ -49,6 +50,7 @@ PRODUCTS_A_LOOK = 8  # of the matrix and a direction, between two looks at how f
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Every particle to y, where it would be without springs, and what is held to the hand."""
+    find_tangles(cloth, stages, now)
     add_air(cloth, stages, now, now.s)
     add_repulsion(cloth, stages, now, now.s)
     move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)
@@ -219,7 +221,7 @@ class Projective(Solver):
         factor = self._factorised(frame.h**2 * float(frame.controls[STIFFNESS]))
         both = np.zeros((3, self._topology.particle_count), np.float32)
         substeps, iterations, h, *steering = frame.arguments
-        for s in range(substeps):
+        for s in range(frame.first, frame.last):
             here = (self.cloth, self.stages, s, substeps, h, *steering)
             run_serially(self.before, *here)
             both.fill(0.0)
@@ -232,7 +234,7 @@ class Projective(Solver):
     def _advance_by_searching(self, frame: FrameInput) -> None:
         search = self.work.search
 
-        for s in range(frame.substeps):
+        for s in range(frame.first, frame.last):
 
             def run(*parts: Any, s: int = s) -> None:
                 self.launches.run([(part, s) for part in parts], frame.steering)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.tangles import find_tangles
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
 from ..kernels.grab import lead_held
@@ -98,6 +99,7 @@ def add_slope(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
 @ti.func
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """One substep."""
+    find_tangles(cloth, stages, now)
     begin(cloth)
     if ti.static(cloth.gathers):  # its loops are parallel: they may not stand in another
         for stage in ti.static(range(4)):

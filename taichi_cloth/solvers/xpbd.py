@@ -7,6 +7,7 @@ import taichi as ti
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.tangles import find_tangles
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
 from ..kernels.grab import lead_held
@@ -18,6 +19,7 @@ from .base import Solver
 
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
+    find_tangles(cloth, stages, now)
     add_air(cloth, stages, now, now.s)
     add_repulsion(cloth, stages, now, now.s)
     add_bending(cloth, stages, now.controls, now.h)
@@ -28,14 +30,16 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
 
 @ti.func
 def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Steps (6)–(11), and contact. Velocities (15) take up at once what moves particles."""
+    """Steps (6)–(11), and contact, of the cloth with itself too: a stack is carried, and held by friction, through as
+    many of its layers as there are iterations. Velocities (15) take up at once what moves particles.
+    """
     for_springs(cloth, stages, RELAX_COMPLIANT, now.controls, now.h)
     push_out(cloth, stages, now)
+    keep_apart(cloth, stages, now)
 
 
 @ti.func
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    keep_apart(cloth, stages, now)
     pull_tethers(cloth, stages, now)
     limit_strain(cloth, stages, now.controls, now.h)
 

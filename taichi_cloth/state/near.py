@@ -47,6 +47,7 @@ class Near:
     depths: Any  # by place, sum over the contacts that a particle has a part in, in whole units
     deepest: Any  # by place, the largest of them
     moves: Any  # ivec3 by place, what they move it by, in whole units: the same in whatever order they are added
+    through: Any  # by place, 1 where a cloth goes through itself (`contact/tangles.py`), else 0
     points: Buckets
     sides: Buckets  # the edges, by their middles
     pairs: Candidates  # of particles
@@ -76,6 +77,7 @@ def come_near(work: Any, topology: Topology) -> None:
         (near.flat, flat),
         (near.edges, place[edges]),
         (near.triangles, place[topology.triangles]),
+        (near.through, np.zeros(0)),
     )
     near.longest[None] = float(np.linalg.norm(np.diff(topology.flat[edges], axis=1), axis=2).max(initial=0.0))
     near.listed_for[None] = 0.0  # nothing is listed yet
@@ -111,6 +113,7 @@ def _allocate(work: Any) -> Near:
         depths=fields.numbers(places, kind=ti.i32),
         deepest=fields.numbers(places, kind=ti.i32),
         moves=ti.Vector.field(3, ti.i32, places),
+        through=fields.numbers(places, kind=ti.i32),
         points=_buckets(places),
         sides=_buckets(3 * triangles),
         pairs=_candidates(16 * places),

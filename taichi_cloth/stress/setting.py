@@ -18,6 +18,8 @@ class Setting:
     solver: Solver  # its damping [1/s] is taken where a scene has less, but some
     limit_sweeps: int = 1  # of a limit of strain
     swept: bool = False  # every collider is
+    compression: float = 1.0  # of a fabric that has more
+    untangle: bool = False  # a cloth that keeps off itself does
     cells: int = CELLS
     tear: float | None = None  # strain at which threads give way
 
@@ -26,7 +28,10 @@ class Setting:
         damping = scene.solver.damping and max(scene.solver.damping, self.solver.damping)
         solver = replace(self.solver, damping=damping, stiffness=scene.solver.stiffness)
         limit = scene.limit and replace(scene.limit, sweeps=self.limit_sweeps)
-        scene = replace(scene, solver=solver, limit=limit)
+        fabric = replace(scene.fabric, compression=min(scene.fabric.compression, self.compression))
+        off_itself = scene.self_collision
+        off_itself = off_itself and replace(off_itself, untangle=off_itself.untangle or self.untangle)
+        scene = replace(scene, solver=solver, limit=limit, fabric=fabric, self_collision=off_itself)
         if self.tear is not None:  # what resists bending cannot be cut
             scene = replace(scene, tear=Tear(self.tear), fabric=replace(scene.fabric, bending=0.0))
         if not self.swept:
@@ -48,5 +53,13 @@ USUAL_SETTINGS = {
     name: Setting(name, Solver(name, *usual, damping=0.0), cells=FEWER.get(name, CELLS))
     for name, usual in USUAL.items()
 }
-ROBUST = Setting("robust", Solver("xpbd", 60, 8, damping=4.0), limit_sweeps=160, swept=True)
+# Threads that do not push have an energy without other valleys than its least: no sheet can be knotted.
+ROBUST = Setting(
+    "robust",
+    Solver("xpbd", 60, 8, damping=4.0),
+    limit_sweeps=160,
+    swept=True,
+    compression=0.0,
+    untangle=True,
+)
 SETTINGS = USUAL_SETTINGS | {ROBUST.name: ROBUST}

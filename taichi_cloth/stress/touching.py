@@ -8,6 +8,7 @@ from math import radians
 
 import numpy as np
 
+from ..contact.bodies import pose
 from ..scene.model import FRAME_SECONDS, Box, Capsule, Forces, Ground, Keyframes, Plane, Scene, Sphere
 from .scenes import THICKNESS, off_itself, sheet
 from .setting import CELLS
@@ -94,15 +95,24 @@ def shot(speed: float, radius: float) -> Sphere:
 
 
 def run_past(trial: Trial, seconds: float, most: float = np.inf) -> None:
-    """Runs on, and no particle may go through the ball, nor one be faster than `most` [m/s]."""
+    """Runs on, and no particle may go through the ball, nor one be faster than `most` [m/s].
+
+    It looks after every substep: a frame's straight way may lead through what a particle was flung round.
+    """
     simulation = trial.simulation
+    [ball] = simulation.scene.spheres
     total = 0
-    before = simulation.positions() - simulation.bodies()[0].center
-    for _ in range(round(seconds / FRAME_SECONDS)):
-        trial.one_frame()
-        after = simulation.positions() - simulation.bodies()[0].center
-        total += went_through(before, after, simulation.bodies()[0].size[0])
+    before = simulation.positions() - pose(ball, simulation.seconds)[0]
+
+    def look(share: float) -> None:
+        nonlocal total, before
+        start, end = (pose(ball, simulation.seconds + s)[0] for s in (0.0, FRAME_SECONDS))
+        after = simulation.positions() - (start + share * (end - start))  # straight on within a frame
+        total += went_through(before, after, ball.radius)
         before = after
+
+    for _ in range(round(seconds / FRAME_SECONDS)):
+        trial.one_frame(look=look)
         trial.tell("speed [m/s]", trial.watch.speed, most)
         trial.tell("particles that went through the ball", total, 0)
 
@@ -110,7 +120,7 @@ def run_past(trial: Trial, seconds: float, most: float = np.inf) -> None:
 def went_through(before: Floats, after: Floats, radius: float) -> int:
     """How many went, along z, from one side of a ball to the other within half its radius of the middle.
 
-    Places from its middle [m], (N, 3). What slides around it within a frame has farther to go.
+    Places from its middle [m], (N, 3), before and after a substep. What slides around it has farther to go.
     """
     share = before[:, 2] / np.where(before[:, 2] == after[:, 2], np.inf, before[:, 2] - after[:, 2])
     beside = np.linalg.norm(before[:, :2] + share[:, None] * (after - before)[:, :2], axis=1)

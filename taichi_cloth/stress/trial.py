@@ -113,13 +113,17 @@ class Trial:
         for _ in range(round(seconds / FRAME_SECONDS)):
             self.one_frame(driven=driven)
 
-    def one_frame(self, *, driven: bool = False) -> None:
+    def one_frame(self, *, driven: bool = False, look: Callable[[float], object] | None = None) -> None:
+        """One frame, and the watch looks; `look` does after every substep, as `Simulation.advance_slowly` says."""
         simulation = self.simulation
         self.steps += simulation.substeps * simulation.topology.particle_count
         if self.frame and self.steps > MOST_STEPS:
             raise OutOfTime
         start = time.perf_counter()
-        simulation.advance_frame()
+        if look is None:
+            simulation.advance_frame()
+        else:
+            simulation.advance_slowly(look)
         simulation.positions()  # waits for the frame
         if self.frame:  # the first may compile
             self.seconds += time.perf_counter() - start

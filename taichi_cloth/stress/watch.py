@@ -78,6 +78,8 @@ class Watch:
         self._rest = topology.rest
         self._threads = topology.family("structural") if topology.spring_count else np.zeros(0, np.int64)
         self._stiffness = stiffness_of(simulation.scene, simulation.solver.springs, topology)
+        fabric = simulation.solver.springs == "fabric"
+        self._compression = simulation.scene.fabric.compression if fabric else 1.0  # of shortened springs
         self._constants_of: object = None
 
     def begin(self) -> None:
@@ -130,7 +132,8 @@ class Watch:
         self._lengths = np.sqrt(np.einsum("ij,ij->i", gap, gap))
         bent = np.take(x, self._bonds[1], 0) - np.take(x, self._bonds[0], 0)
         bending = 0.5 * float(topology.bonds.constant @ np.einsum("ij,ij->i", bent, bent))
-        squares = (self._lengths - self._rest) ** 2
+        errors = self._lengths - self._rest
+        squares = errors**2 * np.where(errors < 0, self._compression, 1.0)
         full, acting = self._constants()
         self._elastic = 0.5 * float(full @ squares) + bending
         self._rounding = 2 * float(acting.sum()) * (ROUNDING * float(np.abs(x).max(initial=0.0))) ** 2

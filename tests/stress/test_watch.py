@@ -1,6 +1,7 @@
 """The watch finds each kind of failure when it is fed one, and none where all is well."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -77,6 +78,19 @@ def test_energy_of_a_stretched_spring_is_known() -> None:
     diagonal = cell * (np.sqrt(5) - np.sqrt(2))
     expected = 500 * (along * cell**2 + 2 * 8 * 8 * diagonal**2)
     assert trial.energy() == pytest.approx(expected, rel=1e-4)
+
+
+def test_slack_threads_have_no_energy_where_they_are_short() -> None:
+    """Along its rows half as wide, along its columns twice as high: only springs down the columns are stretched."""
+    for compression in (0.0, 0.25, 1.0):
+        trial = Trial(replace(SETTING, compression=compression), 0)
+        x = trial.open(sheet(8, forces=Forces(gravity=0.0), constant=1000.0), rest=inf)
+        trial.start(x * [0.5, 2.0, 1.0], shake=0.0)
+        cell = 1 / 8
+        diagonal = cell * (np.sqrt(4.25) - np.sqrt(2))
+        expected = 500 * (8 * 8 * cell**2 + 2 * 8 * 8 * diagonal**2 + compression * 8 * 8 * (cell / 2) ** 2)
+        assert trial.energy() == pytest.approx(expected, rel=1e-4)
+        close()
 
 
 def test_what_is_nowhere() -> None:
