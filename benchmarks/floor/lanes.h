@@ -1,7 +1,8 @@
 // As many floats as a register holds, treated at once, and vectors of three of them.
 //
 // GCC's vector extension, which clang has too: eight floats with AVX, four with SSE or NEON, or as many as -DLANES
-// says: wider ones than a register GCC would keep in memory, twice as slow. Only the estimate of an inverse root is particular to a processor.
+// says. What is wider than a register GCC would keep in memory, twice as slow. Only the estimate of an inverse root
+// is particular to a processor.
 #pragma once
 
 #if defined(__SSE2__)

@@ -55,7 +55,7 @@ static direction make_direction(const sheet *s, int first_row, int second_row, i
             int second = place + right, j = at(s, row + second_row, second % s->strip);
             floats w_first = s->inverse_mass[at(s, row + first_row, place)];
             floats w_second = second < s->strip ? s->inverse_mass[j] : from_next_lane(s->inverse_mass[j]);
-            floats share = stiffness * has_right(s, place, right) / (w_first + w_second + 1e-30f);  // 0 if both are held
+            floats share = stiffness * has_right(s, place, right) / (w_first + w_second + 1e-30f);  // 0: both held
             d.shares[row * s->strip + place] = (shares){share * w_first, share * w_second};
         }
     return d;
