@@ -19,7 +19,7 @@ static const float STRUCTURAL = 2000, SHEAR = 1000, BEND = 20;   // [N/m]
 
 // Spring constants [N/m] at one place, 0 in lanes where the sheet ends before the spring does.
 typedef struct {
-    v8 along, diagonal, skip;
+    floats along, diagonal, skip;
 } constants;
 
 typedef struct {
@@ -39,7 +39,7 @@ static cloth lay(arguments a) {
     for (int i = 0; i < 3; i++) c.force[i] = zeros(s->stride, sizeof(vec));
     c.k = zeros(s->strip, sizeof(constants));
     for (int p = 0; p < s->strip; p++) {
-        v8 next = has_right(s, p, 1), after_next = has_right(s, p, 2);
+        floats next = has_right(s, p, 1), after_next = has_right(s, p, 2);
         c.k[p] = (constants){STRUCTURAL * next, SHEAR * next, BEND * after_next};
     }
     for (int row = 0; row < s->rows; row++) copy_halo(s, s->x, row);
@@ -49,7 +49,7 @@ static cloth lay(arguments a) {
 }
 
 // Adds the force of the spring between p and q to both ends.
-INLINE void attract(vec p, vec q, v8 k, v8 rest, vec *on_p, vec *on_q) {
+INLINE void attract(vec p, vec q, floats k, floats rest, vec *on_p, vec *on_q) {
     vec gap = sub(q, p);
     vec pull = scale(gap, k * (1 - rest * inverse_root(squared(gap))));
     *on_p = add(*on_p, pull);
@@ -62,7 +62,7 @@ INLINE void gather_springs(const cloth *c, int row, int rows_below, vec *force, 
     const sheet *s = &c->sheet;
     const vec *x = s->x + at(s, row, 0);
     const vec *x_below = rows_below >= 1 ? x + s->stride : x, *x_after = rows_below >= 2 ? x + 2 * s->stride : x;
-    v8 side = splat(s->side), diagonal = splat(s->side * sqrtf(2)), skip = splat(2 * s->side);
+    floats side = splat(s->side), diagonal = splat(s->side * sqrtf(2)), skip = splat(2 * s->side);
     vec p = x[0], on_p = force[0], right = x[1], on_right = force[1], down = x_below[0], on_down = force_below[0];
     for (int i = 0; i < s->strip; i++) {
         vec after = x[i + 2], on_after = force[i + 2];

@@ -72,8 +72,8 @@ static inline int report(const char *program, arguments a, const sheet *s, doubl
         }
     if (!isfinite(height)) stop(1, "the cloth blew up: its step is too long for its springs; more substeps");
     qsort(ms, a.frames, sizeof(double), compare);
-    printf("{\"program\": \"%s\", \"rows\": %d, \"columns\": %d, \"substeps\": %d, \"iterations\": %d, \"frames\": %d, ",
-           program, a.rows, a.columns, a.substeps, a.iterations, a.frames);
+    printf("{\"program\": \"%s\", \"lanes\": %d, \"rows\": %d, \"columns\": %d, ", program, LANES, a.rows, a.columns);
+    printf("\"substeps\": %d, \"iterations\": %d, \"frames\": %d, ", a.substeps, a.iterations, a.frames);
     printf("\"median_ms\": %.5f, \"best_ms\": %.5f, \"p95_ms\": %.5f, \"max_strain\": %.6g, \"mean_height\": %.7g",
            (ms[(a.frames - 1) / 2] + ms[a.frames / 2]) / 2, ms[0], ms[(95 * a.frames + 99) / 100 - 1], largest, height);
     for (int i = 0; a.dump && i < s->rows * s->columns; i++) {

@@ -25,7 +25,7 @@ static const float BALL_REACH = 0.75f;                           // [m] radius a
 
 // What of a spring's length error each end takes: stiffness · w / (w_first + w_second), 0 where there is no spring.
 typedef struct {
-    v8 first, second;
+    floats first, second;
 } shares;
 
 // All springs of one direction: from place p of row r + first_row to place p + right of row r + second_row.
@@ -39,7 +39,7 @@ typedef struct {
     sheet sheet;
     vec *x_before;  // [m] where the particles were a substep ago
     vec *force[2];  // [N] of the air on the row that is stepped and on the one below it
-    v8 *has_cell;   // by place: 1 in lanes with a cell between this column and the next, else 0
+    floats *has_cell;   // by place: 1 in lanes with a cell between this column and the next, else 0
     direction directions[6];
     float h, kept;  // [s] substep; share of velocity left after it
     double time;    // [s]
@@ -53,9 +53,9 @@ static direction make_direction(const sheet *s, int first_row, int second_row, i
     for (int row = 0; row + down < s->rows; row++)
         for (int place = 0; place < s->strip; place++) {
             int second = place + right, j = at(s, row + second_row, second % s->strip);
-            v8 w_first = s->inverse_mass[at(s, row + first_row, place)];
-            v8 w_second = second < s->strip ? s->inverse_mass[j] : from_next_lane(s->inverse_mass[j]);
-            v8 share = stiffness * has_right(s, place, right) / (w_first + w_second + 1e-30f);  // 0 if both are held
+            floats w_first = s->inverse_mass[at(s, row + first_row, place)];
+            floats w_second = second < s->strip ? s->inverse_mass[j] : from_next_lane(s->inverse_mass[j]);
+            floats share = stiffness * has_right(s, place, right) / (w_first + w_second + 1e-30f);  // 0: both held
             d.shares[row * s->strip + place] = (shares){share * w_first, share * w_second};
         }
     return d;
@@ -68,7 +68,7 @@ static cloth hang(arguments a) {
     c.x_before = zeros((size_t)s->rows * s->stride, sizeof(vec));
     memcpy(c.x_before, s->x, (size_t)s->rows * s->stride * sizeof(vec));
     for (int i = 0; i < 2; i++) c.force[i] = zeros(s->stride, sizeof(vec));
-    c.has_cell = zeros(s->strip, sizeof(v8));
+    c.has_cell = zeros(s->strip, sizeof(floats));
     for (int place = 0; place < s->strip; place++) c.has_cell[place] = has_right(s, place, 1);
     c.directions[0] = make_direction(s, 0, 0, 1, STRUCTURAL);
     c.directions[1] = make_direction(s, 0, 1, 0, STRUCTURAL);
@@ -82,14 +82,14 @@ static cloth hang(arguments a) {
 }
 
 // Moves `first` and returns how far `second` is to be moved back (Müller 2007, eq. 10-11).
-INLINE vec project(vec *first, vec second, shares share, v8 rest) {
+INLINE vec project(vec *first, vec second, shares share, floats rest) {
     vec gap = sub(second, *first);
-    v8 error = 1 - rest * inverse_root(squared(gap));  // of the gap's length, as a part of it
+    floats error = 1 - rest * inverse_root(squared(gap));  // of the gap's length, as a part of it
     *first = add(*first, scale(gap, error * share.first));
     return scale(gap, error * share.second);
 }
 
-INLINE void relax_inside(vec *first, vec *second, shares share, v8 rest) {
+INLINE void relax_inside(vec *first, vec *second, shares share, floats rest) {
     vec p = *first, q = *second;
     vec back = project(&p, q, share, rest);
     *first = p;
@@ -97,7 +97,7 @@ INLINE void relax_inside(vec *first, vec *second, shares share, v8 rest) {
 }
 
 // The same over the border of a strip: `second` is one lane further.
-INLINE void relax_border(vec *first, vec *second, shares share, v8 rest) {
+INLINE void relax_border(vec *first, vec *second, shares share, floats rest) {
     vec p = *first;
     vec back = project(&p, vec_from_next_lane(*second), share, rest);
     *first = p;
@@ -107,7 +107,7 @@ INLINE void relax_border(vec *first, vec *second, shares share, v8 rest) {
 // Springs along rows. A strip is a multiple of four places, so that even and odd are the same in all lanes and
 // only odd ones reach over its border.
 INLINE void relax_along(const sheet *s, const direction *d, int right) {
-    v8 rest = splat(d->rest);
+    floats rest = splat(d->rest);
     for (int odd = 0; odd < 2; odd++)
         for (int row = 0; row < s->rows; row++) {
             vec *x = s->x + at(s, row, 0);
@@ -121,7 +121,7 @@ INLINE void relax_along(const sheet *s, const direction *d, int right) {
 
 // Springs from a row to one below it; `right` is 0 or 1.
 INLINE void relax_down(const sheet *s, const direction *d, int down, int right) {
-    v8 rest = splat(d->rest);
+    floats rest = splat(d->rest);
     for (int odd = 0; odd < 2; odd++)
         for (int row = 0; row + down < s->rows; row++) {
             if (row / down % 2 != odd) continue;
@@ -136,10 +136,10 @@ static void push_out(const sheet *s, vec ball) {
     for (int row = 0; row < s->rows; row++)
         for (int i = at(s, row, 0); i < at(s, row, s->strip); i++) {
             vec away = sub(s->x[i], ball);
-            v8 square = squared(away);
-            v8i inside = (square < BALL_REACH * BALL_REACH) & (s->inverse_mass[i] > 0);
+            floats square = squared(away);
+            ints inside = (square < BALL_REACH * BALL_REACH) & (s->inverse_mass[i] > 0);
             if (!any(inside)) continue;
-            v8 stretch = where(inside, BALL_REACH * inverse_root(square) - 1);
+            floats stretch = where(inside, BALL_REACH * inverse_root(square) - 1);
             s->x[i] = add(s->x[i], scale(away, stretch));
         }
 }
@@ -161,8 +161,8 @@ INLINE vec air_on(vec a, vec b, vec c, vec v_a, vec v_b, vec v_c) {
     vec n = scale(cross(sub(b, a), sub(c, a)), splat(0.5f));
     vec v = scale(add(add(v_a, v_b), v_c), splat(1 / 3.0f));
     vec u = sub((vec){splat(WIND_X), splat(0), splat(WIND_Z)}, v);
-    v8 u_u = squared(u), d = dot(n, u);
-    v8 common = (0.5f * AIR_DENSITY / 3) * d * inverse_root(u_u * squared(n) + 1e-30f);  // d / (A·|u|)
+    floats u_u = squared(u), d = dot(n, u);
+    floats common = (0.5f * AIR_DENSITY / 3) * d * inverse_root(u_u * squared(n) + 1e-30f);  // d / (A·|u|)
     return add(scale(u, (DRAG - LIFT) * common * d), scale(n, LIFT * common * u_u));
 }
 

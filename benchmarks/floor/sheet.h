@@ -1,7 +1,7 @@
-// A flat cloth of square cells, cut into eight upright strips: each lane of a vector is one strip.
+// A flat cloth of square cells, cut into LANES upright strips: each lane of a vector is one strip.
 //
 // Column j of the cloth is place j % strip of lane j / strip. A spring between two places of a row is then the
-// same expression for eight particles; only springs over the right border of a strip look into the next lane.
+// same expression for LANES particles; only springs over the right border of a strip look into the next lane.
 #pragma once
 
 #include <stdint.h>
@@ -17,7 +17,7 @@ typedef struct {
     int stride;        // from a row to the one below it, in places: strip + HALO
     float side;        // [m] of a cell
     vec *x;            // [m] where the particles are
-    v8 *inverse_mass;  // [1/kg] 0 where a particle is held, and in lanes beyond the last column
+    floats *inverse_mass;  // [1/kg] 0 where a particle is held, and in lanes beyond the last column
 } sheet;
 
 INLINE int at(const sheet *s, int row, int place) { return row * s->stride + place; }
@@ -30,8 +30,8 @@ static inline void *zeros(size_t count, size_t size) {
 }
 
 // 1 in the lanes whose particle has another one `right` columns on, 0 in the others.
-static inline v8 has_right(const sheet *s, int place, int right) {
-    v8 has;
+static inline floats has_right(const sheet *s, int place, int right) {
+    floats has;
     for (int lane = 0; lane < LANES; lane++) has[lane] = lane * s->strip + place + right < s->columns;
     return has;
 }
@@ -54,7 +54,7 @@ static inline sheet make_sheet(int rows, int columns, int unit, float width, flo
     s.strip = ((columns + LANES - 1) / LANES + unit - 1) / unit * unit;
     s.stride = s.strip + HALO;
     s.x = zeros((size_t)rows * s.stride, sizeof(vec));
-    s.inverse_mass = zeros((size_t)rows * s.stride, sizeof(v8));
+    s.inverse_mass = zeros((size_t)rows * s.stride, sizeof(floats));
     for (int row = 0; row < rows; row++)
         for (int place = 0; place < s.strip; place++)
             for (int lane = 0; lane < LANES; lane++) {

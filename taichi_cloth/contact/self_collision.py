@@ -34,7 +34,7 @@ from .candidates import (
 
 # Whole numbers to a thickness: of moves, and of depths, of which thousands add up.
 UNITS, DEPTH_UNITS = 1 << 20, 1 << 12
-APART = 0.5  # [m/s] how fast what lies too near is moved apart; what comes nearer is stopped at any speed
+APART = 1.5  # [m/s] how fast what lies too near is moved apart: at 1.0 the ball of `stack` goes through sheets
 NEIGHBOURS = 1.01  # thicknesses apart on the flat sheet: rounding must not make contacts of neighbours
 
 

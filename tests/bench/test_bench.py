@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from taichi_cloth import cli
-from taichi_cloth.bench import cases, floor, report
+from taichi_cloth.bench import cases, floor, registers, report
 from taichi_cloth.bench.cases import Case
 from taichi_cloth.bench.children import ChildFailed, bench, steps
 from taichi_cloth.bench.report import Row, StageRow
@@ -51,7 +52,9 @@ def measured() -> Measured:
 def test_a_row_has_every_number_and_all_are_finite(measured: Measured) -> None:
     for row in measured[0][:2]:
         told = {name: value for name, value in asdict(row).items() if value is not None}
-        not_here = {"over_c", "under_javascript", "error"} | ({"stretch"} if row.scene == "sheet" else set())
+        not_here = {"over_c", "over_narrow_c", "under_javascript", "error"} | (
+            {"stretch"} if row.scene == "sheet" else set()
+        )
         assert {field.name for field in fields(Row)} - set(told) == not_here
         numbers = [value for value in told.values() if not isinstance(value, str)]
         assert all(isfinite(value) for value in numbers)
@@ -81,14 +84,15 @@ def test_without_a_compiler_the_floor_is_a_dash_and_the_reason_a_line(
     measured: Measured, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows, stages, missing = measured
-    assert report.cells(rows[0])[9:11] == ["-", "-"]
-    report.print_report(rows, stages, missing)
+    assert report.cells(rows[0])[9:12] == ["-", "-", "-"]
+    report.print_report(rows, stages, missing, 4)
     lines = capsys.readouterr().out.splitlines()
     assert "C: no compiler ($CC, cc, gcc, clang)" in lines
     assert " ".join(report.HEADINGS).split() in [line.split() for line in lines[:2]]
     assert any(line.lstrip().startswith("without wind") for line in lines)
     assert any(line.lstrip().startswith("with limit") for line in lines)
     assert any(line.lstrip().startswith("ball with reflection") for line in lines)
+    assert lines[-2] == "Taichi's kernels here: 4 floats at once"
     assert " cores · Python 3." in lines[-1]
     assert "Taichi 1." in lines[-1]
 
@@ -97,7 +101,7 @@ def test_a_measurement_that_fails_says_why_and_the_others_go_on(measured: Measur
     row = measured[0][2]
     assert (row.solver, row.path, row.median_ms) == ("verlet", "tapestry", None)
     assert "verlet has no path 'tapestry'" in str(row.error)
-    assert report.cells(row)[5:] == ["-"] * 12
+    assert report.cells(row)[5:] == ["-"] * 13
     assert list(report.failures(measured[0], measured[1])) == ["verlet 7×5 tapestry, failed"]
 
 
@@ -109,12 +113,13 @@ def test_csv_and_json_read_back(measured: Measured, tmp_path: Path) -> None:
     assert [line["solver"] for line in lines] == ["verlet", "spring", "verlet"]
     assert float(lines[0]["median_ms"]) == rows[0].median_ms
     assert lines[0]["over_c"] == ""
-    report.write_json(tmp_path / "b.json", rows, stages, missing)
+    report.write_json(tmp_path / "b.json", rows, stages, missing, 8)
     told = json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))
     assert [Row(**row) for row in told["rows"]] == rows
     assert [StageRow(**row) for row in told["stages"]] == stages
     assert told["machine"] == report.machine()
     assert told["missing"] == missing
+    assert told["floats_at_once"] == 8
 
 
 @pytest.mark.skipif(not floor.FLOOR.exists(), reason="an installed wheel has no benchmarks")
@@ -123,19 +128,55 @@ def test_the_floor_is_timed_at_the_same_numbers(tmp_path: Path) -> None:
         "class FloorError(Exception): pass\n"
         "def time_floor(*numbers):\n"
         "    if numbers[0] == 'explicit': raise FloorError('it does not compile')\n"
-        "    return None if numbers[0] == 'frame' else {'median_ms': sum(numbers[1:])}\n"
+        "    return None if numbers[0] == 'frame' else {'median_ms': sum(numbers[1:]), 'lanes': 8}\n"
     )
     timer = floor.FloorTimer(tmp_path / "floor.py")
     assert timer.median_ms("relax", 24, 30, 5, 12, 40) == 24 + 30 + 5 + 12 + 40
+    assert timer.narrow_ms("relax", 24, 30, 5, 12, 40) == 24 + 30 + 5 + 12 + 40 + 4
     assert timer.median_ms("frame", 24, 30, 5, 12, 40) is None
     assert timer.median_ms("explicit", 24, 30, 60, 1, 40) is None
+    assert timer.narrow_ms("explicit", 24, 30, 60, 1, 40) is None
     assert timer.missing == {"JavaScript": "no node", "explicit 30×24": "it does not compile"}
+
+
+def test_where_registers_hold_four_floats_one_ratio_to_c_is_enough(tmp_path: Path) -> None:
+    (tmp_path / "floor.py").write_text(
+        "FloorError = ValueError\ndef time_floor(*numbers): return {'median_ms': 1.5, 'lanes': 4}\n"
+    )
+    timer = floor.FloorTimer(tmp_path / "floor.py")
+    assert timer.median_ms("relax", 24, 30, 5, 12, 40) == 1.5
+    assert timer.narrow_ms("relax", 24, 30, 5, 12, 40) is None
+    assert timer.missing == {"÷ C 4": "C takes 4 floats at once here anyway"}
 
 
 def test_a_wheel_has_no_floor(tmp_path: Path) -> None:
     timer = floor.FloorTimer(tmp_path / "floor.py")
     assert timer.median_ms("relax", 24, 30, 5, 12, 40) is None
     assert timer.missing == {"C, JavaScript": "benchmarks/floor is only in a checkout"}
+
+
+@pytest.mark.parametrize(
+    ("assembly", "floats"),
+    [
+        ("addss %xmm0, %xmm1", None),
+        ("addps %xmm0, %xmm0", 4),
+        ("vaddps (%rdi), %ymm0, %ymm1\nvaddps %xmm0, %xmm1, %xmm2", 8),
+        ("vaddps %zmm0, %zmm0, %zmm1", 16),
+        ("fadd v0.4s, v0.4s, v0.4s", None),
+    ],
+)
+def test_the_widest_sum_in_assembly(assembly: str, floats: int | None) -> None:
+    assert registers.widest(assembly) == floats
+
+
+def test_taichi_tells_how_many_floats_it_treats_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    known = registers.floats_at_once()
+    assert known in ((4, 8, 16) if platform.machine() in ("x86_64", "AMD64") else (None,))
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "no-python"))
+    assert registers.floats_at_once() is None
 
 
 @pytest.mark.parametrize(
