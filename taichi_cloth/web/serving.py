@@ -57,7 +57,7 @@ class Serving:
             self._published.pop("panel", None)  # what could not be had is not chosen
 
     def hear(self) -> None:
-        """Does all that pages said."""
+        """Does all that pages said of this scene; a hand that opened while it changed lets go all the same."""
         while True:
             try:
                 visitor, said = self.hub.inbox.get_nowait()
@@ -65,7 +65,7 @@ class Serving:
                 return
             if said is None:
                 self._visitors.left(visitor)
-            elif said.of == self._telling.number and self._telling.holds:
+            elif said.what == "lift" or (said.of == self._telling.number and self._telling.holds):
                 try:
                     self._visitors.do(visitor, said)
                 except Malformed as wrong:

@@ -144,3 +144,21 @@ def test_the_particle_under_the_cursor_or_in_the_hand_is_pinned(room: Room) -> N
     assert {*room.session.simulation.added_pins.tolist()} == {60, 75}
     room.say(1, "pin", replace(room.particle(75), cursor=(0.01, 0.01)))
     assert room.session.note == "no cloth under the cursor to pin"
+
+
+def test_what_was_asked_of_a_scene_that_is_gone_is_not_done(room: Room) -> None:
+    room.say(1, "choose", ("scene", "drape15"))
+    room.say(1, "switch", {"ground": False})
+    room.session.do_asked()
+    assert room.session.simulation.scene.name == "drape15"
+    assert room.session.simulation.scene.ground is not None
+    assert room.session.note == ""
+
+
+def test_what_is_asked_many_times_is_done_once(room: Room) -> None:
+    done: list[str] = []
+    for _ in range(100):
+        room.session.wait("times of the stages", lambda: done.append("timed"))
+    assert room.session.do_asked()
+    assert done == ["timed"]
+    assert not room.session.do_asked()

@@ -1,0 +1,69 @@
+"""The simulation of a server, without one: what is heard when."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from queue import SimpleQueue
+from typing import Any, cast
+
+import pytest
+
+from taichi_cloth.scene import load_scene
+from taichi_cloth.view.session import Session
+from taichi_cloth.web.hub import Came, Hub
+from taichi_cloth.web.serving import Serving
+from taichi_cloth.web.words import Look, Said
+
+
+class Silent:
+    """A hub without a network."""
+
+    def __init__(self) -> None:
+        self.inbox: SimpleQueue[Came] = SimpleQueue()
+        self.turned_at = 0.0
+        self.visitors = 1
+        self.told: list[str] = []
+
+    def publish(self, kind: str, data: bytes) -> None:
+        self.told.append(kind)
+
+    def tell(self, visitor: int, data: bytes) -> None:
+        self.told.append(f"{visitor}")
+
+
+@pytest.fixture
+def serving() -> Iterator[Serving]:
+    scene = load_scene("curtain")
+    session = Session(replace(scene, cloth=replace(scene.cloth, rows=9, columns=11), wind=None, spheres=()), "list")
+    yield Serving(session, cast(Hub, Silent()))
+    session.close()
+
+
+def say(serving: Serving, what: str, value: Any, of: int) -> None:
+    serving.hub.inbox.put((1, Said(what, value, of)))
+    serving.turn(time.perf_counter(), 1)
+
+
+def test_a_hand_that_opens_while_the_method_changes_lets_go(serving: Serving) -> None:
+    session = serving.session
+    camera, place = session.camera, session.simulation.positions()[60]
+    screen, _ = camera.to_screen(place, 640 / 360)
+    look = Look(
+        (float(screen[0, 0]), float(screen[0, 1])),
+        (640, 360),
+        camera.azimuth,
+        camera.elevation,
+        camera.distance,
+        (float(camera.target[0]), float(camera.target[1]), float(camera.target[2])),
+    )
+    say(serving, "press", look, 0)
+    assert session.simulation.grabbed_by(0) == 60
+    say(serving, "choose", ("solver", "spring"), 0)
+    assert session.simulation.solver.name == "spring"
+    assert session.simulation.grabbed_by(0) == 60, "it keeps what it holds"
+    say(serving, "set", ("gravity", 1.0), 0)  # of the cloth as it was
+    assert session.simulation.get("gravity") != 1.0
+    say(serving, "lift", None, 0)
+    assert session.simulation.grabbed_by(0) is None
