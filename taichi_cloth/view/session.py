@@ -77,7 +77,7 @@ class Session:
         self.note = ""  # one line for the user
         self.size = (1280, 720)  # [pixels] of the last picture
         self.pointer = Pointer()
-        self._asked: dict[str, Callable[[], None]] = {}
+        self._asked: list[Callable[[], None]] = []
         self.keepsakes = Keepsakes(out)
         self._first = scene
         self._path = path
@@ -153,17 +153,19 @@ class Session:
             self.wait(SLOW["stage"], partial(self.switch, stages))
 
     def wait(self, what: str, do: Callable[[], None]) -> None:
-        """Does it, once, when a picture has told `what` the user waits for."""
+        """Does it when a picture has told `what` the user waits for."""
         self.note = f"{what}: compiling; the first time the picture stands still for some seconds"
-        self._asked[what] = do
+        self._asked.append(do)
+
+    @property
+    def waits(self) -> bool:
+        """Whether anything waits for a picture to be shown."""
+        return bool(self._asked)
 
     def do_asked(self) -> bool:
         """What waited for a picture to be shown; whether anything did."""
-        asked, self._asked = self._asked, {}
-        simulation = self.simulation
-        for do in asked.values():
-            if self.simulation is not simulation:
-                break  # it was asked of a scene that is gone
+        asked, self._asked = self._asked, []
+        for do in asked:
             self.note = ""
             do()
         return bool(asked)

@@ -122,11 +122,12 @@ def test_only_what_there_is_may_be_chosen(room: Room) -> None:
 
 def test_choices_wait_until_the_note_was_told(room: Room) -> None:
     room.say(1, "choose", ("solver", "spring"))
-    room.say(1, "switch", {"ground": False})
-    assert room.session.note.startswith("other stages: compiling")
+    assert room.session.note.startswith("spring: compiling")
     assert room.session.simulation.solver.name == "verlet"
     room.session.do_asked()
     assert room.session.simulation.solver.name == "spring"
+    room.say(1, "switch", {"ground": False})
+    room.session.do_asked()
     assert room.session.simulation.scene.ground is None
     room.say(1, "press", room.particle(60))
     room.say(1, "choose", ("scene", "drape15"))
@@ -146,19 +147,15 @@ def test_the_particle_under_the_cursor_or_in_the_hand_is_pinned(room: Room) -> N
     assert room.session.note == "no cloth under the cursor to pin"
 
 
-def test_what_was_asked_of_a_scene_that_is_gone_is_not_done(room: Room) -> None:
+def test_pages_stand_still_for_one_thing_at_a_time(room: Room) -> None:
     room.say(1, "choose", ("scene", "drape15"))
-    room.say(1, "switch", {"ground": False})
+    for what, value in (("switch", {"ground": False}), ("choose", ("solver", "spring")), ("do", "time_stages")):
+        room.say(2, what, value)
+    room.say(2, "do", "freeze")
     room.session.do_asked()
-    assert room.session.simulation.scene.name == "drape15"
-    assert room.session.simulation.scene.ground is not None
-    assert room.session.note == ""
-
-
-def test_what_is_asked_many_times_is_done_once(room: Room) -> None:
-    done: list[str] = []
-    for _ in range(100):
-        room.session.wait("times of the stages", lambda: done.append("timed"))
-    assert room.session.do_asked()
-    assert done == ["timed"]
-    assert not room.session.do_asked()
+    assert not room.session.waits
+    assert room.session.frozen
+    scene = room.session.simulation.scene
+    assert (scene.name, scene.solver.name) == ("drape15", "verlet")
+    assert scene.ground is not None
+    assert room.session.stage_times is None
