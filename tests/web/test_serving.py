@@ -67,3 +67,12 @@ def test_a_hand_that_opens_while_the_method_changes_lets_go(serving: Serving) ->
     assert session.simulation.get("gravity") != 1.0
     say(serving, "lift", None, 0)
     assert session.simulation.grabbed_by(0) is None
+
+
+def test_another_scene_comes_with_its_panel_and_its_figures(serving: Serving) -> None:
+    serving.turn(10.0, 1)
+    serving.session.change_solver("spring")
+    told = cast(Silent, serving.hub).told
+    told.clear()
+    serving.turn(10.001, 1)
+    assert [kind for kind in told if kind != "moment"] == ["scene", "panel", "figures"]
