@@ -8,6 +8,7 @@ from dataclasses import replace
 from queue import SimpleQueue
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from taichi_cloth.scene import load_scene
@@ -25,9 +26,11 @@ class Silent:
         self.turned_at = 0.0
         self.visitors = 1
         self.told: list[str] = []
+        self.newest: dict[str, bytes] = {}
 
     def publish(self, kind: str, data: bytes) -> None:
         self.told.append(kind)
+        self.newest[kind] = data
 
     def tell(self, visitor: int, data: bytes) -> None:
         self.told.append(f"{visitor}")
@@ -76,3 +79,21 @@ def test_another_scene_comes_with_its_panel_and_its_figures(serving: Serving) ->
     told.clear()
     serving.turn(10.001, 1)
     assert [kind for kind in told if kind != "moment"] == ["scene", "panel", "figures"]
+
+
+def test_pages_read_why_a_cloth_that_blew_up_stands_still_and_go_on_after_a_reset(serving: Serving) -> None:
+    session, newest = serving.session, cast(Silent, serving.hub).newest
+    now = time.perf_counter()
+    serving.turn(now, 1)
+    session.simulation.set("gravity", 20.0)
+    session.simulation.cloth.x[0] = (np.nan, 0.0, 0.0)
+    serving.turn(now + 10, 1)
+    assert b"the cloth blew up in frame 2: gravity is 20 m/s" in newest["figures"]
+    assert b'"frozen":true' in newest["figures"]
+    for action in ("own_values", "reset", "freeze"):
+        say(serving, "do", action, 0)
+    serving.turn(now + 20, 1)
+    serving.turn(now + 30, 1)
+    assert b'"note":""' in newest["figures"]
+    assert session.simulation.frame >= 2
+    assert np.isfinite(session.simulation.positions()).all()
