@@ -28,6 +28,7 @@ from .words import COSTS, MOST_BYTES, Malformed, Said, heard
 
 MOST_CLIENTS = 16
 SILENT = 20.0  # [s] a page that answers no ping for so long is gone
+CLOSING = 2.0  # [s] to say good-bye to pages
 STALLED = 60.0  # [s] a simulation that has not turned for so long is not well; compiling takes 5
 
 Came = tuple[int, Said | None]  # from whom; None: it has gone
@@ -46,7 +47,8 @@ class Hub:
         self._sockets: dict[int, ServerConnection] = {}
         self._kept: dict[str, bytes] = {}  # for those who come later
         self._numbers = 0
-        self._loop = asyncio.new_event_loop()
+        self._runner = asyncio.Runner()
+        self._loop = self._runner.get_loop()
         self._server: Server | None = None
         self._listens = Event()
         self._refused = ""
@@ -88,8 +90,8 @@ class Hub:
     # -- in the thread of its own ----------------------------------------------------------------------
 
     def _run(self, host: str, port: int) -> None:
-        with contextlib.closing(self._loop):
-            self._loop.run_until_complete(self._serve(host, port))
+        with self._runner:
+            self._runner.run(self._serve(host, port))
 
     async def _serve(self, host: str, port: int) -> None:
         self._stop = asyncio.Event()
@@ -121,8 +123,10 @@ class Hub:
             self._server = server
         finally:
             self._listens.set()
-        async with server:
-            await self._stop.wait()
+        await self._stop.wait()
+        server.close()
+        with contextlib.suppress(TimeoutError):  # whoever never said what it wants, as browsers do, is not waited for
+            await asyncio.wait_for(server.wait_closed(), CLOSING)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         well = time.monotonic() - self.turned_at < STALLED

@@ -205,7 +205,7 @@ def test_the_line_for_another_page_is_html(server: Server) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="sends Ctrl-C as a signal")
 def test_ctrl_c_ends_it_at_once_with_pages_open(tmp_path_factory: pytest.TempPathFactory) -> None:
     short = Server(tmp_path_factory.mktemp("short"), "drape15", "--path", "list")
-    with live(short, "") as page:
+    with live(short, "") as page, socket.create_connection(("127.0.0.1", short.port)):  # which says nothing
         frames(page, 3)
         assert short.stop(signal.SIGINT) == (0, "ended\n")
         with pytest.raises(ConnectionClosed):
