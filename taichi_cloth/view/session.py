@@ -157,6 +157,11 @@ class Session:
         self.note = f"{what}: compiling; the first time the picture stands still for some seconds"
         self._asked.append(do)
 
+    @property
+    def waits(self) -> bool:
+        """Whether anything waits for a picture to be shown."""
+        return bool(self._asked)
+
     def do_asked(self) -> bool:
         """What waited for a picture to be shown; whether anything did."""
         asked, self._asked = self._asked, []

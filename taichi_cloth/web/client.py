@@ -40,8 +40,8 @@ class Client:
         self._seen = min(moments, self._sent)
         self.something.set()
 
-    def may_say(self, now: float) -> bool:
-        """Whether it may say something more at `now` [s]; each time it does costs it."""
-        self._allowance = min(self._allowance + RATE * (now - self._heard_at), BURST) - 1
+    def may_say(self, now: float, cost: int = 1) -> bool:
+        """Whether it may say something more at `now` [s]; each time it does costs it as much as so many messages."""
+        self._allowance = min(self._allowance + RATE * (now - self._heard_at), BURST) - cost
         self._heard_at = now
         return self._allowance >= 0

@@ -13,7 +13,6 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 DOCUMENT = Path(__file__).with_name("page.html")
-LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 PAGE, LIVE, HEALTH = "/", "/live", "/healthz"
 
 # The page fetches nothing but its own socket, and no address of it is told to others.
@@ -41,17 +40,17 @@ class Doors:
     token: str  # empty: whoever reaches the server may come in
     only_loopback: bool
 
-    def answer(self, request: Request, page: bytes, *, well: bool, full: bool) -> Response | None:
+    def answer(self, request: Request, page: bytes, *, well: bool) -> Response | None:
         """A page, an answer why not, or None where the socket may open.
 
-        `well`: whether the simulation goes on; `full`: whether no more sockets may open.
+        `well`: whether the simulation goes on.
         """
         address = urlsplit(request.path)
         if address.path == HEALTH:
             return plain(HTTPStatus.OK, "ok") if well else plain(HTTPStatus.SERVICE_UNAVAILABLE, "stalled")
         host = request.headers.get("Host", "")
         # A page of elsewhere whose name was pointed at this machine calls it by that name.
-        if self.only_loopback and host.rpartition(":")[0] not in LOOPBACK and host not in LOOPBACK:
+        if self.only_loopback and not is_loopback(_name(host)):
             return plain(HTTPStatus.FORBIDDEN, "this server is called localhost")
         if not self._knows(address.query):
             return plain(HTTPStatus.UNAUTHORIZED, "the address needs ?token= with the token that the server printed")
@@ -61,7 +60,7 @@ class Doors:
             return plain(HTTPStatus.NOT_FOUND, "there is nothing here")
         if "Origin" in request.headers and urlsplit(request.headers["Origin"]).netloc != host:
             return plain(HTTPStatus.FORBIDDEN, "only the server's own page may connect")
-        return plain(HTTPStatus.SERVICE_UNAVAILABLE, "there is no room for another page") if full else None
+        return None
 
     def _knows(self, query: str) -> bool:
         given = parse_qs(query).get("token", [""])[0]
@@ -71,6 +70,14 @@ class Doors:
     def tail(self) -> str:
         """What an address needs behind it."""
         return f"?token={quote(self.token, safe='')}" if self.token else ""
+
+
+def _name(host: str) -> str:
+    """A host without its port; empty where it is none."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
 
 
 def plain(status: HTTPStatus, text: str) -> Response:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import logging
 import os
+import socket
 import time
 from queue import SimpleQueue
 from threading import Event, Thread
@@ -22,10 +24,11 @@ from websockets.http11 import Request, Response
 from ..errors import WrongUse
 from .client import Client
 from .doors import Doors
-from .words import MOST_BYTES, Malformed, Said, heard
+from .words import COSTS, MOST_BYTES, Malformed, Said, heard
 
 MOST_CLIENTS = 16
 SILENT = 20.0  # [s] a page that answers no ping for so long is gone
+CLOSING = 2.0  # [s] to say good-bye to pages
 STALLED = 60.0  # [s] a simulation that has not turned for so long is not well; compiling takes 5
 
 Came = tuple[int, Said | None]  # from whom; None: it has gone
@@ -44,17 +47,17 @@ class Hub:
         self._sockets: dict[int, ServerConnection] = {}
         self._kept: dict[str, bytes] = {}  # for those who come later
         self._numbers = 0
-        self._loop = asyncio.new_event_loop()
+        self._runner = asyncio.Runner()
+        self._loop = self._runner.get_loop()
         self._server: Server | None = None
         self._listens = Event()
-        self._refused: OSError | None = None
+        self._refused = ""
         self._thread = Thread(target=self._run, args=(host, port), name="pages", daemon=True)
         self._thread.start()
         self._listens.wait()
-        if self._refused is not None:
+        if self._refused:
             self._thread.join()
-            why = os.strerror(self._refused.errno or 0).lower() if (self._refused.errno or 0) > 0 else self._refused
-            raise WrongUse(f"cannot listen at {host}, port {port}: {why}; --port 0 takes any port that is free")
+            raise WrongUse(f"cannot listen at {host}, port {port}: {self._refused}")
 
     @property
     def port(self) -> int:
@@ -87,8 +90,8 @@ class Hub:
     # -- in the thread of its own ----------------------------------------------------------------------
 
     def _run(self, host: str, port: int) -> None:
-        with contextlib.closing(self._loop):
-            self._loop.run_until_complete(self._serve(host, port))
+        with self._runner:
+            self._runner.run(self._serve(host, port))
 
     async def _serve(self, host: str, port: int) -> None:
         self._stop = asyncio.Event()
@@ -111,60 +114,65 @@ class Hub:
                 logger=quiet,
             )
         except OSError as error:
-            self._refused = error
+            self._refused = refusal(error)
+            return
+        except UnicodeError:
+            self._refused = "this is no name of a machine"
             return
         else:
             self._server = server
         finally:
             self._listens.set()
-        async with server:
-            await self._stop.wait()
+        await self._stop.wait()
+        server.close()
+        with contextlib.suppress(TimeoutError):  # whoever never said what it wants, as browsers do, is not waited for
+            await asyncio.wait_for(server.wait_closed(), CLOSING)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         well = time.monotonic() - self.turned_at < STALLED
-        return self._doors.answer(request, self._page, well=well, full=len(self._clients) >= MOST_CLIENTS)
+        return self._doors.answer(request, self._page, well=well)
 
-    async def _talk(self, socket: ServerConnection) -> None:
+    async def _talk(self, page: ServerConnection) -> None:
         """One page, from when it comes until it goes."""
-        if len(self._clients) >= MOST_CLIENTS:  # several were let in at once
-            await socket.close(CloseCode.TRY_AGAIN_LATER, "there is no room for another page")
+        if len(self._clients) >= MOST_CLIENTS:  # a page can tell its user what a socket says, but not an HTTP status
+            await page.close(CloseCode.TRY_AGAIN_LATER, "there is no room for another page")
             return
         self._numbers += 1
         number, client = self._numbers, Client(self._numbers, time.monotonic())
-        self._clients[number], self._sockets[number] = client, socket
+        self._clients[number], self._sockets[number] = client, page
         self.visitors = len(self._clients)
         for kind, data in self._kept.items():
             client.put(kind, data)
-        sending = asyncio.create_task(self._send(socket, client))
+        sending = asyncio.create_task(self._send(page, client))
         try:
-            await self._listen(socket, client)
+            await self._listen(page, client)
         except ConnectionClosed:
             pass
         except Malformed as wrong:
-            await socket.close(CloseCode.POLICY_VIOLATION, short(str(wrong)))
+            await page.close(CloseCode.POLICY_VIOLATION, short(str(wrong)))
         finally:
             sending.cancel()
             del self._clients[number], self._sockets[number]
             self.visitors = len(self._clients)
             self.inbox.put((number, None))
 
-    async def _listen(self, socket: ServerConnection, client: Client) -> None:
-        async for message in socket:
-            if not client.may_say(time.monotonic()):
-                raise Malformed("too many messages")
+    async def _listen(self, page: ServerConnection, client: Client) -> None:
+        async for message in page:
             said = heard(message)
+            if not client.may_say(time.monotonic(), COSTS.get(said.what, 1)):
+                raise Malformed("too many messages")
             if said.what == "seen":
                 client.shown(said.value)
             else:
                 self.inbox.put((client.number, said))
 
-    async def _send(self, socket: ServerConnection, client: Client) -> None:
+    async def _send(self, page: ServerConnection, client: Client) -> None:
         with contextlib.suppress(ConnectionClosed):
             while True:
                 await client.something.wait()
                 client.something.clear()
                 while (data := client.next()) is not None:
-                    await socket.send(data)
+                    await page.send(data)
 
     def _publish(self, kind: str, data: bytes) -> None:
         if kind == "scene":
@@ -181,6 +189,15 @@ class Hub:
         if visitor in self._sockets:
             closing = self._sockets[visitor].close(CloseCode.POLICY_VIOLATION, short(why))
             self._closing = asyncio.ensure_future(closing)
+
+
+def refusal(error: OSError) -> str:
+    """Why nothing can listen there, and what helps."""
+    if isinstance(error, socket.gaierror):
+        return f"{error.strerror}".lower()
+    why = os.strerror(error.errno).lower() if error.errno else str(error)
+    busy = error.errno in (errno.EADDRINUSE, errno.EACCES)
+    return f"{why}; --port 0 takes any port that is free" if busy else why
 
 
 def short(text: str) -> str:

@@ -57,7 +57,7 @@ class Serving:
             self._published.pop("panel", None)  # what could not be had is not chosen
 
     def hear(self) -> None:
-        """Does all that pages said."""
+        """Does all that pages said of this scene; a hand that opened while it changed lets go all the same."""
         while True:
             try:
                 visitor, said = self.hub.inbox.get_nowait()
@@ -65,7 +65,7 @@ class Serving:
                 return
             if said is None:
                 self._visitors.left(visitor)
-            elif said.of == self._telling.number and self._telling.holds:
+            elif said.what == "lift" or (said.of == self._telling.number and self._telling.holds):
                 try:
                     self._visitors.do(visitor, said)
                 except Malformed as wrong:
@@ -75,7 +75,8 @@ class Serving:
     def tell(self, now: float) -> None:
         """What is new, if it is time."""
         start = time.perf_counter()
-        if not self._telling.holds:
+        another = not self._telling.holds
+        if another:
             self._telling = Telling(self.session, self._telling.number + 1)
             self._published.clear()
             self._publish("scene", self._telling.scene())
@@ -84,7 +85,7 @@ class Serving:
             if self._publish("moment", self._telling.moment()):
                 self._sending_ms = 1e3 * (time.perf_counter() - start)
                 self._sent += 1
-        if now - self._told_at >= max(FIGURES_EVERY, MEASURING * self.session.measuring_ms / 1e3):
+        if another or now - self._told_at >= max(FIGURES_EVERY, MEASURING * self.session.measuring_ms / 1e3):
             rate = self._sent / (now - self._told_at)
             self._told_at, self._sent = now, 0
             self.session.measure()

@@ -11,7 +11,7 @@ from ..kernels.controls import MOST_HANDS
 from ..scene.live import live_keys
 from ..scene.model import PRESET_NAMES, SOLVER_NAMES
 from ..view.puller import under
-from ..view.session import Session
+from ..view.session import SLOW, Session
 from .words import Look, Malformed, Said
 
 Tell = Callable[[int, dict[str, Any]], None]  # tells one visitor something
@@ -35,6 +35,8 @@ class Visitors:
     def do(self, visitor: int, said: Said) -> None:
         """Does what one of them asks for. Raises Malformed for what this scene does not have."""
         session, value = self.session, said.value
+        if session.waits and (said.what in ("choose", "switch") or (said.what == "do" and value in SLOW)):
+            return  # one at a time: pages stand still for it, and what is asked next may be of another scene
         match said.what:
             case "do":
                 session.ask(value)

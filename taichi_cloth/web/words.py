@@ -21,6 +21,7 @@ OWN = ("view", "curves", "hide", "first_view", "pin", *(key.action for key in KE
 BARRED = ("export", "screenshot", "clip", "page", "quit")
 ACTIONS = ("time_stages", *(key.action for key in KEYS if key.action not in (*OWN, *BARRED)))
 CHOICES = ("scene", "solver", "fabric")
+COSTS = {"do": 15, "switch": 15, "choose": 15, "press": 15, "pin": 15}  # what is worked for, in messages that are not
 
 
 class Malformed(ValueError):

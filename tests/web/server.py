@@ -50,5 +50,5 @@ class Server:
     def stop(self, number: int = signal.SIGTERM) -> tuple[int, str]:
         """Ends it, and returns its exit code and what it said last."""
         self.process.send_signal(number)
-        rest, _ = self.process.communicate(timeout=10)
+        rest, _ = self.process.communicate(timeout=8)
         return self.process.returncode, rest

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from taichi_cloth.web.client import BURST, IN_FLIGHT, RATE, Client
+from taichi_cloth.web.words import COSTS
 
 
 def everything(client: Client) -> list[bytes]:
@@ -62,3 +63,10 @@ def test_it_may_say_so_much_at_once_and_so_much_for_long() -> None:
     page = client()
     said = sum(page.may_say(k / 1000) for k in range(1, 10_001))
     assert said <= BURST + 10 * RATE
+
+
+def test_what_is_worked_for_costs_more() -> None:
+    page = client()
+    assert all(page.may_say(k / 5, COSTS["press"]) for k in range(1000)), "somebody who presses five times a second"
+    page = client()
+    assert sum(page.may_say(0.0, COSTS["do"]) for _ in range(1000)) == BURST / COSTS["do"]

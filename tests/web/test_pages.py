@@ -180,6 +180,41 @@ def test_a_page_that_is_killed_lets_go(page: Browser, server: Server) -> None:
     page.until("moment.held === 0")
 
 
+def test_keys_act_after_a_button_was_clicked_and_space_is_the_buttons_own(page: Browser) -> None:
+    x, y = middle_of(page, "[data-do=freeze]")
+    page.mouse("Pressed", x, y, button="left", clickCount=1)
+    let_go(page, x, y)
+    page.until("find('[data-do=freeze]').ariaPressed === 'true'")
+    frame = page.value("moment.frame")
+    page.value(
+        "said = []; spoken = say; say = (...words) => { if (words[0] === 'do') said.push(words); spoken(...words); }"
+    )
+    page.key("KeyN", "n")
+    assert page.value("said") == [["do", "step"]]
+    page.value("say = spoken")
+    stroke = {"code": "Space", "key": " ", "windowsVirtualKeyCode": 32}
+    page.say("Input.dispatchKeyEvent", type="keyDown", text=" ", **stroke)
+    page.say("Input.dispatchKeyEvent", type="keyUp", **stroke)
+    page.until("find('[data-do=freeze]').ariaPressed === 'false'")
+    page.until(f"moment.frame > {frame} + 9")
+    page.value("document.activeElement.blur()")
+
+
+def test_however_fast_a_screen_is_moves_are_said_sixty_times_a_second(page: Browser) -> None:
+    page.value("said = []; spoken = say; say = (...words) => { said.push(words); spoken(...words); }")
+    page.value("""new Promise((done) => {
+      let k = 0;
+      const timer = setInterval(() => {
+        say_soon('gravity', ((k) => () => say('set', ['gravity', 5 + k / 100]))(k));
+        if (++k === 100) { clearInterval(timer); setTimeout(done, 50); }
+      }, 2);
+    })""")
+    said = page.value("said.filter(([what]) => what === 'set').map(([, [, value]]) => value)")
+    page.value("say = spoken")
+    assert len(said) <= 50
+    assert said[-1] == 5.99
+
+
 def test_strain_has_its_colours_and_its_scale(page: Browser) -> None:
     before = page.picture()
     page.key("KeyV", "v")

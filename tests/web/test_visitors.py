@@ -122,11 +122,12 @@ def test_only_what_there_is_may_be_chosen(room: Room) -> None:
 
 def test_choices_wait_until_the_note_was_told(room: Room) -> None:
     room.say(1, "choose", ("solver", "spring"))
-    room.say(1, "switch", {"ground": False})
-    assert room.session.note.startswith("other stages: compiling")
+    assert room.session.note.startswith("spring: compiling")
     assert room.session.simulation.solver.name == "verlet"
     room.session.do_asked()
     assert room.session.simulation.solver.name == "spring"
+    room.say(1, "switch", {"ground": False})
+    room.session.do_asked()
     assert room.session.simulation.scene.ground is None
     room.say(1, "press", room.particle(60))
     room.say(1, "choose", ("scene", "drape15"))
@@ -144,3 +145,17 @@ def test_the_particle_under_the_cursor_or_in_the_hand_is_pinned(room: Room) -> N
     assert {*room.session.simulation.added_pins.tolist()} == {60, 75}
     room.say(1, "pin", replace(room.particle(75), cursor=(0.01, 0.01)))
     assert room.session.note == "no cloth under the cursor to pin"
+
+
+def test_pages_stand_still_for_one_thing_at_a_time(room: Room) -> None:
+    room.say(1, "choose", ("scene", "drape15"))
+    for what, value in (("switch", {"ground": False}), ("choose", ("solver", "spring")), ("do", "time_stages")):
+        room.say(2, what, value)
+    room.say(2, "do", "freeze")
+    room.session.do_asked()
+    assert not room.session.waits
+    assert room.session.frozen
+    scene = room.session.simulation.scene
+    assert (scene.name, scene.solver.name) == ("drape15", "verlet")
+    assert scene.ground is not None
+    assert room.session.stage_times is None
