@@ -47,6 +47,7 @@ class Hub:
         self._sockets: dict[int, ServerConnection] = {}
         self._kept: dict[str, bytes] = {}  # for those who come later
         self._numbers = 0
+        self._closing: set[asyncio.Future[None]] = set()
         self._runner = asyncio.Runner()
         self._loop = self._runner.get_loop()
         self._server: Server | None = None
@@ -187,8 +188,9 @@ class Hub:
 
     def _turn_out(self, visitor: int, why: str) -> None:
         if visitor in self._sockets:
-            closing = self._sockets[visitor].close(CloseCode.POLICY_VIOLATION, short(why))
-            self._closing = asyncio.ensure_future(closing)
+            closing = asyncio.ensure_future(self._sockets[visitor].close(CloseCode.POLICY_VIOLATION, short(why)))
+            self._closing.add(closing)  # the loop itself would forget it
+            closing.add_done_callback(self._closing.discard)
 
 
 def refusal(error: OSError) -> str:
