@@ -71,9 +71,10 @@ validate: .venv/ready
 stress: .venv/ready
 	$(BIN)/taichi-cloth stress --markdown docs/stability.md --force
 
+# A cloth that tears has no motion that finer steps come nearer to.
 errors: .venv/ready
 	$(BIN)/taichi-cloth bench --error --full --csv assets/error.csv --plot docs/pictures --force
-	$(BIN)/taichi-cloth bench --error $(addprefix --scene ,$(SCENES)) --markdown docs/scene_errors.md --force
+	$(BIN)/taichi-cloth bench --error $(addprefix --scene ,$(filter-out tear,$(SCENES))) --markdown docs/scene_errors.md --force
 
 neighbours: .venv/tools
 	$(BIN)/python benchmarks/neighbours/run.py
