@@ -66,7 +66,7 @@ bench: .venv/ready
 
 validate: .venv/ready
 	$(BIN)/taichi-cloth validate --markdown docs/validation.md --force
-	$(BIN)/taichi-cloth ablate $(SCENES) --markdown docs/scenes.md --force
+	$(BIN)/taichi-cloth ablate $(SCENES) round --markdown docs/scenes.md --force
 
 stress: .venv/ready
 	$(BIN)/taichi-cloth stress --markdown docs/stability.md --force

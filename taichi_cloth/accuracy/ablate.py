@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench.report import machine, markdown_table, printed_table, wide_console
-from ..errors import WrongUse
 from ..files import whole_file
 from ..measure.cloth import energies
 from ..scene import load_scene, scene_names
@@ -108,13 +107,21 @@ def apart(a: Floats, b: Floats) -> Floats:
     return distances
 
 
-def outlines(places: Floats, shape: tuple[int, int]) -> Floats:
-    """Area inside the edge of each sheet of (rows, columns) from above, frame by frame [m²]: how far it spreads."""
-    grid = places.reshape(-1, *shape, 3)[..., [0, 2]]
-    edge = np.concatenate([grid[:, 0], grid[:, 1:, -1], grid[:, -1, -2::-1], grid[:, -2:0:-1, 0]], axis=1)
-    onwards = np.roll(edge, -1, axis=1)
-    areas: Floats = np.abs((edge[..., 0] * onwards[..., 1] - edge[..., 1] * onwards[..., 0]).sum(axis=1)) / 2
+def outlines(places: Floats, triangles: NDArray[np.integer], sheets: int = 1) -> Floats:
+    """Area inside the edge of each sheet from above, frame by frame [m²], (frames, sheets): how far it spreads.
+
+    That of its triangles (T, 3), one sheet after another, seen from one side less that of those seen from the other.
+    """
+    a, b, c = (places[:, triangles[:, k]][..., [0, 2]] for k in range(3))
+    seen = (b - a)[..., 0] * (c - a)[..., 1] - (b - a)[..., 1] * (c - a)[..., 0]
+    areas: Floats = np.abs(seen.reshape(len(places), sheets, -1).sum(axis=2)) / 2
     return areas
+
+
+def area(x: Floats, triangles: NDArray[np.integer]) -> float:
+    """Of all triangles (T, 3) of points (N, 3) [m²]."""
+    a, b, c = x[triangles.T]
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
 
 
 def horizon(whole: Simulation, plain: Floats) -> int:
@@ -130,15 +137,10 @@ def horizon(whole: Simulation, plain: Floats) -> int:
 
 
 def ablate(scene: Scene, frames: int) -> Ablations:
-    """Runs the scene as it is, a hair off, and without each stage in turn; compares at most so many frames.
-
-    Raises WrongUse for a cloth that is no sheet.
-    """
-    if scene.cloth.file:
-        raise WrongUse(f"{scene.name}: changes are told by the outline of a sheet, and cloth.file names a mesh")
-    side, sheet = max(scene.cloth.width, scene.cloth.height), scene.cloth.width * scene.cloth.height
-    shape = scene.cloth.rows, scene.cloth.columns
+    """Runs the scene as it is, a hair off, and without each stage in turn; compares at most so many frames."""
     with Simulation(scene) as whole:
+        triangles, sheets, side = whole.topology.triangles, whole.topology.sheets, whole.topology.side
+        sheet = area(whole.topology.flat, triangles) / sheets
         plain, kinetic = motion(whole, frames)
         told = horizon(whole, plain)
         rows = []
@@ -148,7 +150,8 @@ def ablate(scene: Scene, frames: int) -> Ablations:
                 places, moving = motion(other, frames)
                 ms, less = (float(np.median(t)) for t in time_frames([whole, other], TIMED_FRAMES, TIMED_SECONDS))
             change = sqrt(float((apart(plain[:told], places[:told]) ** 2).mean())) / side
-            outline = float(np.abs(outlines(places[:told], shape) - outlines(plain[:told], shape)).mean()) / sheet
+            spreads = (outlines(x[:told], triangles, sheets) for x in (places, plain))
+            outline = float(np.abs(np.subtract(*spreads)).mean()) / sheet
             rows.append(Ablation(stage, ms - less, change, outline, moving / kinetic - 1 if kinetic else 0.0))
             all_ms.append(ms)
     return Ablations(scene.name, float(np.median(all_ms)) if all_ms else 0.0, told, rows)

@@ -8,6 +8,7 @@ import pytest
 
 from taichi_cloth import cli, load_scene
 from taichi_cloth.accuracy.ablate import ablate, horizon, motion, outlines, without
+from taichi_cloth.mesh.grid import triangles
 from taichi_cloth.scene.model import Cloth, Ground, Scene, Solver, Springs, Wind
 from taichi_cloth.simulation import Simulation
 
@@ -46,7 +47,8 @@ def test_the_outline_is_the_area_inside_the_edge_from_above() -> None:
     x, z = np.meshgrid(np.linspace(0.0, 3.0, 7), np.linspace(0.0, 2.0, 5))
     flat = np.stack([x, 0.0 * x, z], axis=-1).reshape(1, -1, 3)
     hanging = flat[..., [0, 2, 1]]
-    assert outlines(np.concatenate([flat, hanging, flat * [1.0, 1.0, -0.5]]), (5, 7)) == pytest.approx([6.0, 0.0, 3.0])
+    places = np.concatenate([flat, hanging, flat * [1.0, 1.0, -0.5]])
+    assert outlines(places, triangles(5, 7)[0])[:, 0] == pytest.approx([6.0, 0.0, 3.0])
 
 
 def told(scene: Scene, frames: int) -> int:
@@ -80,4 +82,13 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeyp
 def test_each_sheet_of_a_pile_has_its_outline() -> None:
     flat = np.array([[[x, 0.0, z] for z in (0.0, 1.0, 2.0) for x in (0.0, 1.0)]])  # 3 rows of 2: 2 m²
     pile = np.concatenate([flat, 2 * flat + [0.0, 1.0, 0.0]], axis=1)
-    assert outlines(np.concatenate([pile, pile]), (3, 2)).tolist() == [2.0, 8.0, 2.0, 8.0]
+    one = triangles(3, 2)[0]
+    both = np.concatenate([one, one + 6])
+    assert outlines(np.concatenate([pile, pile]), both, 2).tolist() == [[2.0, 8.0], [2.0, 8.0]]
+
+
+def test_a_cloth_from_a_mesh_has_an_outline_too() -> None:
+    found = {row.stage: row for row in ablate(load_scene("round"), 50).rows}
+    assert found["ground"].change == 0.0
+    assert found["meshes"].outline < 0.1
+    assert found["meshes"].change > 0.01
