@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -90,7 +89,7 @@ def let_go(page: Browser, x: float, y: float) -> None:
 
 def test_it_loads_asks_for_nothing_else_and_moves(page: Browser, server: Server) -> None:
     assert page.requests == [server.address]
-    assert page.value("document.title") == "curtain · taichi_cloth" or "taichi_cloth" in page.value("document.title")
+    assert page.value("document.title === head.title + ' · taichi_cloth'")
     frame, before = page.value("moment.frame"), page.value(PLACES)
     page.until(f"moment.frame > {frame} + 20 || moment.frame < {frame}")
     assert np.abs(np.subtract(page.value(PLACES), before)).max() > 1e-3
@@ -262,8 +261,6 @@ def test_the_server_ends_and_the_page_says_so(page: Browser, tmp_path_factory: p
     short = Server(tmp_path_factory.mktemp("short"), "drape15")
     other = page.another()
     look_at(other, short)
-    start = time.monotonic()
     assert short.stop() == (0, "ended\n")
-    assert time.monotonic() - start < 8
     other.until("note.textContent.includes('out of reach')")
     other.kill()
