@@ -12,6 +12,7 @@ from ..kernels.controls import THICKNESS
 from ..kernels.hashing import bucket_of, cube_of, sort_into_buckets
 from ..kernels.layout import at
 from ..kernels.nearest import nearest_of_segments, nearest_on_triangle
+from ..kernels.places import size_of
 
 AIR, AIR_OF_EDGES = 0.5, 0.2  # of the thickness, and of the longest edge where triangles are asked: the larger
 STRETCHED = 1.5  # rest lengths up to which an edge is found
@@ -68,7 +69,7 @@ def particle_box(cloth: ti.template(), n: int):
 def edge_box(cloth: ti.template(), n: int):
     i, j = cloth.near.edges[n]
     a, b = at(cloth, cloth.x, i), at(cloth, cloth.x, j)
-    return 0.5 * (a + b), 0.5 * ti.abs(a - b)
+    return 0.5 * (a + b), 0.5 * size_of(a - b)
 
 
 @ti.func
@@ -108,7 +109,7 @@ def visit(
                 b = bucket_of(buckets, tm.ivec3(cx, cy, cz))
                 for k in range(buckets.first[b], buckets.first[b + 1]):
                     other = buckets.middle[k]
-                    if (ti.abs(other - middle) - buckets.half[k] - half).max() <= 0.0:
+                    if (size_of(other - middle) - buckets.half[k] - half).max() <= 0.0:
                         cube = cube_of(other, side)
                         m = buckets.members[k]
                         # Other cubes have this bucket too.

@@ -8,7 +8,7 @@ import taichi as ti
 import taichi.math as tm
 
 from ..kernels.maths import TINY
-from ..kernels.places import LANES, single
+from ..kernels.places import LANES, minus, single, size_of
 
 PUSHES = 3  # the first one is enough near the surface
 MARCH_STEPS = 64
@@ -27,7 +27,7 @@ def distance_to(distances: ti.template(), m: int, place: tm.vec3):
     be, and the gradient that of the grid's nearest place.
     """
     nodes, spacing, half = distances.nodes[m], distances.spacing[m], half_of(distances, m)
-    inside = ti.min(ti.max(place, -half), half)
+    inside = ti.min(ti.max(place, minus(half)), half)
     steps = (inside + half) / spacing
     cell = ti.min(ti.cast(steps, ti.i32), nodes - 2)
     b = steps - ti.cast(cell, ti.f32)
@@ -53,7 +53,7 @@ def distance_to(distances: ti.template(), m: int, place: tm.vec3):
 def push_of_one(distances: ti.template(), m: int, margin: float, place: tm.vec3) -> tm.vec3:
     """Push that takes one place to the margin [m], along the gradient; zero outside."""
     push = tm.vec3(0.0)
-    if (ti.abs(place) - half_of(distances, m)).max() < 0.0:  # the grid goes on to beyond the margin
+    if (size_of(place) - half_of(distances, m)).max() < 0.0:  # the grid goes on to beyond the margin
         left = PUSHES
         while left > 0:
             left -= 1

@@ -10,7 +10,7 @@ import taichi as ti
 import taichi.math as tm
 
 from ..kernels.maths import TINY
-from ..kernels.places import choose, dot, join, length, part, spread, times
+from ..kernels.places import choose, dot, join, length, minus, part, size_of, spread, times
 from .meshes import march
 
 NEVER = 2.0
@@ -20,7 +20,7 @@ NEVER = 2.0
 def root_of(a, b, c):
     """First time at which a·t² + 2b·t + c falls to zero, for c > 0; NEVER where it does not."""
     under = b * b - a * c
-    time = (-b - ti.sqrt(ti.max(under, 0.0))) / ti.max(a, TINY * TINY)
+    time = (minus(b) - ti.sqrt(ti.max(under, 0.0))) / ti.max(a, TINY * TINY)
     return ti.select((c > 0.0) & (b < 0.0) & (under > 0.0), time, NEVER)
 
 
@@ -50,7 +50,7 @@ def meet_capsule(stages: ti.template(), size: tm.vec3, margin: float, start, way
     reach = size.y + margin
     flat, flat_way = start * spread(tm.vec3(1.0, 0.0, 1.0), start), way * spread(tm.vec3(1.0, 0.0, 1.0), start)
     time = meet_round(flat, flat_way, reach)
-    time = ti.select(ti.abs(part(start + times(way, time), 1)) <= size.x, time, NEVER)
+    time = ti.select(size_of(part(start + times(way, time), 1)) <= size.x, time, NEVER)
     for end in ti.static((-1.0, 1.0)):
         time = ti.min(time, meet_round(start - spread(tm.vec3(0.0, end * size.x, 0.0), start), way, reach))
     time = ti.select(length(off_axis(size, start)) > reach, time, NEVER)
@@ -66,19 +66,19 @@ def meet_block(stages: ti.template(), size: tm.vec3, margin: float, start, way):
     for c in ti.static(range(3)):
         half = size[c] + margin
         p, d = part(start, c), part(way, c)
-        slow = ti.select(d < 0.0, -1.0, 1.0) * ti.max(ti.abs(d), TINY)
+        slow = ti.select(d < 0.0, -1.0, 1.0) * ti.max(size_of(d), TINY)
         one, other = (-half - p) / slow, (half - p) / slow
         enters = ti.min(one, other)
         leaves = ti.min(leaves, ti.max(one, other))
         axis = spread(ti.Vector([1.0 if k == c else 0.0 for k in ti.static(range(3))]), start)
-        normal = choose(enters > time, times(axis, -ti.select(d < 0.0, -1.0, 1.0)), normal)
+        normal = choose(enters > time, times(axis, ti.select(d < 0.0, 1.0, -1.0)), normal)
         time = ti.max(time, enters)
     return ti.select((time >= 0.0) & (time <= leaves), time, NEVER), normal
 
 
 @ti.func
 def meet_slope(stages: ti.template(), size: tm.vec3, margin: float, start, way):
-    above, fall = part(start, 1) - margin, -part(way, 1)
+    above, fall = part(start, 1) - margin, minus(part(way, 1))
     time = ti.select((above > 0.0) & (fall > 0.0), above / ti.max(fall, TINY), NEVER)
     return time, spread(tm.vec3(0.0, 1.0, 0.0), start)
 

@@ -9,6 +9,9 @@ which is tridiagonal: one way down the chain eliminates, one way up finds the ch
 w_j·(n_j−1·dλ_j−1 − n_j·dλ_j). Every pivot is at least 1; K = 0 is no spring, and no neighbour feels it.
 """
 
+from math import prod
+from typing import Any
+
 import taichi as ti
 import taichi.math as tm
 
@@ -30,9 +33,10 @@ from ..mesh.chains import (
 )
 from .controls import DAMPING_TIME, STIFFNESS
 from .maths import TINY
-from .places import LANES, dot, from_next, from_previous, length, next_lane, spread, times
+from .places import COMPONENTS, LANES, dot, from_next, from_previous, length, next_lane, spread, times
 from .springs import bearing, forget_multipliers
 from .strips import row_kind
+from .writing import shape_of
 
 
 @ti.func
@@ -277,6 +281,44 @@ def solve_direction(chains: ti.template(), stages: ti.template(), layout, d: int
             chains.moved[p] = chains.moved[p] + move
 
 
+def components(field: Any) -> int:
+    """How many rows of eight of a slot say something: three of a place, one of a number."""
+    return min(prod(shape_of(field)[:-1]), 3)
+
+
+@ti.func
+def tile_for(field: ti.template()):
+    """Room for eight slots of a field."""
+    return ti.Matrix.zero(ti.f32, LANES, ti.static(components(field) * LANES))
+
+
+@ti.func
+def turn(field: ti.template(), first: int, stride: int, last: int, tile: ti.template()):
+    """Eight slots, `stride` apart and none behind `last`, with slots for lanes: row k of the tile holds lane k of all."""
+    for n in range(LANES):
+        slot = field[ti.min(first + n * stride, last)]
+        for k in ti.static(range(LANES)):
+            if ti.static(components(field) == 1):
+                tile[k, n] = slot[k]
+            else:
+                for c in ti.static(range(components(field))):
+                    tile[k, c * LANES + n] = slot[c, k]
+
+
+@ti.func
+def row_of_tile(tile: ti.template(), k: int, field: ti.template()):
+    """Row k as a slot of the field."""
+    if ti.static(components(field) == 1):
+        return ti.Vector([tile[k, n] for n in ti.static(range(LANES))])
+    else:
+        return ti.Matrix(
+            [
+                [tile[k, c * LANES + n] if ti.static(c < 3) else 0.0 for n in ti.static(range(LANES))]
+                for c in ti.static(range(COMPONENTS))
+            ]
+        )
+
+
 @ti.func
 def lay(cloth: ti.template(), layout, upright: int, places: ti.template(), laid: ti.template(), first: int):
     """Places, or numbers, of the cloth into the strips of a layout, from slot `first` on.
@@ -288,17 +330,12 @@ def lay(cloth: ti.template(), layout, upright: int, places: ti.template(), laid:
         for slot in range(cloth.slot_count[None]):
             laid[first + slot] = places[slot]
     else:
-        for lane in range(LANES):
-            for j in range(across):
-                source = ti.min(lane * across + j, last) * pitch
-                for i in range(pitch):
-                    for k in range(LANES):  # column k·pitch + i, row lane·across + j
-                        slot = first + (k * pitch + i) * across + j
-                        if ti.static(places.m == 1):
-                            laid[slot][lane] = places[source + i][k]
-                        else:
-                            for c in range(3):
-                                laid[slot][c, lane] = places[source + i][c, k]
+        for j in range(across):
+            for i in range(pitch):
+                turned = tile_for(places)
+                turn(places, j * pitch + i, across * pitch, last * pitch + i, turned)
+                for k in range(LANES):  # column k·pitch + i
+                    laid[first + (k * pitch + i) * across + j] = row_of_tile(turned, k, places)
 
 
 @ti.func
@@ -310,15 +347,18 @@ def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int, 
             cloth.x[slot] = chains.x[slot]
             cloth.velocity[slot] = cloth.velocity[slot] + chains.moved[slot] / h
     else:
-        for y in range(cloth.rows[None]):
-            lane, j = y // across, y % across
+        for j in range(across):
             for i in range(pitch):
-                for k in range(LANES):
-                    slot = (k * pitch + i) * across + j
-                    for c in range(3):
-                        cloth.x[y * pitch + i][c, k] = chains.x[slot][c, lane]
-                        velocity = cloth.velocity[y * pitch + i][c, k]
-                        cloth.velocity[y * pitch + i][c, k] = velocity + chains.moved[slot][c, lane] / h
+                x, moved = tile_for(chains.x), tile_for(chains.moved)
+                start, step = i * across + j, pitch * across
+                turn(chains.x, start, step, start + LANES * step, x)
+                turn(chains.moved, start, step, start + LANES * step, moved)
+                for lane in range(LANES):
+                    y = lane * across + j
+                    if y < cloth.rows[None]:
+                        slot = y * pitch + i
+                        cloth.x[slot] = row_of_tile(x, lane, chains.x)
+                        cloth.velocity[slot] = cloth.velocity[slot] + row_of_tile(moved, lane, chains.moved) / h
 
 
 @ti.func

@@ -1,9 +1,16 @@
 """Into the layout in which a frame is worked on, and back."""
 
+from typing import Any
+
 import taichi as ti
 import taichi.math as tm
 
-from .places import LANES
+from .places import COMPONENTS, LANES
+
+
+def kept_by(layout: Any, stages: Any) -> Any:
+    """The field that says how particles move."""
+    return layout.velocity if stages.own_velocity else layout.x_prev
 
 
 @ti.func
@@ -11,25 +18,22 @@ def load(work: ti.template(), cloth: ti.template(), stages: ti.template()):
     """Particles into strips; nothing to do where the particles themselves are worked on."""
     if ti.static(work.in_lanes):
         pitch, columns = work.pitch[None], work.columns[None]
+        motion, motion_there = ti.static(kept_by(cloth, stages), kept_by(work, stages))
         for slot in range(work.slot_count[None]):
             row, place = slot // pitch, slot % pitch
+            # An empty column is held at the origin, where nothing pulls at it.
+            free, x = ti.Vector.zero(ti.f32, LANES), ti.Matrix.zero(ti.f32, COMPONENTS, LANES)
+            moving = ti.Matrix.zero(ti.f32, COMPONENTS, LANES)  # velocity, or where it was
             for k in range(LANES):
                 column = place + k * pitch
                 if column < columns:
                     i = row * columns + column
-                    work.inverse_mass[slot][k] = cloth.inverse_mass[i]
+                    free[k] = cloth.inverse_mass[i]
                     for c in range(3):
-                        work.x[slot][c, k] = cloth.x[i][c]
-                        if ti.static(stages.own_velocity):
-                            work.velocity[slot][c, k] = cloth.velocity[i][c]
-                        else:
-                            work.x_prev[slot][c, k] = cloth.x_prev[i][c]
-                else:  # an empty column: held at the origin, where nothing pulls at it
-                    work.inverse_mass[slot][k] = 0.0
-                    for c in range(3):
-                        work.x[slot][c, k] = 0.0
-                        work.x_prev[slot][c, k] = 0.0
-                        work.velocity[slot][c, k] = 0.0
+                        x[c, k] = cloth.x[i][c]
+                        moving[c, k] = motion[i][c]
+            work.inverse_mass[slot], work.x[slot] = free, x
+            motion_there[slot] = moving
 
 
 @ti.func
@@ -37,26 +41,25 @@ def store(work: ti.template(), cloth: ti.template(), stages: ti.template()):
     """Strips back into particles."""
     if ti.static(work.in_lanes):
         pitch, columns = work.pitch[None], work.columns[None]
+        motion, motion_there = ti.static(kept_by(cloth, stages), kept_by(work, stages))
         for slot in range(work.slot_count[None]):
             row, place = slot // pitch, slot % pitch
+            x, moving = work.x[slot], motion_there[slot]
             for k in range(LANES):
                 column = place + k * pitch
                 if column < columns:
                     i = row * columns + column
                     for c in range(3):
-                        cloth.x[i][c] = work.x[slot][c, k]
-                        if ti.static(stages.own_velocity):
-                            cloth.velocity[i][c] = work.velocity[slot][c, k]
-                        else:
-                            cloth.x_prev[i][c] = work.x_prev[slot][c, k]
+                        cloth.x[i][c] = x[c, k]
+                        motion[i][c] = moving[c, k]
 
 
 @ti.func
 def at(cloth: ti.template(), field: ti.template(), place: int):
     """A vector of one particle; in strips its place is slot·8 + lane."""
     if ti.static(cloth.in_lanes):
-        slot, lane = place // LANES, place % LANES
-        return tm.vec3(field[slot][0, lane], field[slot][1, lane], field[slot][2, lane])
+        slot, lane = field[place // LANES], place % LANES
+        return tm.vec3(slot[0, lane], slot[1, lane], slot[2, lane])
     else:
         return field[place]
 
@@ -65,8 +68,10 @@ def at(cloth: ti.template(), field: ti.template(), place: int):
 def put_at(cloth: ti.template(), field: ti.template(), place: int, vector: tm.vec3):
     """Sets a vector of one particle."""
     if ti.static(cloth.in_lanes):
-        for c in range(3):
-            field[place // LANES][c, place % LANES] = vector[c]
+        slot = field[place // LANES]
+        for c in ti.static(range(3)):
+            slot[c, place % LANES] = vector[c]
+        field[place // LANES] = slot
     else:
         field[place] = vector
 
@@ -74,7 +79,8 @@ def put_at(cloth: ti.template(), field: ti.template(), place: int, vector: tm.ve
 @ti.func
 def inverse_mass_at(cloth: ti.template(), place: int):
     if ti.static(cloth.in_lanes):
-        return cloth.inverse_mass[place // LANES][place % LANES]
+        slot = cloth.inverse_mass[place // LANES]
+        return slot[place % LANES]
     else:
         return cloth.inverse_mass[place]
 
@@ -83,6 +89,11 @@ def inverse_mass_at(cloth: ti.template(), place: int):
 def slot_of(cloth: ti.template(), field: ti.template(), i: int):
     """What a field by place holds for the particle, or the eight particles, of slot i."""
     if ti.static(cloth.in_lanes):
-        return ti.Matrix([[field[i * LANES + k][c] for k in ti.static(range(LANES))] for c in ti.static(range(3))])
+        return ti.Matrix(
+            [
+                [field[i * LANES + k][c] if ti.static(c < 3) else 0 for k in ti.static(range(LANES))]
+                for c in ti.static(range(COMPONENTS))
+            ]
+        )
     else:
         return field[i]

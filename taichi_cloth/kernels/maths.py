@@ -7,7 +7,7 @@ No branches: eight particles go through one formula.
 import taichi as ti
 import taichi.math as tm
 
-from .places import choose, cross, dot, join, length, part, spread, times
+from .places import choose, cross, dot, join, length, minus, part, size_of, spread, times
 
 TINY = 1e-12  # keeps a division by nothing finite; far below any length, area, speed or inverse mass in a scene
 
@@ -38,8 +38,8 @@ def project_compliant(gap, w, rest, stiffness, multiplier, gamma: float, grown):
     """
     long = length(gap)
     error = long - rest + gamma * grown
-    change = -(stiffness * error + multiplier) / (stiffness * (1.0 + gamma) * w + 1.0)
-    return times(gap, -change / ti.max(long, TINY)), change
+    change = minus(stiffness * error + multiplier) / (stiffness * (1.0 + gamma) * w + 1.0)
+    return times(gap, minus(change) / ti.max(long, TINY)), change
 
 
 @ti.func
@@ -81,7 +81,7 @@ def air_force(area_normal, air, half_density: float, drag: float, lift: float):
 def arc_wave(turns):
     """A sine drawn with parabolas: period 1, range −1…1. Smooth enough for a gust, and needs no libm call."""
     v = 2.0 * (turns - ti.floor(turns)) - 1.0
-    return 4.0 * v * (1.0 - ti.abs(v))
+    return 4.0 * v * (1.0 - size_of(v))
 
 
 @ti.func
@@ -99,7 +99,7 @@ def out_of_box(p, center, half, margin: float):
     """Shortest push that takes p `margin` [m] away from a box with half sides `half`; edges are rounded by it."""
     away = p - center
     side = ti.select(away < 0.0, -1.0, 1.0)
-    beyond = ti.abs(away) - half  # distance past each pair of faces, negative between them
+    beyond = size_of(away) - half  # distance past each pair of faces, negative between them
     outside = ti.max(beyond, 0.0)
     distance = length(outside)
     push = times(side * outside, ti.max(margin / ti.max(distance, TINY) - 1.0, 0.0))
@@ -120,4 +120,4 @@ def friction_slide(push, move, friction: float):
     depth = length(push)
     normal = times(push, 1.0 / ti.max(depth, TINY))
     tangent = move - times(normal, dot(normal, move))
-    return times(tangent, -ti.min(1.0, friction * depth / ti.max(length(tangent), TINY)))
+    return times(tangent, ti.max(-1.0, minus(friction * depth / ti.max(length(tangent), TINY))))

@@ -1,6 +1,6 @@
-"""Arithmetic on places: one as a vec3, or eight at once as a 3×8 matrix with a place in each column.
+"""Arithmetic on places: one as a vec3, or eight at once as a 4×8 matrix with a place in each column.
 
-Every formula of the cloth is written once with these. With vec3 it serves one particle; with a 3×8 matrix
+Every formula of the cloth is written once with these. With vec3 it serves one particle; with a matrix
 LLVM turns it into SIMD code for eight (Taichi's CPU code for scalar fields is never vectorised). What goes
 with a place is a number, or a row of eight.
 """
@@ -9,6 +9,7 @@ import taichi as ti
 import taichi.math as tm
 
 LANES = 8  # floats in an AVX2 register; 4 lanes were 1.5 times slower, 16 lanes 1.25 times
+COMPONENTS = 4  # x, y, z and a row of zeros: LLVM takes 24 floats apart, number by number, between two blocks; not 32
 
 
 def single(place) -> bool:
@@ -17,9 +18,9 @@ def single(place) -> bool:
 
 
 @ti.func
-def thrice(row):
-    """A row of eight for each of the three components."""
-    return ti.Matrix([[row[k] for k in ti.static(range(LANES))] for _ in ti.static(range(3))])
+def each_row(row):
+    """A row of eight for each row."""
+    return ti.Matrix([[row[k] for k in ti.static(range(LANES))] for _ in ti.static(range(COMPONENTS))])
 
 
 @ti.func
@@ -30,6 +31,18 @@ def dot(a, b):
     else:
         product = a * b
         return product[0, :] + product[1, :] + product[2, :]
+
+
+@ti.func
+def minus(value):
+    """−value; a sign alone is not for what stays whole (`whole.py`)."""
+    return value * -1.0
+
+
+@ti.func
+def size_of(value):
+    """|value| of each number."""
+    return ti.max(value, minus(value))
 
 
 @ti.func
@@ -50,7 +63,7 @@ def times(place, number):
     if ti.static(single(place)):
         return place * number
     else:
-        return place * thrice(number)
+        return place * each_row(number)
 
 
 @ti.func
@@ -65,7 +78,7 @@ def spread(vector: tm.vec3, like):
     if ti.static(single(like)):
         return vector
     else:
-        return ti.Matrix([[vector[c] for _ in ti.static(range(LANES))] for c in ti.static(range(3))])
+        return ti.Matrix([[vector[c] if ti.static(c < 3) else 0.0 for _ in ti.static(range(LANES))] for c in ti.static(range(COMPONENTS))])
 
 
 @ti.func
@@ -83,7 +96,8 @@ def join(x, y, z, like):
     if ti.static(single(like)):
         return tm.vec3(x, y, z)
     else:
-        return ti.Matrix([[row[k] for k in ti.static(range(LANES))] for row in ti.static((x, y, z))])
+        still = ti.Vector.zero(ti.f32, LANES)
+        return ti.Matrix([[row[k] for k in ti.static(range(LANES))] for row in ti.static((x, y, z, still))])
 
 
 @ti.func
@@ -92,7 +106,7 @@ def choose(condition, a, b):
     if ti.static(single(a)):
         return ti.select(condition, a, b)
     else:
-        return ti.select(thrice(condition), a, b)
+        return ti.select(each_row(ti.select(condition, 1.0, 0.0)) > 0.0, a, b)  # a truth of eight has no parts to read
 
 
 @ti.func
@@ -102,7 +116,7 @@ def next_lane(value):
         return ti.Vector([value[min(k + 1, LANES - 1)] for k in ti.static(range(LANES))])
     else:
         return ti.Matrix(
-            [[value[c, min(k + 1, LANES - 1)] for k in ti.static(range(LANES))] for c in ti.static(range(3))]
+            [[value[c, min(k + 1, LANES - 1)] for k in ti.static(range(LANES))] for c in ti.static(range(COMPONENTS))]
         )
 
 
@@ -115,7 +129,7 @@ def from_next(value):
         return ti.Matrix(
             [
                 [value[c, min(k + 1, LANES - 1)] * min(LANES - 1 - k, 1) for k in ti.static(range(LANES))]
-                for c in ti.static(range(3))
+                for c in ti.static(range(COMPONENTS))
             ]
         )
 
@@ -127,7 +141,7 @@ def from_previous(value):
         return ti.Vector([value[max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))])
     else:
         return ti.Matrix(
-            [[value[c, max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))] for c in ti.static(range(3))]
+            [[value[c, max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))] for c in ti.static(range(COMPONENTS))]
         )
 
 
@@ -137,6 +151,6 @@ def put_back(value, shifted):
     return ti.Matrix(
         [
             [shifted[c, max(k - 1, 0)] if ti.static(k > 0) else value[c, k] for k in ti.static(range(LANES))]
-            for c in ti.static(range(3))
+            for c in ti.static(range(COMPONENTS))
         ]
     )

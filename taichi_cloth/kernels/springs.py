@@ -13,7 +13,7 @@ import taichi as ti
 from .controls import COMPRESSION, DAMPING_TIME, MOST_STRAIN, STIFFNESS
 from .maths import TINY, dashpot_pull, project_compliant, project_distance, spring_pull
 from .motion import displace
-from .places import dot, length, times
+from .places import dot, length, minus, times
 from .strips import Share, Treatment, for_strip_springs, sum_strip_springs
 
 
@@ -21,7 +21,7 @@ from .strips import Share, Treatment, for_strip_springs, sum_strip_springs
 def bring_together(cloth: ti.template(), stages: ti.template(), a: int, b: int, shift, h):
     """Moves a by its inverse mass times `shift` [kg·m], and b the other way."""
     displace(cloth, stages, a, times(shift, cloth.inverse_mass[a]), h)
-    displace(cloth, stages, b, times(shift, -cloth.inverse_mass[b]), h)
+    displace(cloth, stages, b, times(shift, minus(cloth.inverse_mass[b])), h)
 
 
 @ti.func

@@ -3,6 +3,7 @@
 import taichi as ti
 
 from .controls import TETHER_SLACK
+from .layout import at
 from .maths import TINY
 from .motion import put_right
 from .places import LANES, length, times
@@ -18,10 +19,12 @@ def tether_shift(gap, most):
 def look_up_pins(cloth: ti.template(), ties: ti.template()):
     """Where the pins are now that the particles in strips are tied to."""
     for n in range(ties.count[None] * cloth.slot_count[None]):
+        pins, places = ties.pin[n], ties.place[n]
         for k in range(LANES):
-            pin = ties.pin[n][k]
+            x = at(cloth, cloth.x, pins[k])
             for c in ti.static(range(3)):
-                ties.place[n][c, k] = cloth.x[pin // LANES][c, pin % LANES]
+                places[c, k] = x[c]
+        ties.place[n] = places
 
 
 @ti.func

@@ -5,6 +5,8 @@ from typing import Any
 
 import taichi as ti
 
+from .whole import is_whole, kind_of
+
 whole = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 
@@ -15,6 +17,8 @@ def width(field: Any) -> int:
 
 def shape_of(field: Any) -> tuple[int, ...]:
     """(), (n,) or (n, m): the shape of what a slot holds."""
+    if is_whole(field):
+        return tuple(field.dtype.shape())
     return (field.n, field.m)[: field.ndim] if isinstance(field, ti.MatrixField) else ()
 
 
@@ -29,11 +33,26 @@ def most_slots(fields: tuple[Any, ...]) -> int:
 
 
 @ti.func
-def number_at(bits: ti.template(), at: int, kind: ti.template()):
-    if ti.static(kind == ti.f32):
+def number_at(bits: ti.template(), at: int, field: ti.template()):
+    if ti.static(kind_of(field) == ti.f32):
         return ti.bit_cast(bits[at], ti.f32)
     else:
         return bits[at]
+
+
+@ti.func
+def slot_at(bits: ti.template(), at: int, field: ti.template()):
+    """A row or a matrix from its numbers."""
+    last = ti.static(shape_of(field)[-1])
+    if ti.static(len(shape_of(field)) == 1):
+        return ti.Vector([number_at(bits, at + k, field) for k in ti.static(range(last))])
+    else:
+        return ti.Matrix(
+            [
+                [number_at(bits, at + c * last + k, field) for k in ti.static(range(last))]
+                for c in ti.static(range(shape_of(field)[0]))
+            ]
+        )
 
 
 @ti.kernel
@@ -44,12 +63,10 @@ def write(fields: ti.template(), bits: whole):
             field = ti.static(fields[f])
             if i < field.shape[0]:
                 at = ti.static(first_of(fields, f)) + i * ti.static(width(field))
-                if ti.static(width(field) == 1):
-                    field[i] = number_at(bits, at, field.dtype)
-                elif ti.static(field.ndim == 1):
-                    for c in range(field.n):
-                        field[i][c] = number_at(bits, at + c, field.dtype)
+                if ti.static(is_whole(field)):
+                    field[i] = slot_at(bits, at, field)
+                elif ti.static(width(field) == 1):
+                    field[i] = number_at(bits, at, field)
                 else:
                     for c in range(field.n):
-                        for k in range(field.m):
-                            field[i][c, k] = number_at(bits, at + c * field.m + k, field.dtype)
+                        field[i][c] = number_at(bits, at + c, field)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..kernels.controls import Substep, row, table
 from ..kernels.forces import forget_forces
 from ..kernels.layout import load, store
+from ..kernels.whole import kept_whole
 from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
 from ..scene.model import COLLIDERS, FRAME_SECONDS
@@ -207,7 +208,8 @@ class Solver:
             self.work = lanes.take(topology, stiffness, coloured=coloured)
         self._equip(topology)
         self.frequency = self._frequency(topology, stiffness)
-        start_without_forces(self.work)
+        with kept_whole(self.work.in_lanes):
+            start_without_forces(self.work)
         self.launches = Launches(self.work, self.stages)
 
     def _equip(self, topology: Topology) -> None:
@@ -240,7 +242,8 @@ class Solver:
         else:
             parts = (self.before, self.sweep, self.after)
             last = frame.last + self._closes(frame)
-            run_frame(*parts, self.cloth, self.work, self.stages, frame.first, last, *frame.arguments)
+            with kept_whole(self.work.in_lanes):
+                run_frame(*parts, self.cloth, self.work, self.stages, frame.first, last, *frame.arguments)
 
     def _closes(self, frame: FrameInput) -> bool:
         """Whether one more `before` follows."""

@@ -130,8 +130,8 @@ def _allocate_strips(slots: int, pitch: int) -> ChainStrips:
         share=numbers(links),
         coupling=numbers(links),
         change=numbers(links),
-        layouts=ti.Vector.field(LAYOUT_COLUMNS, ti.i32, 2),
-        directions=ti.Vector.field(DIRECTION_COLUMNS, ti.i32, len(CHAINED)),
+        layouts=fields.rows(LAYOUT_COLUMNS, 2),
+        directions=fields.rows(DIRECTION_COLUMNS, len(CHAINED)),
         spring_count=fields.number(),
         first_bend=fields.number(),
     )

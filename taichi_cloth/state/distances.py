@@ -26,7 +26,7 @@ def _allocate(nodes: int, meshes: int) -> Distances:
     return Distances(
         values=fields.numbers(nodes),
         first=fields.numbers(meshes, kind=ti.i32),
-        nodes=ti.Vector.field(3, ti.i32, meshes),
+        nodes=fields.rows(3, meshes),
         spacing=fields.numbers(meshes),
     )
 

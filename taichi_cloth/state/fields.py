@@ -6,6 +6,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..kernels.places import COMPONENTS
+from ..kernels.whole import is_whole, kept_whole, kind_of, whole_field
 from ..kernels.writing import shape_of, write
 from ..mesh.strips import STRIPS
 
@@ -17,12 +19,17 @@ def number() -> Any:
 
 def numbers(count: int, *, lanes: bool = False, kind: Any = ti.f32) -> Any:
     """A number in each of `count` slots."""
-    return ti.Vector.field(STRIPS, kind, count) if lanes else ti.field(kind, count)
+    return whole_field((STRIPS,), kind, count) if lanes else ti.field(kind, count)
 
 
 def places(count: int, *, lanes: bool = False) -> Any:
     """A vector of three in each of `count` slots."""
-    return ti.Matrix.field(3, STRIPS, ti.f32, count) if lanes else ti.Vector.field(3, ti.f32, count)
+    return whole_field((COMPONENTS, STRIPS), ti.f32, count) if lanes else ti.Vector.field(3, ti.f32, count)
+
+
+def rows(width: int, count: int, kind: Any = ti.i32) -> Any:
+    """A vector in each of `count` slots, for kernels of every layout: what is whole (`kernels/whole.py`) asks for SOA."""
+    return ti.Vector.field(width, kind, count, layout=ti.Layout.SOA)
 
 
 def like_places(work: Any) -> Any:
@@ -39,7 +46,9 @@ def put_all(*pairs: tuple[Any, NDArray[Any]]) -> None:
     """The same for several fields and the values of each. The fewer the calls, the earlier is a first frame."""
     bits = []
     for field, values in pairs:
-        out = np.zeros((field.shape[0], *shape_of(field)), np.float32 if field.dtype == ti.f32 else np.int32)
-        out[: len(values)] = values
+        out = np.zeros((field.shape[0], *shape_of(field)), np.float32 if kind_of(field) == ti.f32 else np.int32)
+        out[tuple(slice(n) for n in values.shape)] = values
         bits.append(out.reshape(-1).view(np.int32))
-    write(tuple(field for field, _ in pairs), np.concatenate(bits))
+    fields = tuple(field for field, _ in pairs)
+    with kept_whole(any(map(is_whole, fields))):
+        write(fields, np.concatenate(bits))

@@ -41,7 +41,7 @@ def grip(work: Any, topology: Topology, holder: NDArray[np.int64], centers: NDAr
 def _allocate(room: int) -> Grips:
     return Grips(
         place=fields.numbers(room, kind=ti.i32),
-        local=fields.places(room),
+        local=fields.rows(3, room, ti.f32),
         body=fields.numbers(room, kind=ti.i32),
         count=fields.number(),
     )

@@ -23,7 +23,7 @@ class Held:
 
 def room_to_hold(places: int) -> Held:
     """Room for as many particles as a layout has places."""
-    return Held(fields.numbers(places, kind=ti.i32), fields.places(places), fields.numbers(places, kind=ti.i32))
+    return Held(fields.numbers(places, kind=ti.i32), fields.rows(3, places, ti.f32), fields.numbers(places, kind=ti.i32))
 
 
 def hold(

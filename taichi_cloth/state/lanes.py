@@ -11,6 +11,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..kernels.whole import placed
 from ..mesh import strips
 from ..mesh.grid import DIRECTIONS
 from ..mesh.topology import Topology
@@ -72,7 +73,7 @@ class LaneState:
 
 
 def _allocate(slots: int, pitch: int) -> LaneState:
-    room = slots + slots // 2  # a slot more for each row: kernels keep neighbours of another lane there
+    room = slots + slots // 2 + 9  # a slot more for each row: kernels keep neighbours of another lane there
 
     def places() -> Any:
         return fields.places(room, lanes=True)
@@ -91,7 +92,7 @@ def _allocate(slots: int, pitch: int) -> LaneState:
         stiffness=numbers(len(DIRECTIONS) * strips.ROW_KINDS * pitch),
         has_cell=numbers(pitch),
         used=fields.numbers(len(DIRECTIONS), kind=ti.i32),
-        passes=ti.Vector.field(strips.PASS_COLUMNS, ti.i32, 2 * len(DIRECTIONS)),
+        passes=fields.rows(strips.PASS_COLUMNS, 2 * len(DIRECTIONS)),
         held=room_to_hold(strips.STRIPS * room),
         pass_count=fields.number(),
         rows=fields.number(),
@@ -102,7 +103,7 @@ def _allocate(slots: int, pitch: int) -> LaneState:
     )
 
 
-_pool = Pool(_allocate)
+_pool = Pool(lambda *size: placed(lambda: _allocate(*size)))
 
 
 def take(topology: Topology, stiffness: NDArray[np.float64], *, coloured: bool) -> LaneState:

@@ -87,7 +87,7 @@ def come_near(work: Any, topology: Topology) -> None:
 
 def _candidates(room: int) -> Candidates:
     return Candidates(
-        rows=ti.Vector.field(2, ti.i32, room), touching=fields.numbers(room, kind=ti.i32), count=fields.number()
+        rows=fields.rows(2, room), touching=fields.numbers(room, kind=ti.i32), count=fields.number()
     )
 
 
@@ -96,8 +96,8 @@ def _buckets(count: int) -> Buckets:
     return Buckets(
         first=fields.numbers(size + 1, kind=ti.i32),
         members=fields.numbers(size, kind=ti.i32),
-        middle=fields.places(size),
-        half=fields.places(size),
+        middle=fields.rows(3, size, ti.f32),
+        half=fields.rows(3, size, ti.f32),
         sums=fields.numbers(size // BLOCK + 1, kind=ti.i32),
     )
 
@@ -107,19 +107,19 @@ def _allocate(work: Any) -> Near:
     triangles = 2 * places if work.in_lanes else work.triangles.shape[0]
     return Near(
         particle=fields.numbers(places, kind=ti.i32),
-        flat=fields.places(places),
-        edges=ti.Vector.field(2, ti.i32, 3 * triangles),
-        triangles=ti.Vector.field(3, ti.i32, triangles),
+        flat=fields.rows(3, places, ti.f32),
+        edges=fields.rows(2, 3 * triangles),
+        triangles=fields.rows(3, triangles),
         depths=fields.numbers(places, kind=ti.i32),
         deepest=fields.numbers(places, kind=ti.i32),
-        moves=ti.Vector.field(3, ti.i32, places),
+        moves=fields.rows(3, places),
         through=fields.numbers(places, kind=ti.i32),
         points=_buckets(places),
         sides=_buckets(3 * triangles),
         pairs=_candidates(16 * places),
         corners=_candidates(8 * triangles),
         crossings=_candidates(16 * triangles),
-        listed_at=fields.places(places),
+        listed_at=fields.rows(3, places, ti.f32),
         listed_for=ti.field(ti.f32, ()),
         stale=fields.number(),
         reach=ti.field(ti.f32, ()),

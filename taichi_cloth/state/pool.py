@@ -7,6 +7,8 @@ from typing import Any, Generic, TypeVar
 
 import taichi as ti
 
+from ..kernels.whole import placed
+
 Fields = TypeVar("Fields")
 
 
@@ -52,6 +54,6 @@ class Pool(Generic[Fields]):
 def attached(owner: Any, name: str, make: Callable[[], Fields]) -> Fields:
     """More fields of a pooled group, made when first asked for: they are used again with it, like their kernels."""
     if not hasattr(owner, name):
-        setattr(owner, name, make())
+        setattr(owner, name, placed(make) if owner.in_lanes else make())
     fields: Fields = getattr(owner, name)
     return fields
