@@ -37,14 +37,17 @@ def placed(make: Callable[[], Fields]) -> Fields:
 
 @contextmanager
 def kept_whole(on: bool) -> Iterator[None]:
-    """Kernels that are compiled meanwhile leave vectors and matrices whole, if `on`."""
+    """Kernels that are compiled meanwhile leave vectors and matrices whole, if `on`, and sums in the order in which they
+    are written: LLVM would change it in slots and not in single numbers, and strips give the bits of the list.
+    """
     options = ti.lang.impl.current_cfg()
-    before = options.real_matrix_scalarize
-    options.real_matrix_scalarize = not on
+    before = options.real_matrix_scalarize, options.fast_math
+    if on:
+        options.real_matrix_scalarize = options.fast_math = False
     try:
         yield
     finally:
-        options.real_matrix_scalarize = before
+        options.real_matrix_scalarize, options.fast_math = before
 
 
 def is_whole(field: Any) -> bool:

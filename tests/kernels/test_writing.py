@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from taichi_cloth.kernels.whole import kept_whole, placed, whole_field
 from taichi_cloth.state.fields import put, put_all
 
 
 def test_fields_of_every_kind_are_filled_together() -> None:
     numbers, wholes = ti.field(ti.f32, 5), ti.field(ti.i32, 3)
-    places, rows, slots = ti.Vector.field(3, ti.f32, 4), ti.Vector.field(8, ti.i32, 2), ti.Matrix.field(3, 8, ti.f32, 2)
+    places, apart = ti.Vector.field(3, ti.f32, 4), ti.Vector.field(2, ti.i32, 4, layout=ti.Layout.SOA)
+    rows, slots = placed(lambda: (whole_field((8,), ti.i32, 2), whole_field((3, 8), ti.f32, 2)))
     wholes.fill(9)
     random = np.random.default_rng(1)
     given = random.normal(size=(4, 3)), random.integers(-(2**31), 2**31, (2, 8)), random.normal(size=(1, 3, 8))
