@@ -67,7 +67,6 @@ def declare(command: Command) -> None:
 def run_bench(args: argparse.Namespace) -> int:
     from .bench import cases as c
     from .bench import children, report
-    from .bench.registers import floats_at_once
     from .progress import steps_progress
 
     for path in filter(None, (args.csv, args.json, args.markdown)):
@@ -83,12 +82,11 @@ def run_bench(args: argparse.Namespace) -> int:
     stages = c.stage_cases() if args.stages or (args.full and not args.only) else []
     with steps_progress(children.steps(cases, stages)) as on_step, children.bench(args.frames, on_step) as bench:
         rows, stage_rows = bench.measure(cases, stages)
-    floats = floats_at_once()
-    report.print_report(rows, stage_rows, bench.floor.missing, floats)
+    report.print_report(rows, stage_rows, bench.floor.missing)
     if args.csv:
         report.write_csv(args.csv, rows)
     if args.json:
-        report.write_json(args.json, rows, stage_rows, bench.floor.missing, floats)
+        report.write_json(args.json, rows, stage_rows, bench.floor.missing)
     return 1 if report.failures(rows, stage_rows) else 0
 
 

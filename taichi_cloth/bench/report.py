@@ -22,7 +22,7 @@ from ..files import whole_file
 from ..machine import cpu_model
 from .cases import Case
 
-LOG_WIDTH = 140  # characters, where there is no terminal
+LOG_WIDTH = 132  # characters, where there is no terminal
 
 
 @dataclass(frozen=True)
@@ -149,10 +149,8 @@ def print_table(
         console.print(note, soft_wrap=True)
 
 
-def print_report(
-    rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[str, str], floats: int | None = None
-) -> None:
-    """The tables, what is missing and why, `floats` that Taichi treats at once, and the machine in the last line."""
+def print_report(rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[str, str]) -> None:
+    """The tables, what is missing and why, and the machine in the last line."""
     console = wide_console()
     if rows:
         table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
@@ -179,8 +177,6 @@ def print_report(
         console.print(table)
     for what, why in [*missing.items(), *failures(rows, stages).items()]:
         console.print(f"{what}: {why}", soft_wrap=True)
-    if floats:
-        console.print(f"Taichi's kernels here: {floats} floats at once")
     console.print(" · ".join(machine().values()), soft_wrap=True)
 
 
@@ -238,16 +234,13 @@ def write_csv(path: Path, rows: Sequence[Any], kind: type = Row) -> None:
         file.write(text.getvalue().encode())
 
 
-def write_json(
-    path: Path, rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[str, str], floats: int | None = None
-) -> None:
+def write_json(path: Path, rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[str, str]) -> None:
     """All there is. Raises OSError."""
     everything: dict[str, Any] = {
         "machine": machine(),
         "rows": [asdict(row) for row in rows],
         "stages": [asdict(stage) for stage in stages],
         "missing": missing,
-        "floats_at_once": floats,
     }
     with whole_file(path) as file:
         file.write(json.dumps(everything, indent=1).encode())

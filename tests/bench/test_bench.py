@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from taichi_cloth import cli
-from taichi_cloth.bench import cases, floor, registers, report
+from taichi_cloth.bench import cases, floor, report
 from taichi_cloth.bench.cases import Case
 from taichi_cloth.bench.children import ChildFailed, bench, steps
 from taichi_cloth.bench.report import Row, StageRow
@@ -85,14 +84,13 @@ def test_without_a_compiler_the_floor_is_a_dash_and_the_reason_a_line(
 ) -> None:
     rows, stages, missing = measured
     assert report.cells(rows[0])[9:12] == ["-", "-", "-"]
-    report.print_report(rows, stages, missing, 4)
+    report.print_report(rows, stages, missing)
     lines = capsys.readouterr().out.splitlines()
     assert "C: no compiler ($CC, cc, gcc, clang)" in lines
     assert " ".join(report.HEADINGS).split() in [line.split() for line in lines[:2]]
     assert any(line.lstrip().startswith("without wind") for line in lines)
     assert any(line.lstrip().startswith("with limit") for line in lines)
     assert any(line.lstrip().startswith("ball with reflection") for line in lines)
-    assert lines[-2] == "Taichi's kernels here: 4 floats at once"
     assert " cores · Python 3." in lines[-1]
     assert "Taichi 1." in lines[-1]
 
@@ -113,13 +111,12 @@ def test_csv_and_json_read_back(measured: Measured, tmp_path: Path) -> None:
     assert [line["solver"] for line in lines] == ["verlet", "spring", "verlet"]
     assert float(lines[0]["median_ms"]) == rows[0].median_ms
     assert lines[0]["over_c"] == ""
-    report.write_json(tmp_path / "b.json", rows, stages, missing, 8)
+    report.write_json(tmp_path / "b.json", rows, stages, missing)
     told = json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))
     assert [Row(**row) for row in told["rows"]] == rows
     assert [StageRow(**row) for row in told["stages"]] == stages
     assert told["machine"] == report.machine()
     assert told["missing"] == missing
-    assert told["floats_at_once"] == 8
 
 
 @pytest.mark.skipif(not floor.FLOOR.exists(), reason="an installed wheel has no benchmarks")
@@ -153,30 +150,6 @@ def test_a_wheel_has_no_floor(tmp_path: Path) -> None:
     timer = floor.FloorTimer(tmp_path / "floor.py")
     assert timer.median_ms("relax", 24, 30, 5, 12, 40) is None
     assert timer.missing == {"C, JavaScript": "benchmarks/floor is only in a checkout"}
-
-
-@pytest.mark.parametrize(
-    ("assembly", "floats"),
-    [
-        ("addss %xmm0, %xmm1", None),
-        ("addps %xmm0, %xmm0", 4),
-        ("vaddps (%rdi), %ymm0, %ymm1\nvaddps %xmm0, %xmm1, %xmm2", 8),
-        ("vaddps %zmm0, %zmm0, %zmm1", 16),
-        ("fadd v0.4s, v0.4s, v0.4s", None),
-    ],
-)
-def test_the_widest_sum_in_assembly(assembly: str, floats: int | None) -> None:
-    assert registers.widest(assembly) == floats
-
-
-def test_taichi_tells_how_many_floats_it_treats_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr("tempfile.tempdir", None)
-    known = registers.floats_at_once()
-    assert known in ((4, 8, 16) if platform.machine() in ("x86_64", "AMD64") else (None,))
-    assert list(tmp_path.iterdir()) == []
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "no-python"))
-    assert registers.floats_at_once() is None
 
 
 @pytest.mark.parametrize(
