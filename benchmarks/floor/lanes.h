@@ -1,17 +1,16 @@
 // As many floats as a register holds, treated at once, and vectors of three of them.
 //
-// GCC's vector extension, which clang has too: eight floats with AVX, four with SSE or NEON, or as many as -DLANES
-// says. What is wider than a register GCC would keep in memory, twice as slow. Only the estimate of an inverse root
-// is particular to a processor.
+// GCC's vector extension, which clang has too: eight floats with AVX, four with SSE or NEON. What is wider than a
+// register GCC would keep in memory, twice as slow. Only the estimate of an inverse root is particular to a processor.
 #pragma once
 
 #if defined(__SSE2__)
 #include <immintrin.h>
 #endif
 
-#if !defined(LANES) && defined(__AVX__)
+#if defined(__AVX__)
 #define LANES 8
-#elif !defined(LANES)
+#else
 #define LANES 4
 #endif
 
@@ -24,11 +23,9 @@ typedef long long words __attribute__((vector_size(4 * LANES)));
 #if LANES == 8
 #define NEXT 1, 2, 3, 4, 5, 6, 7, 7  // the lane that each lane gets
 #define BEFORE 8, 0, 1, 2, 3, 4, 5, 6
-#elif LANES == 4
+#else
 #define NEXT 1, 2, 3, 3
 #define BEFORE 4, 0, 1, 2
-#else
-#error "LANES is 4 or 8"
 #endif
 
 // x, y and z of LANES particles: a structure of arrays in pieces of one register.
@@ -70,9 +67,9 @@ INLINE floats from_lane_before(floats a) {
 // division the one unit that does both would be busy for longer than all the rest of a spring takes.
 INLINE floats inverse_root(floats a) {
     floats half = 0.5f * a;
-#if defined(__AVX__) && LANES == 8
+#if defined(__AVX__)
     floats r = (floats)_mm256_rsqrt_ps((__m256)a);  // good to 12 bits: one step is enough
-#elif defined(__SSE2__) && LANES == 4
+#elif defined(__SSE2__)
     floats r = (floats)_mm_rsqrt_ps((__m128)a);  // the same
 #else
     floats r = (floats)(0x5f375a86 - ((ints)a >> 1));  // halved exponent, 4 bits: three steps (C. Lomont 2003)

@@ -196,18 +196,15 @@ class Bench:
         programs = floor_of(case)
         ms: list[float] = []
         over_c: list[float] = []
-        over_narrow_c: list[float] = []
         under_javascript: list[float] = []
         for _ in range(ROUNDS):
             in_c = self.floor.median_ms(programs.in_c, *grid, many) if programs.in_c else None
-            in_narrow_c = self.floor.narrow_ms(programs.in_c, *grid, many) if programs.in_c else None
             in_javascript = (
                 self.floor.median_ms(programs.in_javascript, *grid, count) if programs.in_javascript else None
             )
             [ours] = child.frames(count, 2 * ROUND_SECONDS)
             ms += ours
             over_c += [] if in_c is None else [median(ours) / in_c]
-            over_narrow_c += [] if in_narrow_c is None else [median(ours) / in_narrow_c]
             under_javascript += [] if in_javascript is None else [in_javascript / median(ours)]
         result = child.finish()
         [outcome] = result["cases"]
@@ -230,7 +227,6 @@ class Bench:
             fits=highest_rate(p95),
             ns_per_spring=1e6 * median(ms) / (substeps * case.iterations * springs),
             over_c=median(over_c) if over_c else None,
-            over_narrow_c=median(over_narrow_c) if over_narrow_c else None,
             under_javascript=median(under_javascript) if under_javascript else None,
             cold_s=compiled["compile_s"],
             peak_mb=result["peak_bytes"] / 1e6 if result["peak_bytes"] else None,

@@ -43,7 +43,6 @@ class Row:
     fits: int | None = None  # pictures a second that 95 of 100 frames are fast enough for, 0 for less than 60
     ns_per_spring: float | None = None  # in a sweep; explicit methods: in a substep
     over_c: float | None = None  # our time ÷ that of C
-    over_narrow_c: float | None = None  # our time ÷ that of C with four floats at once
     under_javascript: float | None = None  # that of JavaScript ÷ our time
     cold_s: float | None = None  # to compile the first frame with an empty cache
     warm_s: float | None = None  # the same with the cache filled
@@ -101,7 +100,6 @@ def cells(row: Row) -> list[str]:
         "-" if row.fits is None else str(row.fits or "none"),
         number(row.ns_per_spring),
         number(row.over_c),
-        number(row.over_narrow_c),
         number(row.under_javascript),
         number(row.cold_s, ".1f"),
         number(row.warm_s, ".1f"),
@@ -114,13 +112,13 @@ def cells(row: Row) -> list[str]:
 
 HEADINGS = (
     *("scene", "solver", "path", "grid", "n×m"),
-    *("ms", "p95", "per s", "ns", "÷ C", "÷ C 4", "JS ÷", "cold s", "warm s", "MB", "state", "strain", "stretch"),
+    *("ms", "p95", "per s", "ns", "÷ C", "JS ÷", "cold s", "warm s", "MB", "state", "strain", "stretch"),
 )
 LEGEND = (
     "n×m substeps × iterations · ms, p95 a frame, median and 95th percentile · per s pictures a second it keeps up with"
     " (60, 144, 360: 16.7, 6.9, 2.8 ms at p95)\n"
-    "ns of a spring in a sweep, or in a substep of an explicit method · ÷ C our time over that of C · ÷ C 4 of C"
-    " with four floats at once · JS ÷ JavaScript's over ours · cold, warm compiling, cache empty and filled\n"
+    "ns of a spring in a sweep, or in a substep of an explicit method · ÷ C our time over that of C · JS ÷ JavaScript's"
+    " over ours · cold, warm compiling, cache empty and filled\n"
     "MB peak of the process · state its fields, MB · strain the largest · stretch of it, more than the cloth's own"
     " weight explains · - not known here"
 )

@@ -294,7 +294,7 @@ def tile_for(field: ti.template()):
 
 @ti.func
 def turn(field: ti.template(), first: int, stride: int, last: int, tile: ti.template()):
-    """Eight slots, `stride` apart and none behind `last`, with slots for lanes: row k of the tile holds lane k of all."""
+    """Eight slots, `stride` apart and none behind `last`, turned: row k of the tile holds lane k of all."""
     for n in range(LANES):
         slot = field[ti.min(first + n * stride, last)]
         for k in ti.static(range(LANES)):

@@ -78,7 +78,12 @@ def spread(vector: tm.vec3, like):
     if ti.static(single(like)):
         return vector
     else:
-        return ti.Matrix([[vector[c] if ti.static(c < 3) else 0.0 for _ in ti.static(range(LANES))] for c in ti.static(range(COMPONENTS))])
+        return ti.Matrix(
+            [
+                [vector[c] if ti.static(c < 3) else 0.0 for _ in ti.static(range(LANES))]
+                for c in ti.static(range(COMPONENTS))
+            ]
+        )
 
 
 @ti.func
@@ -141,7 +146,10 @@ def from_previous(value):
         return ti.Vector([value[max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))])
     else:
         return ti.Matrix(
-            [[value[c, max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))] for c in ti.static(range(COMPONENTS))]
+            [
+                [value[c, max(k - 1, 0)] * min(k, 1) for k in ti.static(range(LANES))]
+                for c in ti.static(range(COMPONENTS))
+            ]
         )
 
 

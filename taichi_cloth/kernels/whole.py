@@ -26,8 +26,8 @@ def whole_field(shape: tuple[int, ...], kind: Any, count: int) -> Any:
 
 
 def placed(make: Callable[[], Fields]) -> Fields:
-    """What `make` gives; the fields that it makes get their memory now. Vectors where slots are whole, arrays where not:
-    Taichi decides that by the same option.
+    """What `make` gives; the fields that it makes get their memory now. Under this option: by it Taichi decides whether
+    slots are vectors for LLVM, or arrays.
     """
     with kept_whole(True):
         made = make()
@@ -37,8 +37,10 @@ def placed(make: Callable[[], Fields]) -> Fields:
 
 @contextmanager
 def kept_whole(on: bool) -> Iterator[None]:
-    """Kernels that are compiled meanwhile leave vectors and matrices whole, if `on`, and sums in the order in which they
-    are written: LLVM would change it in slots and not in single numbers, and strips give the bits of the list.
+    """Kernels that are compiled meanwhile leave vectors and matrices whole, if `on`.
+
+    And sums in the order in which they are written: LLVM would change it in slots and not in single numbers, but strips
+    are to give the bits of the list.
     """
     options = ti.lang.impl.current_cfg()
     before = options.real_matrix_scalarize, options.fast_math

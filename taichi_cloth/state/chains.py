@@ -32,7 +32,7 @@ class ChainList:
 class ChainStrips:
     """The strips in which a grid's chains are solved, one layout after the other (`mesh/chains.py`)."""
 
-    x: Any  # 3×8
+    x: Any  # 4×8
     x_prev: Any
     moved: Any  # [m] by chains, since they were laid
     inverse_mass: Any  # row of eight

@@ -28,7 +28,7 @@ def places(count: int, *, lanes: bool = False) -> Any:
 
 
 def rows(width: int, count: int, kind: Any = ti.i32) -> Any:
-    """A vector in each of `count` slots, for kernels of every layout: what is whole (`kernels/whole.py`) asks for SOA."""
+    """A vector in each of `count` slots, for kernels of strips too: beside what is whole it must be SOA."""
     return ti.Vector.field(width, kind, count, layout=ti.Layout.SOA)
 
 

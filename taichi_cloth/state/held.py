@@ -23,7 +23,8 @@ class Held:
 
 def room_to_hold(places: int) -> Held:
     """Room for as many particles as a layout has places."""
-    return Held(fields.numbers(places, kind=ti.i32), fields.rows(3, places, ti.f32), fields.numbers(places, kind=ti.i32))
+    place, hand = (fields.numbers(places, kind=ti.i32) for _ in range(2))
+    return Held(place, fields.rows(3, places, ti.f32), hand)
 
 
 def hold(

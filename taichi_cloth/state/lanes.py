@@ -29,7 +29,7 @@ class LaneState:
     in_lanes: ClassVar[bool] = True
     gathers: ClassVar[bool] = False
 
-    x: Any  # 3×8 (S,)
+    x: Any  # 4×8 (S,)
     x_prev: Any
     velocity: Any
     force: Any
@@ -73,7 +73,7 @@ class LaneState:
 
 
 def _allocate(slots: int, pitch: int) -> LaneState:
-    room = slots + slots // 2 + 9  # a slot more for each row: kernels keep neighbours of another lane there
+    room = slots + slots // 2  # a slot more for each row: kernels keep neighbours of another lane there
 
     def places() -> Any:
         return fields.places(room, lanes=True)

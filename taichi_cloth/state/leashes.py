@@ -33,7 +33,7 @@ def leash(work: Any, topology: Topology) -> None:
 
 
 def _in_lanes(values: Any, at: Any, slots: int) -> Any:
-    """Values of the particles, (N,) or (N, 3), as rows of eight or 3×8; zero where there is no particle."""
+    """Values of the particles, (N,) or (N, 3), as rows of eight or three of them; zero where there is no particle."""
     room = np.zeros((slots * STRIPS, *values.shape[1:]))
     room[at] = values
     rows = room.reshape(slots, STRIPS, *values.shape[1:])

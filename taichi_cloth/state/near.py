@@ -86,9 +86,7 @@ def come_near(work: Any, topology: Topology) -> None:
 
 
 def _candidates(room: int) -> Candidates:
-    return Candidates(
-        rows=fields.rows(2, room), touching=fields.numbers(room, kind=ti.i32), count=fields.number()
-    )
+    return Candidates(rows=fields.rows(2, room), touching=fields.numbers(room, kind=ti.i32), count=fields.number())
 
 
 def _buckets(count: int) -> Buckets:

@@ -51,9 +51,7 @@ def measured() -> Measured:
 def test_a_row_has_every_number_and_all_are_finite(measured: Measured) -> None:
     for row in measured[0][:2]:
         told = {name: value for name, value in asdict(row).items() if value is not None}
-        not_here = {"over_c", "over_narrow_c", "under_javascript", "error"} | (
-            {"stretch"} if row.scene == "sheet" else set()
-        )
+        not_here = {"over_c", "under_javascript", "error"} | ({"stretch"} if row.scene == "sheet" else set())
         assert {field.name for field in fields(Row)} - set(told) == not_here
         numbers = [value for value in told.values() if not isinstance(value, str)]
         assert all(isfinite(value) for value in numbers)
@@ -83,7 +81,7 @@ def test_without_a_compiler_the_floor_is_a_dash_and_the_reason_a_line(
     measured: Measured, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows, stages, missing = measured
-    assert report.cells(rows[0])[9:12] == ["-", "-", "-"]
+    assert report.cells(rows[0])[9:11] == ["-", "-"]
     report.print_report(rows, stages, missing)
     lines = capsys.readouterr().out.splitlines()
     assert "C: no compiler ($CC, cc, gcc, clang)" in lines
@@ -99,7 +97,7 @@ def test_a_measurement_that_fails_says_why_and_the_others_go_on(measured: Measur
     row = measured[0][2]
     assert (row.solver, row.path, row.median_ms) == ("verlet", "tapestry", None)
     assert "verlet has no path 'tapestry'" in str(row.error)
-    assert report.cells(row)[5:] == ["-"] * 13
+    assert report.cells(row)[5:] == ["-"] * 12
     assert list(report.failures(measured[0], measured[1])) == ["verlet 7×5 tapestry, failed"]
 
 
@@ -125,25 +123,13 @@ def test_the_floor_is_timed_at_the_same_numbers(tmp_path: Path) -> None:
         "class FloorError(Exception): pass\n"
         "def time_floor(*numbers):\n"
         "    if numbers[0] == 'explicit': raise FloorError('it does not compile')\n"
-        "    return None if numbers[0] == 'frame' else {'median_ms': sum(numbers[1:]), 'lanes': 8}\n"
+        "    return None if numbers[0] == 'frame' else {'median_ms': sum(numbers[1:])}\n"
     )
     timer = floor.FloorTimer(tmp_path / "floor.py")
     assert timer.median_ms("relax", 24, 30, 5, 12, 40) == 24 + 30 + 5 + 12 + 40
-    assert timer.narrow_ms("relax", 24, 30, 5, 12, 40) == 24 + 30 + 5 + 12 + 40 + 4
     assert timer.median_ms("frame", 24, 30, 5, 12, 40) is None
     assert timer.median_ms("explicit", 24, 30, 60, 1, 40) is None
-    assert timer.narrow_ms("explicit", 24, 30, 60, 1, 40) is None
     assert timer.missing == {"JavaScript": "no node", "explicit 30×24": "it does not compile"}
-
-
-def test_where_registers_hold_four_floats_one_ratio_to_c_is_enough(tmp_path: Path) -> None:
-    (tmp_path / "floor.py").write_text(
-        "FloorError = ValueError\ndef time_floor(*numbers): return {'median_ms': 1.5, 'lanes': 4}\n"
-    )
-    timer = floor.FloorTimer(tmp_path / "floor.py")
-    assert timer.median_ms("relax", 24, 30, 5, 12, 40) == 1.5
-    assert timer.narrow_ms("relax", 24, 30, 5, 12, 40) is None
-    assert timer.missing == {"÷ C 4": "C takes 4 floats at once here anyway"}
 
 
 def test_a_wheel_has_no_floor(tmp_path: Path) -> None:
