@@ -8,7 +8,7 @@ import taichi as ti
 import taichi.math as tm
 
 from ..kernels.maths import TINY
-from ..kernels.places import LANES, minus, single, size_of
+from ..kernels.places import LANES, in_kind, minus, single, size_of
 
 PUSHES = 3  # the first one is enough near the surface
 MARCH_STEPS = 64
@@ -18,7 +18,7 @@ MARCH_NEAR = 1e-5  # [m]
 @ti.func
 def half_of(distances: ti.template(), m: int) -> tm.vec3:
     """Half sides of the box of nodes [m]."""
-    return ti.cast(distances.nodes[m] - 1, ti.f32) * (0.5 * distances.spacing[m])
+    return in_kind(distances.nodes[m] - 1, ti.f32) * (0.5 * distances.spacing[m])
 
 
 @ti.func
@@ -29,8 +29,8 @@ def distance_to(distances: ti.template(), m: int, place: tm.vec3):
     nodes, spacing, half = distances.nodes[m], distances.spacing[m], half_of(distances, m)
     inside = ti.min(ti.max(place, minus(half)), half)
     steps = (inside + half) / spacing
-    cell = ti.min(ti.cast(steps, ti.i32), nodes - 2)
-    b = steps - ti.cast(cell, ti.f32)
+    cell = ti.min(in_kind(steps, ti.i32), nodes - 2)
+    b = steps - in_kind(cell, ti.f32)
     a = 1.0 - b
     n = distances.first[m] + (cell.x * nodes.y + cell.y) * nodes.z + cell.z
     up, on = nodes.z, nodes.y * nodes.z  # to the next node along y and along x

@@ -22,6 +22,7 @@ from ..kernels.controls import SELF_FRICTION, THICKNESS
 from ..kernels.layout import at, inverse_mass_at, slot_of
 from ..kernels.maths import TINY, friction_slide
 from ..kernels.motion import put_right
+from ..kernels.places import in_kind
 from .candidates import (
     edge_weights,
     for_candidates,
@@ -76,7 +77,7 @@ def part(
                 unit = UNITS / (thickness * inverse * crowd)
                 for k in ti.static(range(count)):
                     share = weight[k] * inverse_mass_at(cloth, who[k]) * unit
-                    ti.atomic_add(cloth.near.moves[who[k]], ti.cast(ti.round(push * share), ti.i32))
+                    ti.atomic_add(cloth.near.moves[who[k]], in_kind(ti.round(push * share), ti.i32))
     return touching
 
 

@@ -7,13 +7,15 @@ The order within a bucket is any: who walks over buckets must not depend on it.
 import taichi as ti
 import taichi.math as tm
 
+from .places import in_kind
+
 BLOCK = 256  # buckets that one thread sums up
 
 
 @ti.func
 def cube_of(place: tm.vec3, side: float):
     """Which cube of the given side [m] a place lies in."""
-    return ti.cast(ti.floor(place / side), ti.i32)
+    return in_kind(ti.floor(place / side), ti.i32)
 
 
 @ti.func

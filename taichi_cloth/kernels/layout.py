@@ -5,7 +5,7 @@ from typing import Any
 import taichi as ti
 import taichi.math as tm
 
-from .places import COMPONENTS, LANES
+from .places import COMPONENTS, LANES, in_kind
 
 
 def kept_by(layout: Any, stages: Any) -> Any:
@@ -87,13 +87,13 @@ def inverse_mass_at(cloth: ti.template(), place: int):
 
 @ti.func
 def slot_of(cloth: ti.template(), field: ti.template(), i: int):
-    """What a field by place holds for the particle, or the eight particles, of slot i."""
+    """What a field by place holds for the particle, or the eight particles, of slot i, as floats."""
     if ti.static(cloth.in_lanes):
         return ti.Matrix(
             [
-                [field[i * LANES + k][c] if ti.static(c < 3) else 0 for k in ti.static(range(LANES))]
+                [float(field[i * LANES + k][c]) if ti.static(c < 3) else 0.0 for k in ti.static(range(LANES))]
                 for c in ti.static(range(COMPONENTS))
             ]
         )
     else:
-        return field[i]
+        return in_kind(field[i], ti.f32)

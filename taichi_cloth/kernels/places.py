@@ -46,6 +46,12 @@ def size_of(value):
 
 
 @ti.func
+def in_kind(vector, kind: ti.template()):
+    """A vector of three with numbers of another kind; `ti.cast` is not for one that stays whole."""
+    return ti.Vector([ti.cast(vector[c], kind) for c in ti.static(range(3))])
+
+
+@ti.func
 def cross(a, b):
     """a×b of each place."""
     if ti.static(single(a)):
