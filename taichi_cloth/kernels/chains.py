@@ -161,7 +161,7 @@ def move_along(cloth: ti.template(), i: int, pull, h: float):
     """Place and velocity together; `pull` [kg·m]."""
     move = pull * cloth.inverse_mass[i]
     cloth.x[i] = cloth.x[i] + move
-    cloth.velocity[i] = cloth.velocity[i] + move / h
+    cloth.velocity[i] = cloth.velocity[i] + move * (1.0 / h)
 
 
 # -- eight chains at once ------------------------------------------------------------------------------------------
@@ -308,7 +308,7 @@ def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int, 
     if upright:
         for slot in range(cloth.slot_count[None]):
             cloth.x[slot] = chains.x[slot]
-            cloth.velocity[slot] = cloth.velocity[slot] + chains.moved[slot] / h
+            cloth.velocity[slot] = cloth.velocity[slot] + chains.moved[slot] * (1.0 / h)
     else:
         for y in range(cloth.rows[None]):
             lane, j = y // across, y % across
@@ -318,7 +318,7 @@ def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int, 
                     for c in range(3):
                         cloth.x[y * pitch + i][c, k] = chains.x[slot][c, lane]
                         velocity = cloth.velocity[y * pitch + i][c, k]
-                        cloth.velocity[y * pitch + i][c, k] = velocity + chains.moved[slot][c, lane] / h
+                        cloth.velocity[y * pitch + i][c, k] = velocity + chains.moved[slot][c, lane] * (1.0 / h)
 
 
 @ti.func
