@@ -57,7 +57,7 @@ USUAL_SETTINGS = {
 ROBUST = Setting(
     "robust",
     Solver("xpbd", 60, 8, damping=4.0),
-    limit_sweeps=160,
+    limit_sweeps=24,
     swept=True,
     compression=0.0,
     untangle=True,
