@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager, suppress
@@ -167,7 +167,7 @@ def run_all(
     return [found[k] for k in range(len(pairs))]
 
 
-def in_processes(jobs: Mapping[int, tuple[Any, ...]], processes: int) -> Iterator[tuple[int, Result]]:
+def in_processes(jobs: Mapping[int, tuple[Any, ...]], processes: int) -> Generator[tuple[int, Result], None, None]:
     """Results of `run_case` with these arguments as they come. Raises BrokenProcessPool."""
     with ProcessPoolExecutor(processes, get_context("spawn"), partial(runtime.start, "cpu")) as pool:
         try:
