@@ -165,7 +165,7 @@ def move_along(cloth: ti.template(), i: int, pull, h: float):
     """Place and velocity together; `pull` [kg·m]."""
     move = pull * cloth.inverse_mass[i]
     cloth.x[i] = cloth.x[i] + move
-    cloth.velocity[i] = cloth.velocity[i] + move / h
+    cloth.velocity[i] = cloth.velocity[i] + move * (1.0 / h)
 
 
 # -- eight chains at once ------------------------------------------------------------------------------------------
@@ -345,7 +345,7 @@ def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int, 
     if upright:
         for slot in range(cloth.slot_count[None]):
             cloth.x[slot] = chains.x[slot]
-            cloth.velocity[slot] = cloth.velocity[slot] + chains.moved[slot] / h
+            cloth.velocity[slot] = cloth.velocity[slot] + chains.moved[slot] * (1.0 / h)
     else:
         for j in range(across):
             for i in range(pitch):
@@ -358,7 +358,7 @@ def lay_back(cloth: ti.template(), chains: ti.template(), layout, upright: int, 
                     if y < cloth.rows[None]:
                         slot = y * pitch + i
                         cloth.x[slot] = row_of_tile(x, lane, chains.x)
-                        cloth.velocity[slot] = cloth.velocity[slot] + row_of_tile(moved, lane, chains.moved) / h
+                        cloth.velocity[slot] = cloth.velocity[slot] + row_of_tile(moved, lane, chains.moved) * (1.0 / h)
 
 
 @ti.func

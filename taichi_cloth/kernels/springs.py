@@ -93,18 +93,55 @@ def bend(cloth: ti.template(), stages: ti.template(), a, b, e, constant, control
 
 
 @ti.func
-def limit(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
-    """Brings a spring that is longer than the strain limit allows back to it (Provot 1995, section 5)."""
+def hold_back(
+    cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, factor: ti.template(), controls: ti.template(), h
+):
+    """Brings a spring that is longer than the strain limit allows back to it (Provot 1995, section 5), and beyond it
+    where the factor is more than 1.
+
+    That is projected successive over-relaxation (Cryer 1971): the multiplier is what a spring has been drawn together
+    by so far, of which it may give back what was too much, but no more. None pushes, and one that stays within its
+    limit is left alone.
+    """
     w_a, w_b = cloth.inverse_mass[a], cloth.inverse_mass[b]
     gap = cloth.x[b] - cloth.x[a]
-    most = cloth.rest[e] * (1.0 + controls[MOST_STRAIN])
-    shift = project_distance(gap, w_a + w_b, ti.min(most, length(gap)), ti.select(stiffness > 0.0, 1.0, 0.0))
-    bring_together(cloth, stages, a, b, shift, h)
+    long = length(gap)
+    over = long - cloth.rest[e] * (1.0 + controls[MOST_STRAIN])
+    before = cloth.multiplier[e]
+    held = ti.max(before + ti.select(stiffness > 0.0, factor, 0.0) * over / ti.max(w_a + w_b, TINY), 0.0)
+    cloth.multiplier[e] = held
+    bring_together(cloth, stages, a, b, times(gap, (held - before) / ti.max(long, TINY)), h)
+
+
+@ti.func
+def limit(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
+    """To the limit and no farther."""
+    hold_back(cloth, stages, a, b, e, stiffness, 1.0, controls, h)
+
+
+@ti.func
+def limit_ahead(cloth: ti.template(), stages: ti.template(), a, b, e, stiffness, controls: ti.template(), h):
+    """In a sweep that is not one of the last."""
+    hold_back(cloth, stages, a, b, e, stiffness, ti.static(over_relaxation(stages.strain_limit)), controls, h)
+
+
+def over_relaxation(sweeps: int) -> float:
+    """The factor for so many sweeps: what was too much dies away by this less 1 a sweep, to about e⁻⁴ in the end."""
+    return 2.0 - 4.0 / (sweeps + 3.0)
+
+
+def last_sweeps(sweeps: int) -> int:
+    """How many of them are not over-relaxed: a quarter, and the only one. They even out what was too much.
+
+    Thirty-three rows under ten times their weight, with a limit of 0.1 % at 60×8: 160 sweeps to the limit leave 7 % of
+    that too much, 24 of these 5 %.
+    """
+    return -(-sweeps // 4)
 
 
 RELAX = Treatment(relax)
 RELAX_COMPLIANT = Treatment(relax_compliant, damped=("x_prev",))
-LIMIT = Treatment(limit)
+LIMIT, LIMIT_AHEAD = Treatment(limit), Treatment(limit_ahead)
 PULL = Share(pull, reads=("x",), into="force", damped=("velocity",))
 BEND = Share(bend, reads=("x",), into="force")
 
@@ -112,12 +149,29 @@ BEND = Share(bend, reads=("x",), into="force")
 @ti.func
 def limit_strain(cloth: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
     """The sweeps of the strain limit, where the scene has one."""
+    if ti.static(stages.strain_limit > 0):
+        forget_multipliers(cloth)
+        last = ti.static(last_sweeps(stages.strain_limit))
+        ahead = ti.static(stages.strain_limit - last)
+        limit_times(cloth, stages, LIMIT_AHEAD, ahead, controls, h)
+        limit_times(cloth, stages, LIMIT, last, controls, h)
+
+
+@ti.func
+def limit_times(
+    cloth: ti.template(),
+    stages: ti.template(),
+    treat: ti.template(),
+    sweeps: ti.template(),
+    controls: ti.template(),
+    h: float,
+):
     if ti.static(cloth.gathers):  # its loops are parallel: they may not stand in another
-        for _ in ti.static(range(stages.strain_limit)):
-            for_springs(cloth, stages, LIMIT, controls, h)
-    elif ti.static(stages.strain_limit > 0):
-        for _ in range(stages.strain_limit):
-            for_springs(cloth, stages, LIMIT, controls, h)
+        for _ in ti.static(range(sweeps)):
+            for_springs(cloth, stages, treat, controls, h)
+    elif ti.static(sweeps > 0):
+        for _ in range(sweeps):
+            for_springs(cloth, stages, treat, controls, h)
 
 
 @ti.func
@@ -161,7 +215,7 @@ def sum_links(
 
 @ti.func
 def forget_multipliers(cloth: ti.template()):
-    """λ = 0: once a substep. Once an iteration would make every spring too soft."""
+    """λ = 0: once a substep, and before a limit. Once an iteration would make every spring too soft."""
     for e in range(cloth.spring_count[None]):
         cloth.multiplier[e] = cloth.rest[e] * 0.0
 

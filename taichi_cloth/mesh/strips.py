@@ -33,8 +33,15 @@ DIRECTION, DOWN, A_ROW, B_ROW, ALONG, COLOUR, ROW_SHIFT, ROW_MASK = range(8)
 FIRST, STRIDE, LINK_SHIFT, LINK_MASK, INSIDE, OVER = range(8, 14)
 
 
-def pitch(columns: int, multiple: int = 4) -> int:
-    """Slots of a row. A multiple of 4 lets every strip begin with the same colour in all directions."""
+def reach(directions: NDArray[np.bool_]) -> int:
+    """How many columns a spring of the directions in use spans at most."""
+    return max([1, *(abs(along) for (_, _, along), used in zip(DIRECTIONS, directions, strict=True) if used)])
+
+
+def pitch(columns: int, multiple: int = 2 * REACH) -> int:
+    """Slots of a row. A multiple of twice the longest reach lets every strip begin with the same colour in all
+    directions, and keeps both ends of a spring in different slots: where a strip ends, one is worked on in a copy.
+    """
     return -(-columns // (STRIPS * multiple)) * multiple
 
 

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import taichi as ti
 
 from ..errors import WrongUse
-from ..kernels.places import LANES
 from .base import FrameInput, Solver, Stages
 from .lines import Lines
 from .projective import Projective
@@ -52,8 +51,7 @@ def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = Non
         raise WrongUse(f"path lanes is for one even grid, and {unfit.strips}: list and gather can do that")
     if asked or unfit.strips:
         return asked or "list"
-    # Strips of one column or less are mostly empty: then springs one by one are as fast.
-    return next(path for path in kind.paths if path != "lanes" or shape[1] >= LANES)
+    return next(path for path in kind.paths if path != "lanes" or shape[1] >= kind.narrowest)
 
 
 __all__ = ["SOLVERS", "FrameInput", "Solver", "Stages", "Unfit", "path_for"]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..kernels.controls import Substep, row, table
 from ..kernels.forces import forget_forces
 from ..kernels.layout import load, store
+from ..kernels.places import LANES
 from ..kernels.whole import kept_whole
 from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
@@ -182,6 +183,8 @@ class Solver:
     sweep: ClassVar[Any] = staticmethod(nothing)
     after: ClassVar[Any] = staticmethod(nothing)
     paths: ClassVar[tuple[str, ...]] = ("lanes", "list", "gather")  # the first that fits a grid is taken
+    # Columns from which strips are worth it: those of one column or less are mostly empty, springs one by one as fast.
+    narrowest: ClassVar[int] = LANES
     needs_rows: ClassVar[bool] = False  # whole ones, of a grid
     own_velocity: ClassVar[bool] = True
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes

@@ -110,7 +110,7 @@ def _allocate_list(room: int) -> ChainList:
 
 def _allocate_strips(slots: int, pitch: int) -> ChainStrips:
     crossed = slots + 8 * pitch  # slots of strips of rows
-    links = 2 * slots + slots // 2 + 32 * pitch + 16  # of both layouts, each with two columns and two rows more
+    links = 3 * slots + slots // 8 + 32 * pitch + 16  # of both layouts, each with two columns and two rows more
 
     def places(count: int) -> Any:
         return fields.places(count, lanes=True)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager, suppress
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import active_children, get_context
 from pathlib import Path
+from typing import Any
 
 from .. import runtime
 from .catalogue import Case
@@ -131,29 +133,59 @@ def deaf_children() -> Iterator[None]:
 def run_all(
     pairs: Sequence[tuple[Case, Setting]], starts: int, pictures: Path | None, on_step: Callable[[str], None]
 ) -> list[Result]:
-    """A result for each pair, in their order. Two or more run in as many processes as there are cores."""
+    """A result for each pair, in their order. Two or more run in as many processes as there are cores, the dearest
+    settings first: so no core waits for the other long.
+
+    Where a process ends before its time, what was done stays done. Those that may have ended it run again, each in a
+    process of its own; one that ends that too has failed.
+    """
     if len(pairs) == 1:
         [(case, setting)] = pairs
         on_step(f"{case.number} {case.name}, {setting.name}")
         runtime.start("cpu")
         return [run_case(case, setting, starts, pictures)]
     found: dict[int, Result] = {}
-    with ProcessPoolExecutor(CORES, get_context("spawn"), partial(runtime.start, "cpu")) as pool:
+
+    def done(k: int, result: Result) -> None:
+        found[k] = result
+        on_step(f"{result.name}, {result.setting}")
+
+    def run(some: Sequence[int], processes: int) -> list[int]:
+        """Those that are not done when a process has ended."""
+        jobs = {k: (*pairs[k], starts, pictures) for k in some}
+        with suppress(BrokenProcessPool), closing(in_processes(jobs, processes)) as results:
+            for k, result in results:
+                done(k, result)
+        return [k for k in some if k not in found]
+
+    left = run(sorted(range(len(pairs)), key=lambda k: -pairs[k][1].cost), CORES)
+    while left:
+        for k in left[: CORES + 1]:  # the pool hands them out in this order, one more than there are processes
+            for lost in run([k], 1):
+                done(lost, process_ended(*pairs[lost]))
+        left = run([k for k in left if k not in found], CORES)
+    return [found[k] for k in range(len(pairs))]
+
+
+def in_processes(jobs: Mapping[int, tuple[Any, ...]], processes: int) -> Generator[tuple[int, Result], None, None]:
+    """Results of `run_case` with these arguments as they come. Raises BrokenProcessPool."""
+    with ProcessPoolExecutor(processes, get_context("spawn"), partial(runtime.start, "cpu")) as pool:
         try:
             with deaf_children():
-                waiting = {
-                    pool.submit(run_case, case, setting, starts, pictures): k for k, (case, setting) in enumerate(pairs)
-                }
-            for done in as_completed(waiting):
-                case, setting = pairs[waiting[done]]
-                found[waiting[done]] = done.result()
-                on_step(f"{case.number} {case.name}, {setting.name}")
+                waiting = {pool.submit(run_case, *job): k for k, job in jobs.items()}
+            for future in as_completed(waiting):
+                yield waiting[future], future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for child in active_children():  # a case may have minutes to go
                 child.terminate()
             raise
-    return [found[k] for k in range(len(pairs))]
+
+
+def process_ended(case: Case, setting: Setting) -> Result:
+    """What is told of a case that took its process with it."""
+    failure = Failure(0, "times that its process ended", 2, 0)
+    return Result(case, setting.name, [Outcome(0, failure, 0, False, 0.0, 0.0, 0.0, 0.0, 0.0, [])])
 
 
 def by_setting(results: Sequence[Result]) -> Iterator[tuple[str, list[Result]]]:

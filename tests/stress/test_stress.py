@@ -1,5 +1,6 @@
 """The command `stress`: a few cases, what it reports, and that it can fail."""
 
+import importlib
 import json
 import signal
 import subprocess
@@ -18,7 +19,7 @@ from taichi_cloth.mesh.from_scene import topology_of
 from taichi_cloth.scene.model import SOLVER_NAMES, Ground, Limit, SelfCollision, Solver, Sphere, Tear
 from taichi_cloth.stress import catalogue, report
 from taichi_cloth.stress.catalogue import CASES, Case
-from taichi_cloth.stress.running import Outcome, Result, deaf_children, run_case
+from taichi_cloth.stress.running import Outcome, Result, deaf_children, run_all, run_case
 from taichi_cloth.stress.scenes import sheet
 from taichi_cloth.stress.setting import ROBUST, SETTINGS, Setting
 from taichi_cloth.stress.springs import long_run
@@ -88,6 +89,10 @@ def test_there_are_forty_and_reasons_name_settings() -> None:
     assert len({case.name for case in CASES}) == 40
     assert list(SETTINGS) == [*SOLVER_NAMES, "robust"]
     assert {name for case in CASES for name in case.beyond} <= set(SETTINGS)
+
+
+def test_the_dearest_settings_run_first() -> None:
+    assert max(SETTINGS.values(), key=lambda setting: setting.cost) == ROBUST
 
 
 def test_chosen() -> None:
@@ -257,3 +262,23 @@ def test_processes_that_run_cases_do_not_hear_ctrl_c() -> None:
         assert subprocess.check_output(ask, text=True) == "True\n"
     assert signal.getsignal(signal.SIGINT) is before
     assert subprocess.check_output(ask, text=True) == "False\n"
+
+
+def test_what_ends_its_process_is_told_and_takes_no_other_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Processes are handed the module path, and import what they run."""
+    (tmp_path / "ways_to_end.py").write_text(
+        "import os\n\ndef lives(trial):\n    trial.frame = 3\n\ndef dies(trial):\n    os._exit(3)\n", encoding="utf-8"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    ways = importlib.import_module("ways_to_end")
+    cases = [Case(k, way, "", getattr(ways, way)) for k, way in enumerate(("lives", "dies", "lives", "lives"), 1)]
+    told: list[str] = []
+    results = run_all([(case, SMALL) for case in cases], 2, None, told.append)
+    assert [result.alive for result in results] == [True, False, True, True]
+    assert [len(result.outcomes) for result in results] == [2, 1, 2, 2]
+    assert sorted(told) == ["1 lives, xpbd", "2 dies, xpbd", "3 lives, xpbd", "4 lives, xpbd"]
+    assert report.failures(results) == [
+        "2 dies fails with xpbd (starts 0): times that its process ended 2, not 0 in frame 0 of start 0; it should not"
+    ]
