@@ -121,7 +121,7 @@ def robust_words() -> str:
     words = [f'`[solver] name = "{solver.name}"`, `substeps = {solver.substeps}`, `iterations = {solver.iterations}`']
     words += [f"`[fabric] compression = {ROBUST.compression:g}`"]
     words += [f"`damping = {solver.damping:g}` where a scene has less but some", "`swept = true` in every collider"]
-    words += ["`untangle = true` where a scene has `[self_collision]`"]
+    words += ["`untangle = true` and `stick = true` where a scene has `[self_collision]`"]
     words += [f"and `[limit] sweeps = {ROBUST.limit_sweeps}` where a scene has a limit"]
     return ", ".join(words)
 
