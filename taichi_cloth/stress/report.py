@@ -178,6 +178,12 @@ Contact has valleys of its own: it holds on the wrong side what was squeezed thr
 cloth goes through itself (`untangle`). A sheet that is twisted (14) does: at twice its length its particles are farther
 apart than it is thick, and whole turns slip through. What is through is out again at the end, and nothing crosses.
 
+Friction that counts what slid in one substep alone holds nothing still. Contacts are put right by shares, so that what
+carries a weight has to slide a little before it is held, in every substep anew, and a heap flows like honey: that of 16
+at 5.5 mm/s, at 4.9 with ten times the damping and at 3.7 with three times the iterations. Where it flows over an edge
+it slips by fits and starts. So `robust` counts what two particles slid since they met (`stick`): the same heap loses a
+twelfth of the height in the same time.
+
 A run ends early where its frames take so many substeps that it would last for minutes (stiff springs with the
 explicit methods): its frames are then marked with a plus. Colliders are swept in `robust` only. The cloth of 14
 to 16 keeps off itself by its particles, at nine tenths of a cell; the layers of 15 and 16 are those of one strip.
