@@ -47,6 +47,7 @@ def stages_of(scene: Scene) -> Stages:
         grips=bool(scene.grips),
         self_collision=scene.self_collision is not None,
         untangles=scene.self_collision is not None and scene.self_collision.untangle,
+        sticks=scene.self_collision is not None and scene.self_collision.stick,
         self_triangles=scene.self_collision is not None and scene.self_collision.contacts == "triangles",
     )
 

@@ -13,6 +13,7 @@ from ..kernels.hashing import bucket_of, cube_of, sort_into_buckets
 from ..kernels.layout import at
 from ..kernels.nearest import nearest_of_segments, nearest_on_triangle
 from ..kernels.places import size_of
+from .sticking import clear_anchors
 
 AIR, AIR_OF_EDGES = 0.5, 0.2  # of the thickness, and of the longest edge where triangles are asked: the larger
 STRETCHED = 1.5  # rest lengths up to which an edge is found
@@ -235,6 +236,8 @@ def list_candidates(cloth: ti.template(), stages: ti.template(), now: ti.templat
         visit_edges(cloth, now, list_crossing, 0, on)
     else:
         visit_particles(cloth, now, list_pair, 0, on)
+        if ti.static(stages.sticks):
+            clear_anchors(cloth, on * cloth.near.pairs.count[None])
 
 
 @ti.func
@@ -248,13 +251,14 @@ def for_candidates(
 ):
     """`act(cloth, now, n, m, move)` for each of a list, or where it is too short for each that a search finds.
 
-    `act` says whether there is a contact; with `move` only those are asked that were one without.
+    `act` says whether there is a contact; with `move` only those are asked that were one without. For a row of the list
+    it is also told which.
     """
     count = found.count[None]
     fits = int(count <= ti.static(found.rows.shape[0]))
     for k in range(fits * count):
         if move == 0:
-            found.touching[k] = act(cloth, now, found.rows[k][0], found.rows[k][1], move)
+            found.touching[k] = act(cloth, now, found.rows[k][0], found.rows[k][1], move, k)
         elif found.touching[k]:
-            act(cloth, now, found.rows[k][0], found.rows[k][1], move)
+            act(cloth, now, found.rows[k][0], found.rows[k][1], move, k)
     visit_all(cloth, now, act, move, 1 - fits)

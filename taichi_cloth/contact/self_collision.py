@@ -32,6 +32,7 @@ from .candidates import (
     visit_edges,
     visit_particles,
 )
+from .sticking import slid_since
 
 # Whole numbers to a thickness: of moves, and of depths, of which thousands add up.
 UNITS, DEPTH_UNITS = 1 << 20, 1 << 12
@@ -41,9 +42,19 @@ NEIGHBOURS = 1.01  # thicknesses apart on the flat sheet: rounding must not make
 
 @ti.func
 def part(
-    cloth: ti.template(), now: ti.template(), who: ti.template(), weight: ti.template(), count: ti.template(), move: int
+    cloth: ti.template(),
+    now: ti.template(),
+    who: ti.template(),
+    weight: ti.template(),
+    count: ti.template(),
+    move: int,
+    row: int,
+    sticks: ti.template(),
 ):
-    """Counts a contact at each of its `count` particles, or adds to their moves; 0 where there is none."""
+    """Counts a contact at each of its `count` particles, or adds to their moves; 0 where there is none.
+
+    With `sticks` friction counts from the anchor that is kept beside a row of the list, where it is one (not −1).
+    """
     thickness = now.controls[THICKNESS]
     gap, let_go = tm.vec3(0.0), 0
     for k in ti.static(range(count)):
@@ -73,7 +84,11 @@ def part(
                 motion = gap - gap_before
                 wanted = ti.max(APART * now.h * now.lasts - apart.dot(motion), 0.0)
                 push = apart * ti.min(depth, wanted)
-                push += friction_slide(push, motion + push, now.controls[SELF_FRICTION])
+                slid = motion + push
+                if ti.static(sticks):  # noqa: SIM102 (of the two only this one is known while compiling)
+                    if row >= 0:
+                        slid += slid_since(cloth.anchors, now, row, apart, gap_before, push)
+                push += friction_slide(push, slid, now.controls[SELF_FRICTION])
                 unit = UNITS / (thickness * inverse * crowd)
                 for k in ti.static(range(count)):
                     share = weight[k] * inverse_mass_at(cloth, who[k]) * unit
@@ -82,23 +97,30 @@ def part(
 
 
 @ti.func
-def part_particles(cloth: ti.template(), now: ti.template(), n: int, m: int, move: int):
-    return part(cloth, now, tm.ivec2(cloth.near.particle[n], cloth.near.particle[m]), tm.vec2(1.0, -1.0), 2, move)
+def part_particles(cloth: ti.template(), now: ti.template(), n: int, m: int, move: int, row: int = -1):
+    who = tm.ivec2(cloth.near.particle[n], cloth.near.particle[m])
+    return part(cloth, now, who, tm.vec2(1.0, -1.0), 2, move, row, False)
 
 
 @ti.func
-def part_triangle(cloth: ti.template(), now: ti.template(), n: int, m: int, move: int):
+def part_sticking(cloth: ti.template(), now: ti.template(), n: int, m: int, move: int, row: int = -1):
+    who = tm.ivec2(cloth.near.particle[n], cloth.near.particle[m])
+    return part(cloth, now, who, tm.vec2(1.0, -1.0), 2, move, row, True)
+
+
+@ti.func
+def part_triangle(cloth: ti.template(), now: ti.template(), n: int, m: int, move: int, row: int = -1):
     """Triangle n and particle m."""
     a, b, c = cloth.near.triangles[n]
     p = cloth.near.particle[m]
-    return part(cloth, now, tm.ivec4(p, a, b, c), triangle_weights(cloth, n, m), 4, move)
+    return part(cloth, now, tm.ivec4(p, a, b, c), triangle_weights(cloth, n, m), 4, move, row, False)
 
 
 @ti.func
-def part_edges(cloth: ti.template(), now: ti.template(), n: int, m: int, move: int):
+def part_edges(cloth: ti.template(), now: ti.template(), n: int, m: int, move: int, row: int = -1):
     a, b = cloth.near.edges[n]
     c, d = cloth.near.edges[m]
-    return part(cloth, now, tm.ivec4(a, b, c, d), edge_weights(cloth, n, m), 4, move)
+    return part(cloth, now, tm.ivec4(a, b, c, d), edge_weights(cloth, n, m), 4, move, row, False)
 
 
 @ti.func
@@ -106,6 +128,8 @@ def part_all(cloth: ti.template(), stages: ti.template(), now: ti.template(), mo
     if ti.static(stages.self_triangles):
         for_candidates(cloth, now, cloth.near.corners, visit_corners, part_triangle, move)
         for_candidates(cloth, now, cloth.near.crossings, visit_edges, part_edges, move)
+    elif ti.static(stages.sticks):
+        for_candidates(cloth, now, cloth.near.pairs, visit_particles, part_sticking, move)
     else:
         for_candidates(cloth, now, cloth.near.pairs, visit_particles, part_particles, move)
 

@@ -354,6 +354,7 @@ class SelfCollision:
     )
     friction: float = _key(0.3, "Coulomb coefficient of cloth on cloth", low=0.0, high=1e6)
     untangle: bool = _key(False, "lets go what is through itself already, until it is not any more")
+    stick: bool = _key(False, "friction of particles holds them where they met: stacks stand, and heaps hardly creep")
     contacts: str = _key(
         "particles",
         "particles keep off particles (for a thickness like a cell's side), or triangles off particles and edges off"

@@ -290,6 +290,9 @@ def _consistent(scene: Scene, file: str) -> Scene:
     if scene.tear is not None and scene.fabric.bending > 0:
         reason = "cannot cut what resists bending: set fabric.bending to 0, and let the springs of fabric.bend do it"
         raise SceneError(file, "tear", reason)
+    off_itself = scene.self_collision
+    if off_itself is not None and off_itself.stick and off_itself.contacts != "particles":
+        raise SceneError(file, "self_collision.stick", 'is for contacts between particles: set contacts to "particles"')
     if scene.cloth.file and scene.look.pole:
         raise SceneError(file, "look.pole", "is drawn along the top edge of a sheet, and cloth.file names a mesh")
     _check_regions(scene, file)

@@ -19,6 +19,7 @@ from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
 from ..scene.model import COLLIDERS, FRAME_SECONDS
 from ..state import ClothState, fields, lanes
+from ..state.anchors import anchor
 from ..state.bonds import bond
 from ..state.distances import Distances
 from ..state.gather import gathering
@@ -58,6 +59,7 @@ class Stages:
     self_collision: bool = False
     self_triangles: bool = False  # between triangles and edges too, not particles alone
     untangles: bool = False  # contact lets go where the cloth is through itself
+    sticks: bool = False  # friction of particles counts from where they met
     bending: bool = False
     own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
     constrained: bool = True  # something needs to know where a particle was a substep ago
@@ -229,6 +231,8 @@ class Solver:
             bond(self.work, topology)
         if self.stages.self_collision:
             come_near(self.work, topology)
+        if self.stages.sticks:
+            anchor(self.work)
 
     def weave(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
         """Goes on with other springs and triangles between the same particles, no more than it began with.

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.sticking import forget_anchors
 from ..contact.tangles import find_tangles
 from ..kernels.chains import begin_frame, forget_chains, solve_chains
 from ..kernels.controls import KEPT
@@ -134,6 +135,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     if is_first(now):
         kept = now.controls[KEPT]
     find_tangles(cloth, stages, now)
+    forget_anchors(cloth, stages, now)
     coast(cloth, kept, h)
     lead_held(cloth, stages, now, end_of(now))
     add_air(cloth, stages, ti.static(now._replace(h=2.0 * now.h)), 0.5 * end_of(now))

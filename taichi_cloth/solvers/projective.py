@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.sticking import forget_anchors
 from ..contact.tangles import find_tangles
 from ..kernels.conjugate import MOST_PRODUCTS, PARTIAL_SUMS, begin_search, find_way, search_on
 from ..kernels.controls import KEPT, STIFFNESS, row, table
@@ -51,6 +52,7 @@ PRODUCTS_A_LOOK = 8  # of the matrix and a direction, between two looks at how f
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """Every particle to y, where it would be without springs, and what is held to the hand."""
     find_tangles(cloth, stages, now)
+    forget_anchors(cloth, stages, now)
     add_air(cloth, stages, now, now.s)
     add_repulsion(cloth, stages, now, now.s)
     move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.sticking import forget_anchors
 from ..contact.tangles import find_tangles
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
@@ -100,6 +101,7 @@ def add_slope(cloth: ti.template(), stages: ti.template(), now: ti.template(), s
 def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """One substep."""
     find_tangles(cloth, stages, now)
+    forget_anchors(cloth, stages, now)
     begin(cloth)
     if ti.static(cloth.gathers):  # its loops are parallel: they may not stand in another
         for stage in ti.static(range(4)):

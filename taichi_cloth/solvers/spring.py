@@ -9,6 +9,7 @@ import taichi as ti
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.sticking import forget_anchors
 from ..contact.tangles import find_tangles
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
@@ -28,6 +29,7 @@ def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     Half a kick opens the frame and half a kick closes it; two halves are one.
     """
     find_tangles(cloth, stages, now)
+    forget_anchors(cloth, stages, now)
     lead_held(cloth, stages, now, now.s)  # where it is already: its velocity, for the forces
     add_air(cloth, stages, now, now.s)
     add_repulsion(cloth, stages, now, now.s)

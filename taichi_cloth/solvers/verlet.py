@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.sticking import forget_anchors
 from ..contact.tangles import find_tangles
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air, take_acceleration
@@ -40,6 +41,7 @@ def predict(cloth: ti.template(), controls: ti.template(), h: float):
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     """External forces, and every particle goes on as it moved."""
     find_tangles(cloth, stages, now)
+    forget_anchors(cloth, stages, now)
     add_air(cloth, stages, now, now.s)
     add_repulsion(cloth, stages, now, now.s)
     predict(cloth, now.controls, now.h)

@@ -7,6 +7,7 @@ import taichi as ti
 from ..contact.push_out import push_out
 from ..contact.responses import add_repulsion
 from ..contact.self_collision import keep_apart
+from ..contact.sticking import forget_anchors
 from ..contact.tangles import find_tangles
 from ..kernels.controls import KEPT
 from ..kernels.forces import add_air
@@ -20,6 +21,7 @@ from .base import Solver
 @ti.func
 def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     find_tangles(cloth, stages, now)
+    forget_anchors(cloth, stages, now)
     add_air(cloth, stages, now, now.s)
     add_repulsion(cloth, stages, now, now.s)
     add_bending(cloth, stages, now.controls, now.h)
@@ -34,8 +36,8 @@ def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     many of its layers as there are iterations. Velocities (15) take up at once what moves particles.
     """
     for_springs(cloth, stages, RELAX_COMPLIANT, now.controls, now.h)
-    push_out(cloth, stages, now)
     keep_apart(cloth, stages, now)
+    push_out(cloth, stages, now)
 
 
 @ti.func

@@ -20,6 +20,7 @@ class Setting:
     swept: bool = False  # every collider is
     compression: float = 1.0  # of a fabric that has more
     untangle: bool = False  # a cloth that keeps off itself does
+    stick: bool = False  # and its friction
     cells: int = CELLS
     tear: float | None = None  # strain at which threads give way
 
@@ -35,7 +36,9 @@ class Setting:
         limit = scene.limit and replace(scene.limit, sweeps=self.limit_sweeps)
         fabric = replace(scene.fabric, compression=min(scene.fabric.compression, self.compression))
         off_itself = scene.self_collision
-        off_itself = off_itself and replace(off_itself, untangle=off_itself.untangle or self.untangle)
+        off_itself = off_itself and replace(
+            off_itself, untangle=off_itself.untangle or self.untangle, stick=off_itself.stick or self.stick
+        )
         scene = replace(scene, solver=solver, limit=limit, fabric=fabric, self_collision=off_itself)
         if self.tear is not None:  # what resists bending cannot be cut
             scene = replace(scene, tear=Tear(self.tear), fabric=replace(scene.fabric, bending=0.0))
@@ -66,5 +69,6 @@ ROBUST = Setting(
     swept=True,
     compression=0.0,
     untangle=True,
+    stick=True,
 )
 SETTINGS = USUAL_SETTINGS | {ROBUST.name: ROBUST}

@@ -122,6 +122,7 @@ def test_a_setting_keeps_what_is_the_scenes() -> None:
         0.01, untangle=True
     )
     assert Setting("r", Solver("lines"), untangle=True).of(scene).self_collision is None
+    assert Setting("r", Solver("lines"), stick=True).of(touching).self_collision == SelfCollision(0.01, stick=True)
     assert robust.ground is not None
     assert (robust.ground.swept, robust.spheres[0].swept) == (True, True)
     limited = replace(scene, limit=Limit(0.2), solver=replace(scene.solver, damping=0.0))
