@@ -368,8 +368,10 @@ def test_the_panel_may_be_moved(desk: Start) -> None:
     desk.release("left")
 
 
-def test_a_clip_and_a_screenshot_are_kept_and_can_be_repeated(desk: Start, capsys: pytest.CaptureFixture[str]) -> None:
-    desk = desk("curtain", "--size", "640x480")
+def test_a_clip_and_a_screenshot_are_kept_and_can_be_repeated(
+    desk: Start, running: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    desk = desk("curtain", "--size", "640x480", "--path", "list")  # another method is compiled
     start = somewhere_on_the_cloth(desk)
     desk.key("c")
     desk.move(*start)
