@@ -24,7 +24,10 @@ def pytest_configure() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-DEAREST = ("scenes", "window", "pages", "strangers", "paths", "self_collision", "contract", "bench", "sweeps")
+DEAREST = (
+    *("scenes", "window", "pages", "strangers", "paths", "contract", "cli", "triangles", "self_collision", "validate"),
+    *("tearing", "examples", "bench", "session", "panel", "projective", "renders", "simulation", "compare", "lines"),
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -16,7 +16,7 @@ from taichi_cloth.view.compare_frames import render_both
 from taichi_cloth.view.frames import Plan
 from taichi_cloth.view.sides import SEAM, partners
 
-pytestmark = pytest.mark.usefixtures("running")
+pytestmark = pytest.mark.usefixtures("running", "on_lists")
 
 SMALL = ["--set", "rows=8,columns=9", "--size", "202x60", "--frames", "12", "--every", "4"]
 
@@ -37,6 +37,7 @@ def test_two_methods_side_by_side(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gallery, "FRAMES", 15)
+    monkeypatch.setattr(gallery, "FINEST", 4)
     told = run(tmp_path, "--a", "solver=verlet,iterations=1", "--b", "solver=spring")
     assert sorted(p.name for p in (tmp_path / "o").glob("*.png")) == [f"frame_0000{k}.png" for k in range(3)]
     assert told["a"]["method"].startswith("verlet 5×1")

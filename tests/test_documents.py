@@ -173,6 +173,7 @@ def test_scenes_can_be_loaded_block_by_block_and_all_together(document: Path, tm
         tc.load_scene(file)
 
 
+@pytest.mark.usefixtures("on_lists")
 @each([path for path in DOCUMENTS if blocks(path, "python")])
 def test_python_runs(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -14,7 +14,7 @@ from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers.spring import Spring
 
-pytestmark = pytest.mark.usefixtures("running")
+pytestmark = pytest.mark.usefixtures("running", "on_lists")
 
 STIFF = Scene(
     cloth=Cloth(rows=9, columns=12, width=0.6, height=0.4, center=(0.0, 1.0, 0.0), rotation=(-60.0, 0.0, 0.0)),

@@ -16,6 +16,8 @@ from taichi_cloth.scene import load_scene
 from taichi_cloth.scene.model import Cloth, Fabric, Forces, Grip, Ground, Limit, Scene, Solver, Sphere, Tethers
 from taichi_cloth.simulation import Simulation
 
+pytestmark = pytest.mark.usefixtures("on_lists")
+
 CLOTH = Cloth(rows=9, columns=9, width=0.8, height=0.8, center=(0.0, 1.0, 0.0), pins=("top",))
 MIDDLE = 4 * 9 + 4
 

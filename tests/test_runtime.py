@@ -60,3 +60,20 @@ def test_gpu_is_the_first_that_is_there_and_serial_paths_are_refused_on_it() -> 
     with pytest.raises(WrongUse, match="path list is for --arch cpu; a GPU has the path gather"):
         Simulation(load_scene("curtain"), path="list")
     runtime.start("cpu")
+
+
+def test_kernels_are_read_with_what_was_read_before() -> None:
+    with Simulation(load_scene("curtain", rows=4, columns=5), "list") as simulation:
+        simulation.advance_frame()
+    looked_up = runtime._source_lines.cache_info()
+    assert looked_up.hits > looked_up.misses > 30
+
+
+def test_a_mistake_in_a_kernel_is_shown_with_its_line() -> None:
+    @ti.kernel
+    def wrong():
+        print(nowhere)  # noqa: F821
+
+    with pytest.raises(ti.TaichiNameError, match=r"test_runtime\.py(?s:.*)print\(nowhere\).*\n +\^{7}\n") as told:
+        wrong()
+    assert "line " + str(wrong.__wrapped__.__code__.co_firstlineno + 2) in str(told.value)

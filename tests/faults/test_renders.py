@@ -127,7 +127,7 @@ def test_a_second_render_into_the_folder_is_refused_until_the_first_is_dead(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
-@pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.long)])
+@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.long)])
 def test_killed_at_random_moments_and_resumed_it_makes_the_frames_of_an_unbroken_run(kills: int) -> None:
     moment = random.Random(kills)
     for _ in range(kills):

@@ -39,14 +39,14 @@ def backward_euler(simulation: Simulation, x0: np.ndarray, v0: np.ndarray, held:
         left = topology.mass[:, None] * (y - x)
         np.add.at(left, a, h**2 * pull)
         np.add.at(left, b, -(h**2) * pull)
-        hessian = np.zeros((len(x), 3, len(x), 3))
-        for e in range(len(a)):
-            slack = max(0.0, 1 - topology.rest[e] / long[e])  # as if no spring could push across: keeps it positive
-            outer = np.outer(n[e], n[e])
-            block = h**2 * stiffness[e] * (outer + slack * (np.eye(3) - outer))
-            for i, j, sign in ((a[e], a[e], 1), (b[e], b[e], 1), (a[e], b[e], -1), (b[e], a[e], -1)):
-                hessian[i, :, j, :] += sign * block
-        matrix = hessian.reshape(3 * len(x), -1) + np.diag(np.repeat(topology.mass, 3))
+        # As if no spring could push across: keeps it positive.
+        slack = np.maximum(0.0, 1 - topology.rest / long)[:, None, None]
+        outer = n[:, :, None] * n[:, None, :]
+        blocks = h**2 * stiffness[:, None, None] * (outer + slack * (np.eye(3) - outer))
+        hessian = np.zeros((len(x), len(x), 3, 3))
+        for i, j, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
+            np.add.at(hessian, (i, j), sign * blocks)
+        matrix = hessian.transpose(0, 2, 1, 3).reshape(3 * len(x), -1) + np.diag(np.repeat(topology.mass, 3))
         way = np.zeros(3 * len(x))
         way[loose] = np.linalg.solve(matrix[np.ix_(loose, loose)], left.reshape(-1)[loose])
         x = x + way.reshape(-1, 3)

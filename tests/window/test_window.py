@@ -214,7 +214,7 @@ def test_pages_turn_and_widgets_of_another_page_work(desk: Start) -> None:
     assert desk.now()["frame"] > 0
 
 
-def test_a_press_on_nothing_takes_nothing(desk: Start) -> None:
+def test_a_slider_moves_its_parameter_and_nothing_else_and_a_press_on_nothing_takes_nothing(desk: Start) -> None:
     desk = desk("curtain")
     desk.move(0.98, 0.02)
     assert desk.press("left")["mouse"] == "nothing"
@@ -223,10 +223,6 @@ def test_a_press_on_nothing_takes_nothing(desk: Start) -> None:
     assert desk.now()["grabbed"] is None
     desk.release("left")
     assert desk.last["eye"] == before["eye"]
-
-
-def test_a_slider_moves_its_parameter_and_nothing_else(desk: Start) -> None:
-    desk = desk("curtain")
     for name, low, high in (("gravity", 0, 20), ("substeps", 1, 60)):
         move_a_slider(desk, name, low, high)
 
@@ -297,7 +293,7 @@ def test_keys(desk: Start) -> None:
         assert desk.now()["max_strain"] < 1.0
 
 
-def test_the_camera(desk: Start) -> None:
+def test_the_camera_turns_and_the_window_may_be_resized(desk: Start) -> None:
     desk = desk("curtain")
     desk.key("space")
     desk.until(lambda line: line["frozen"], "freeze")
@@ -327,6 +323,18 @@ def test_the_camera(desk: Start) -> None:
         desk.until(lambda line: line["target"][1] > first["target"][1] + 0.05, "moving up with a key")
     desk.key("f")
     desk.until(lambda line: line["eye"] == first["eye"], "the first view")
+
+    desk.xdotool("windowsize", "--sync", desk.window, "1000", "700")
+    desk.width, desk.height = 1000, 700
+    start = somewhere_on_the_cloth(desk)
+    desk.move(*start)
+    pressed = desk.press("left")
+    assert pressed["mouse"] == "cloth"
+    assert distance(pressed["particle"], start) < 0.06
+    desk.release("left")
+    desk.move(*slider_point(desk, "stiffness", 0.2))  # the panel keeps its pixels
+    assert desk.press("left")["mouse"] == "panel"
+    desk.until(lambda line: abs(line["live"]["stiffness"] - 0.2) < 0.05, "stiffness at 0.2")
 
 
 def test_the_panel_may_be_moved(desk: Start) -> None:
@@ -360,25 +368,10 @@ def test_the_panel_may_be_moved(desk: Start) -> None:
     desk.release("left")
 
 
-def test_the_window_may_be_resized(desk: Start) -> None:
-    desk = desk("curtain")
-    desk.xdotool("windowsize", "--sync", desk.window, "1000", "700")
-    desk.width, desk.height = 1000, 700
-    desk.key("space")
-    desk.until(lambda line: line["frozen"], "freeze")
-    start = somewhere_on_the_cloth(desk)
-    desk.move(*start)
-    pressed = desk.press("left")
-    assert pressed["mouse"] == "cloth"
-    assert distance(pressed["particle"], start) < 0.06
-    desk.release("left")
-    desk.move(*slider_point(desk, "stiffness", 0.2))  # the panel keeps its pixels
-    assert desk.press("left")["mouse"] == "panel"
-    desk.until(lambda line: abs(line["live"]["stiffness"] - 0.2) < 0.05, "stiffness at 0.2")
-
-
-def test_a_clip_and_a_screenshot_are_kept_and_can_be_repeated(desk: Start, capsys: pytest.CaptureFixture[str]) -> None:
-    desk = desk("curtain", "--size", "640x480")
+def test_a_clip_and_a_screenshot_are_kept_and_can_be_repeated(
+    desk: Start, running: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    desk = desk("curtain", "--size", "640x480", "--path", "list")  # another method is compiled
     start = somewhere_on_the_cloth(desk)
     desk.key("c")
     desk.move(*start)
