@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
+from math import pi, radians, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -86,16 +87,30 @@ def turn_between(before: Floats, after: Floats) -> Floats:
     return vector
 
 
+@lru_cache(maxsize=256)  # it is asked for in every frame
+def _at_rest(body: Motion | Ground) -> tuple[Floats, Floats]:
+    """The pose before any motion, for reading only."""
+    if isinstance(body, Ground):
+        center, axes = np.array([0.0, body.height, 0.0]), np.eye(3)
+    else:
+        center = np.array(body.center)
+        axes = rotation_matrix(body.rotation) if isinstance(body, Collider) else np.eye(3)
+    for values in (center, axes):
+        values.setflags(write=False)
+    return center, axes
+
+
 def pose(body: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
     """Middle [m] and axes at a time, as the keys of `Motion` and `Collider` say."""
+    center, axes = _at_rest(body)
     if isinstance(body, Ground):
-        return np.array([0.0, body.height, 0.0]), np.eye(3)
-    center = np.array(body.center)
-    axes = rotation_matrix(body.rotation) if isinstance(body, Collider) else np.eye(3)
+        return center, axes
     if any(body.sway) or any(body.rock):
-        wave = np.sin(2 * np.pi * seconds / np.array(body.period) + np.radians(body.phase))
+        phases = zip(body.period, body.phase, strict=True)
+        wave = np.array([sin(2 * pi * seconds / period + radians(phase)) for period, phase in phases])
         center = center + np.array(body.sway) * wave
-        axes = rotation_matrix(tuple(np.array(body.rock) * wave)) @ axes
+        if any(body.rock):
+            axes = rotation_matrix(tuple(np.array(body.rock) * wave)) @ axes
     if body.path:
         rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in body.path])
         offset = np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
