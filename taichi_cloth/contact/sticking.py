@@ -44,7 +44,7 @@ def slid_since(
         slid = tm.vec3(0.0)
         if anchors.met[row] == now.s - 1:
             slid = gap_before - anchors.gap[row]
-            slid -= apart * apart.dot(slid)
+            slid = slid - apart * apart.dot(slid)  # `-=` is not for vectors that stay whole
             slid *= ti.min(1.0, now.controls[SELF_FRICTION] * anchors.pushed[row] / ti.max(slid.norm(), TINY))
         anchors.gap[row] = gap_before - slid
         anchors.met[row] = now.s

@@ -7,7 +7,7 @@ or 24 floats: one load, one store, and registers as wide as the processor's.
 
 What such a kernel may not do (Taichi 1.7.4: LLVM ends the process in an assertion, or a number goes to a wrong place):
 read or write one number of a field's slot (take the slot into a variable, and put that back); use other fields of
-vectors unless their layout is SOA; `-v` and `ti.abs(v)` of a vector (`maths.minus`, `maths.size_of`).
+vectors unless their layout is SOA; `-v`, `v -= …`, `ti.abs` and `ti.cast` of a vector (`places.py` has others).
 """
 
 from collections.abc import Callable, Iterator
