@@ -9,6 +9,7 @@ import pytest
 import taichi as ti
 
 from taichi_cloth import runtime
+from taichi_cloth.kernels.whole import kept_whole, placed, whole_field
 from taichi_cloth.scene import load_scene
 from taichi_cloth.simulation import Simulation
 
@@ -25,9 +26,20 @@ def of_array(array: row, i: ti.i32) -> ti.f32:
     return array[i]
 
 
+@ti.kernel
+def of_slots(field: ti.template(), i: ti.i32) -> ti.f32:
+    slot = field[i]
+    return slot[0]
+
+
 def reads() -> list[Callable[[int], float]]:
-    field = ti.field(ti.f32, 4)
-    return [lambda i: of_field(field, i), lambda i: of_array(np.zeros(4, np.float32), i)]
+    field, slots = ti.field(ti.f32, 4), placed(lambda: whole_field((8,), ti.f32, 4))
+
+    def of_whole(i: int) -> float:
+        with kept_whole(True):
+            return float(of_slots(slots, i))
+
+    return [lambda i: of_field(field, i), lambda i: of_array(np.zeros(4, np.float32), i), of_whole]
 
 
 @pytest.fixture
