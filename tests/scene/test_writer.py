@@ -23,6 +23,7 @@ from taichi_cloth.scene.model import (
     Part,
     Region,
     Round,
+    SelfCollision,
     Vec3,
     keys_of,
     parts,
@@ -66,7 +67,11 @@ FILES = {Mesh: MESHES, Cloth: {"file": st.just("")}, Maps: dict.fromkeys(MAP_NAM
 
 
 def possible(section: Any) -> Any:
-    """The same section; of a body that does not project, without what only projection can do."""
+    """The same section; of a body that does not project, without what only projection can do, and of a cloth whose
+    triangles keep off each other, without what only particles can do.
+    """
+    if isinstance(section, SelfCollision):
+        return replace(section, stick=section.stick and section.contacts == "particles")
     if getattr(section, "response", "projection") == "projection":
         return section
     return replace(section, swept=False, **({"against": "particles"} if isinstance(section, Round) else {}))
