@@ -3,7 +3,7 @@
 Taichi takes a matrix apart into its components and LLVM has to find out which of them go side by side: it takes as many
 at once as it believes the processor to have registers for, four floats where it does not know its name. A field whose
 slots are of a tensor type, in a kernel compiled with `real_matrix_scalarize=False`, hands LLVM a slot as one value of 8
-or 24 floats: one load, one store, and registers as wide as the processor's.
+or 32 floats: one load, one store, and registers as wide as the processor's.
 
 What such a kernel may not do (Taichi 1.7.4: LLVM ends the process in an assertion, or a number goes to a wrong place):
 read or write one number of a field's slot (take the slot into a variable, and put that back); use other fields of
