@@ -27,7 +27,7 @@ help:
 	@echo "make lint   ruff and mypy"
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
 	@echo "make validate  how far every solver is from known answers; writes docs/validation.md and docs/scenes.md (10 minutes)"
-	@echo "make stress  40 cases that break cloth, every solver; writes docs/stability.md (half an hour)"
+	@echo "make stress  40 cases that break cloth, every solver; writes docs/stability.md (an hour)"
 	@echo "make errors  time beside error: the table that --target-error reads, its pictures, docs/scene_errors.md (half an hour)"
 	@echo "make neighbours  how long self-collision's search takes, beside brute force, an octree and a k-d tree"
 	@echo "make peers  the same cloth in other programs, installed into environments of their own"
