@@ -79,7 +79,7 @@ CASES = (
         "pins together",
         "to 10 %, 0, past each other, and back",
         loads.pins_together,
-        because(FOLDS, "verlet") | because(CHAINS, "lines") | because(VIBRATES, "spring"),
+        because(FOLDS, "verlet", "xpbd") | because(CHAINS, "lines") | because(VIBRATES, "spring"),
     ),
     Case(9, "collapsed start", "all particles but the pins at one point", starts.collapsed, because(TURNS, "spring")),
     Case(
@@ -211,7 +211,9 @@ CASES = (
         "yank",
         "a grabbed particle goes 10 m in a frame, and back",
         loads.yank,
-        because(VIBRATES, "xpbd", "rk4", "projective") | because(TURNS, "spring") | because(CHAINS, "lines"),
+        because(VIBRATES, "verlet", "xpbd", "rk4", "projective")
+        | because(TURNS, "spring")
+        | because(CHAINS, "lines"),
     ),
     Case(30, "bad input", "NaN, infinite, negative, unknown; refused by name", changes.bad_input),
     Case(
