@@ -211,9 +211,7 @@ CASES = (
         "yank",
         "a grabbed particle goes 10 m in a frame, and back",
         loads.yank,
-        because(VIBRATES, "verlet", "xpbd", "rk4", "projective")
-        | because(TURNS, "spring")
-        | because(CHAINS, "lines"),
+        because(VIBRATES, "verlet", "xpbd", "rk4", "projective") | because(TURNS, "spring") | because(CHAINS, "lines"),
     ),
     Case(30, "bad input", "NaN, infinite, negative, unknown; refused by name", changes.bad_input),
     Case(
