@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -80,7 +81,7 @@ def press(page: Browser, index: int) -> tuple[float, float]:
 def same_cloth(page: Browser, other: Browser) -> bool:
     """Whether a cloth that stands still comes to be the same in both."""
     shown = f"[moment.frame, ...{PLACES}]"
-    return any(page.value(shown) == other.value(shown) for _ in range(100))
+    return any(page.value(shown) == other.value(shown) or time.sleep(0.05) for _ in range(300))  # a slow one needs it
 
 
 def let_go(page: Browser, x: float, y: float) -> None:
