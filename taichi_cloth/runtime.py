@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import functools
+import gc
 import io
 import os
-import textwrap
+import weakref
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
+from types import FrameType
 from typing import Any
 
 from .errors import WrongUse
@@ -29,7 +29,8 @@ def start(arch: str = "cpu", **options: Any) -> str:
     """Starts Taichi on `arch`, ending what ran before; other options go to `ti.init`. Returns the arch that runs.
 
     The environment's TI_ARCH, which Taichi would follow instead, is set aside.
-    Raises ValueError for an arch that is not one of `ARCHS`, and WrongUse for one that this machine does not have.
+    Raises ValueError for an arch that is not one of `ARCHS`, WrongUse for one that this machine does not have, and
+    RuntimeError where something keeps a reference to Taichi's program that ended, which it names.
     """
     if arch not in ARCHS:
         raise ValueError(f"unknown arch {arch!r}: {', '.join(ARCHS)}")
@@ -41,8 +42,13 @@ def start(arch: str = "cpu", **options: Any) -> str:
     chosen = next(iter(there), "gpu") if arch == "gpu" else arch
     if chosen not in ("cpu", *there):
         raise WrongUse(f"arch {arch} is not there: this machine has {', '.join(['cpu', *there])}")
-    _read_kernels_once()
-    if "offline_cache_file_path" not in options:
+    stop()
+    # Only now: they import Taichi.
+    from . import source_cache
+    from .kernels.internals import CACHE, usable
+
+    source_cache.install()
+    if "offline_cache_file_path" not in options and usable(CACHE):
         usual = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path
         options["offline_cache_file_path"] = str(sound_folder(Path(usual), stop))
     settings = {
@@ -60,53 +66,57 @@ def start(arch: str = "cpu", **options: Any) -> str:
     return chosen
 
 
-def _read_kernels_once() -> None:
-    """Takes half the time and more off Taichi's reading of a kernel: 1 s of each start, whatever its cache holds.
-
-    At each call that it inlines, a thousand in one frame, Taichi 1.7 looks through all modules and splits the file for
-    the lines of the function. For its error messages it wraps the line and a row of carets for every part of every
-    expression, 60,000 times for one frame, though there are no more than 4,000 different ones. The messages stay the
-    same.
-    """
-    from taichi.lang import kernel_impl
-    from taichi.lang.ast import ast_transformer_utils
-
-    kernel_impl.getsourcefile, kernel_impl.getsourcelines = _source_file, _source_lines
-    ast_transformer_utils.TextWrapper = _wrapper
-
-
-@functools.cache
-def _source_file(function: Callable[..., Any]) -> str:
-    from taichi.lang import _wrap_inspect
-
-    return str(_wrap_inspect.getsourcefile(function))
-
-
-@functools.cache
-def _source_lines(function: Callable[..., Any]) -> tuple[list[str], int]:
-    """The lines and the number of the first."""
-    from taichi.lang import _wrap_inspect
-
-    lines, first = _wrap_inspect.getsourcelines(function)
-    return lines, first
-
-
-@functools.cache
-def _wrapper(width: int) -> SimpleNamespace:
-    """A `textwrap.TextWrapper` that remembers."""
-    return SimpleNamespace(wrap=functools.cache(textwrap.TextWrapper(width).wrap))
-
-
 def start_if_needed() -> None:
     """Starts Taichi on the CPU unless it runs already."""
     import taichi as ti
 
     if ti.lang.impl.get_runtime().prog is None:
         start()
+    else:
+        from . import source_cache
+
+        source_cache.install()
 
 
 def stop() -> None:
-    """Ends Taichi; simulations and windows must be closed before."""
+    """Ends Taichi. Windows must be closed before; simulations that are open can go no further.
+
+    Raises RuntimeError where something else keeps a reference to the ended program: when that goes, it frees memory of
+    the next program. Nothing starts again before it has gone.
+    """
+    global _ended
     import taichi as ti
 
+    from . import source_cache
+
+    source_cache.remove()
+    running = ti.lang.impl.get_runtime().prog
+    if running is not None:
+        _ended = weakref.ref(running)
+    del running
     ti.reset()
+    if _ended() is not None:
+        gc.collect()
+    if (program := _ended()) is not None:
+        raise RuntimeError(f"Taichi's program has ended, and is still referred to by {_holders(program)}")
+
+
+def _gone() -> None:
+    """Before the first start: nothing has ended."""
+
+
+_ended: Callable[[], Any] = _gone  # the program that ended last, by a weak reference
+
+
+def _holders(program: Any) -> str:
+    """What refers to a program, in words. Python does not tell of local variables of functions that run."""
+    words = []
+    for holder in gc.get_referrers(program):
+        if isinstance(holder, dict):  # of a module, or any other
+            module = holder.get("__name__", "a dict")
+            for name, value in holder.items():  # no comprehension: its cell would be one more holder
+                if value is program:
+                    words.append(f"{module}: {name}")
+        elif not isinstance(holder, FrameType):
+            words.append(f"a {type(holder).__module__}.{type(holder).__qualname__}")
+    return ", ".join(words) or "a local variable"

@@ -43,6 +43,7 @@ from .solvers import SOLVERS, FrameInput, Solver
 from .state.fields import put, put_all
 from .state.held import hold
 from .state.near import come_near
+from .state.program import ProgramRef
 
 Floats = NDArray[np.float64]
 
@@ -86,6 +87,7 @@ class Simulation:
         self.scene, self.topology, self._repinned = scene, topology, repinned
         self._inverse_mass = state.inverse_mass(topology)
         self._solver: Solver | None = solver
+        self._program = ProgramRef()
         self._damping_time, self._least_substeps = damping_time, least
         self._row = ControlsRow(scene, topology.origin, damping_time)
         self._letting_out = Release(solver.stages.bodies)
@@ -169,6 +171,11 @@ class Simulation:
         """Gives the cloth's memory back for the next simulation. Closing twice does no harm."""
         self._give_back()
         self._solver = None
+
+    @property
+    def closed(self) -> bool:
+        """Whether it can go no further: it was closed, or Taichi was stopped or started anew."""
+        return self._solver is None or not self._program.runs()
 
     def __enter__(self) -> Simulation:
         return self
@@ -382,9 +389,11 @@ class Simulation:
 
     @property
     def solver(self) -> Solver:
-        """The method that runs. Raises RuntimeError once the simulation is closed."""
+        """The method that runs. Raises RuntimeError once the simulation is closed, or Taichi has ended."""
         if self._solver is None:
             raise RuntimeError("this simulation is closed")
+        if not self._program.runs():
+            raise RuntimeError("Taichi was stopped or started anew, which ends every simulation: open a new one")
         return self._solver
 
     @property

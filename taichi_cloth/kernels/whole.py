@@ -42,10 +42,12 @@ def kept_whole(on: bool) -> Iterator[None]:
     And sums in the order in which they are written: LLVM would change it in slots and not in single numbers, but strips
     are to give the bits of the list.
     """
+    if not on:
+        yield
+        return
     options = ti.lang.impl.current_cfg()
     before = options.real_matrix_scalarize, options.fast_math
-    if on:
-        options.real_matrix_scalarize = options.fast_math = False
+    options.real_matrix_scalarize = options.fast_math = False
     try:
         yield
     finally:

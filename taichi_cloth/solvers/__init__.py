@@ -6,6 +6,7 @@ from typing import NamedTuple
 import taichi as ti
 
 from ..errors import WrongUse
+from ..kernels.probe_simd import simd_works
 from .base import FrameInput, Solver, Stages
 from .lines import Lines
 from .projective import Projective
@@ -49,9 +50,11 @@ def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = Non
         raise WrongUse(f"path gather cannot do it, since {unfit.threads}: list can")
     if unfit.strips and asked == "lanes":
         raise WrongUse(f"path lanes is for one even grid, and {unfit.strips}: list and gather can do that")
+    if asked == "lanes" and not simd_works():
+        raise WrongUse("path lanes does not work with this release of Taichi: take list or gather")
     if asked or unfit.strips:
         return asked or "list"
-    return next(path for path in kind.paths if path != "lanes" or shape[1] >= kind.narrowest)
+    return next(path for path in kind.paths if path != "lanes" or (shape[1] >= kind.narrowest and simd_works()))
 
 
 __all__ = ["SOLVERS", "FrameInput", "Solver", "Stages", "Unfit", "path_for"]

@@ -295,7 +295,8 @@ class Solver:
         """Keeps every velocity when the length of a substep [s] changes."""
 
     def close(self) -> None:
-        """Gives the fields back that are not the cloth's own."""
+        """Gives the fields back that are not the cloth's own, and frees what launches hold."""
+        self.launches.close()
         if self.work.in_lanes:
             lanes.give_back(self.work)
         self.work = self.cloth

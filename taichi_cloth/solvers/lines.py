@@ -164,6 +164,8 @@ def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
     if is_first(now):
         ahead = JUMP
     finish(cloth, is_first(now), now.controls[KEPT], now.h * ahead)
+    # What is led takes part in the jump: dashpots divide the way that it goes in a stage by the stage's length.
+    lead_held(cloth, stages, now, end_of(now) + ahead)
     pull_tethers(cloth, stages, ti.static(now._replace(pushes=False)))
     push_out(cloth, stages, ti.static(now._replace(s=end_of(now) + ahead - 1.0, lasts=ahead, pushes=False)))
 

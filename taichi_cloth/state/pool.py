@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-import taichi as ti
-
 from ..kernels.whole import placed
+from .program import ProgramRef
 
 Fields = TypeVar("Fields")
 
@@ -29,15 +28,14 @@ class Pool(Generic[Fields]):
         self._make = make
         self._free: dict[tuple[int, ...], list[Fields]] = {}
         self._size: dict[int, tuple[int, ...]] = {}  # of each group handed out, by its identity
-        self._program: Any = None
+        self._program: ProgramRef | None = None  # a strong reference would let an ended program live on
 
     def take(self, *counts: int) -> Fields:
         """A group whose capacities hold these counts: `make(*capacities)`, or one that was given back."""
-        running = ti.lang.impl.get_runtime().prog
-        if running is not self._program:  # Taichi was started anew: the old fields are gone
+        if self._program is None or not self._program.runs():  # Taichi was started anew: the old fields are gone
             self._free.clear()
             self._size.clear()
-            self._program = running
+            self._program = ProgramRef()
         size = tuple(capacity(count) for count in counts)
         shelf = self._free.setdefault(size, [])
         fields = shelf.pop() if shelf else self._make(*size)
@@ -47,7 +45,7 @@ class Pool(Generic[Fields]):
     def give_back(self, fields: Fields) -> None:
         """Puts a group on the shelf. One that Taichi's restart has ended is dropped."""
         size = self._size.pop(id(fields), None)
-        if size is not None and ti.lang.impl.get_runtime().prog is self._program:
+        if size is not None and self._program is not None and self._program.runs():
             self._free[size].append(fields)
 
 

@@ -11,4 +11,4 @@ class Simulation(Plain):
 
     def _repr_png_(self) -> bytes | None:
         """The cloth as it is now; nothing of one that is closed."""
-        return None if self._solver is None else picture(self)._repr_png_()
+        return None if self.closed else picture(self)._repr_png_()

@@ -18,6 +18,7 @@ from taichi_cloth.bench import children
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene.overrides import override_places
 from taichi_cloth.stress import running
+from taichi_cloth.validate import running as measuring
 from taichi_cloth.view import display
 
 STOPPED = "stopped where the run would begin"
@@ -98,6 +99,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Any:
         patched.setattr(runtime, "start", stop)
         patched.setattr(children, "bench", stop)
         patched.setattr(running, "run_all", stop)
+        patched.setattr(measuring, "measure_all", stop)
         patched.setattr(display, "window_obstacle", lambda: "no window in this test")
         yield folder
 

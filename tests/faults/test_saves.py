@@ -78,6 +78,25 @@ def test_another_process_goes_on_bit_for_bit(program: Run, tmp_path: Path) -> No
     assert (tmp_path / "end.npz").read_bytes() == (tmp_path / "mine.npz").read_bytes()
 
 
+@pytest.mark.parametrize("on", [True, False])
+def test_the_wind_switch_is_saved(tmp_path: Path, on: bool) -> None:
+    with Simulation(SMALL) as simulation, Simulation(SMALL) as other:
+        simulation.set("wind", on)
+        run(simulation, 3)
+        simulation.save(tmp_path / "save.npz")
+        other.set("wind", not on)
+        other.load(tmp_path / "save.npz")
+        assert other.get("wind") is on
+        for one in (simulation, other):
+            run(one, 3)
+        assert (simulation.positions() == other.positions()).all()
+        other.set("wind", not on)
+        other.load(tmp_path / "save.npz")
+        other.set("wind", not on)
+        run(other, 3)
+        assert (simulation.positions() != other.positions()).any()  # the switch does something here
+
+
 @pytest.mark.parametrize("arch", ["cuda", "vulkan", "metal"])
 def test_another_arch_goes_on_with_the_same_cloth(tmp_path: Path, arch: str) -> None:
     """From the CPU to it, and back."""

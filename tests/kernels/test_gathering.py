@@ -1,5 +1,7 @@
 """Kernels over fields: forces, relaxation and contact of a whole cloth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import taichi as ti
@@ -11,7 +13,8 @@ from taichi_cloth.kernels import controls as c
 from taichi_cloth.kernels import springs
 from taichi_cloth.kernels.forces import add_air, forget_forces, take_acceleration, wind_at
 from taichi_cloth.mesh.topology import Topology, sheet
-from taichi_cloth.scene.model import Box, Ground, Sphere
+from taichi_cloth.scene.model import Box, Cloth, Ground, Scene, Solver, Sphere, Wind
+from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import Stages
 from taichi_cloth.solvers.base import run_serially
 from taichi_cloth.view.fill import particle_normals
@@ -154,6 +157,24 @@ def test_gusts_stay_within_their_height_and_travel() -> None:
     later = np.array([gust(*place, controls, 1.0) for place in places])
     controls[c.GUST_TURNS : c.GUST_TURNS + 3] += c.GUST_RATES
     assert np.array([gust(*place, controls, 0.0) for place in places]) == pytest.approx(later, abs=1e-4)
+
+
+@pytest.mark.parametrize("path", ["list", "lanes", "gather"])
+def test_gusts_travel_within_a_frame(path: str) -> None:
+    """In the second half of a frame they press as in the first half of a frame that begins then."""
+    cloth = Cloth(rows=4, columns=18, width=4.0, height=1.0, center=(0.0, 0.0, 0.0), pins=())
+    scene = Scene(cloth=cloth, wind=Wind(x=1.0, z=4.0, turbulence=0.5), solver=Solver("xpbd", substeps=2, iterations=1))
+    with Simulation(scene, path) as simulation:
+        now = simulation._input()
+        later = replace(now, controls=now.controls.copy())
+        later.controls[c.GUST_TURNS : c.GUST_TURNS + 3] += now.h * np.array(c.GUST_RATES)
+        gained = []
+        for frame, s in ((now, 0), (now, 1), (later, 0)):
+            simulation.place(simulation.topology.start)
+            simulation.solver.advance_frame(replace(frame, span=(s, s + 1)))
+            gained.append(simulation.velocities())
+    assert gained[1] == pytest.approx(gained[2], abs=1e-6)
+    assert np.abs(gained[1] - gained[0]).max() > 1e-3
 
 
 def test_a_sheet_at_rest_is_not_changed_by_relaxation(cloth_of) -> None:

@@ -8,7 +8,8 @@ import taichi as ti
 import taichi.math as tm
 
 from taichi_cloth.kernels.tethers import tether_shift
-from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver, Springs, Tethers
+from taichi_cloth.mesh.tethers import tethers
+from taichi_cloth.scene.model import Cloth, Fabric, Forces, Scene, Solver, Springs, Tethers
 from taichi_cloth.simulation import Simulation
 
 
@@ -78,6 +79,49 @@ def test_a_pin_that_a_hand_leads_takes_its_tethers_along() -> None:
             below = np.linalg.norm(places[path][7 + 30 * 20] - places[path][7])
             assert below < 1.01 * 20 / 23 + 1e-5
     assert places["lanes"] == pytest.approx(places["list"], abs=1e-3)
+
+
+LOOSE = Scene(
+    cloth=Cloth(rows=5, columns=9, width=0.8, height=0.4, center=(0.0, 0.0, 0.0), pins=("top-left", "top-right")),
+    fabric=Fabric(1e-9, 1e-9, 1e-9, 0.0),
+    solver=Solver("xpbd", substeps=4, iterations=1, damping=0.0),
+    tethers=Tethers(1.0),
+    forces=Forces(gravity=0.0),
+)
+
+
+@pytest.mark.parametrize("path", ["list", "lanes", "gather"])
+def test_tethers_follow_a_hand_within_the_frame(path: str) -> None:
+    """A corner that is led 20 cm up in one frame takes what is tied to it and to no other pin all the way along."""
+    one = replace(LOOSE, cloth=replace(LOOSE.cloth, pins=("top-left",)))
+    with Simulation(one, path) as simulation:
+        simulation.grab(0, simulation.positions()[0] + [0.0, 0.2, 0.0])
+        simulation.advance_frame()
+        x = simulation.positions()
+        assert x[0] - simulation.topology.start[0] == pytest.approx([0.0, 0.2, 0.0], abs=1e-6)
+        away = np.linalg.norm(x - x[0], axis=1)
+        flat = np.linalg.norm(simulation.topology.flat - simulation.topology.flat[0], axis=1)
+        assert (away <= flat + 1e-5).all()
+
+
+@pytest.mark.parametrize("path", ["list", "lanes"])
+def test_each_tether_sees_what_the_one_before_has_moved(path: str) -> None:
+    """Two that are taut: onto the sphere of the nearer pin, and from there onto that of the other."""
+    with Simulation(replace(LOOSE, solver=replace(LOOSE.solver, substeps=1)), path) as simulation:
+        pins, reach = tethers(simulation.topology)
+        assert len(pins) == 2
+        free = ~simulation.topology.pinned
+        x = simulation.topology.start + np.outer(free, [0.0, -0.5, 0.3])
+        simulation.place(x)
+        simulation.advance_frame()
+        expected = x.copy()
+        for pin, most in zip(pins, reach, strict=True):
+            gap = expected - simulation.topology.start[pin]
+            long = np.maximum(np.linalg.norm(gap, axis=1), 1e-12)
+            expected += gap * (np.minimum(most / long, 1.0) - 1.0)[:, None] * free[:, None]
+        assert simulation.positions() == pytest.approx(expected, abs=1e-6)
+        from_both = np.linalg.norm(x - simulation.topology.start[pins], axis=2)
+        assert ((from_both > reach + 0.01).all(axis=0) | ~free).all(), "every one was taut"
 
 
 def test_slack_is_live() -> None:
