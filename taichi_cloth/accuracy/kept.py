@@ -24,11 +24,13 @@ def folder() -> Path:
 
 
 def kept(what: str, code: Path, make: Callable[[], Floats]) -> Floats:
-    """What `make` gives, or gave in an earlier run of the same `code` file for the same `what`.
+    """What `make` gives, or gave in an earlier run of the same `code`, a file or a folder of them, for the same `what`.
 
     A disk that is full or read-only, or a file that is torn, only costs the time to compute it again.
     """
-    name = f"{sha256(what.encode() + code.read_bytes()).hexdigest()[:32]}.npy"
+    files = sorted(code.glob("*.py")) if code.is_dir() else [code]
+    text = b"".join(file.read_bytes() for file in files)
+    name = f"{sha256(what.encode() + text).hexdigest()[:32]}.npy"
     try:
         found: Floats = np.load(folder() / name, allow_pickle=False)
         return found

@@ -13,13 +13,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import re
 import sys
 from math import prod
-from pathlib import Path
 from typing import Any
 
 from .. import runtime
+from ..machine import peak_bytes
 from ..simulation import Simulation
 from ..timing import frames, timed_frame
 from .cases import Case, scene_of, static_strain
@@ -56,19 +55,6 @@ def state_bytes(simulation: Simulation) -> int:
                 if hasattr(values, "dtype") and hasattr(values, "shape"):
                     total += 4 * prod(values.shape) * getattr(values, "n", 1) * getattr(values, "m", 1)
     return total
-
-
-def peak_bytes() -> int | None:
-    """Most memory this process has had; None where the system does not tell."""
-    status = Path("/proc/self/status")
-    if status.exists():  # getrusage would start with the peak of the parent
-        found = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())
-        return int(found[1]) * 1024 if found else None
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def outcome(simulation: Simulation) -> dict[str, Any]:

@@ -142,6 +142,7 @@ def _unpinned(scene: Scene, directions: Sequence[bool], bending: float) -> Topol
         diagonals=cloth.diagonals,
         lumping=cloth.lumping,
         weight=cloth.weight,
+        weight_at=cloth.weight_at,
         bending=bending,
     )
     if cloth.sheets == 1:

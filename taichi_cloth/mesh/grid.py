@@ -27,12 +27,6 @@ def particle_indices(rows: int, columns: int) -> NDArray[np.int32]:
     return np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
 
 
-def corners(rows: int, columns: int) -> list[int]:
-    """Indices of the four."""
-    index = particle_indices(rows, columns)
-    return [int(index[row, column]) for row in (0, -1) for column in (0, -1)]
-
-
 def flat_positions(rows: int, columns: int, width: float, height: float) -> NDArray[np.float64]:
     """The unturned sheet around the origin in the plane z = 0 [m], shape (rows·columns, 3)."""
     y, x = np.meshgrid(

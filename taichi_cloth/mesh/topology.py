@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.model import CORNERS
 from . import grid
 from .bending import Bonds, bonds
 
@@ -119,6 +120,7 @@ def sheet(
     diagonals: int = 2,
     lumping: str = "area",
     weight: float = 0.0,
+    weight_at: str = "corners",
     bending: float = 0.0,
 ) -> Topology:
     """A rectangular sheet; lengths in m, angles in degrees, area density in kg/m², bending stiffness in N·m.
@@ -126,7 +128,7 @@ def sheet(
     `directions` tells which of `grid.DIRECTIONS` have springs, and `diagonals` whether a cell has both or only
     the one along which its triangles meet. With `lumping` "area" a particle weighs a third of its triangles and a
     spring along an edge stands for half a cell; with "equal" all are like those inside. Each corner carries a `weight`
-    [kg] besides.
+    [kg] besides, or only the one that `weight_at` names.
 
     Raises ValueError for a pin that is no edge, corner or particle.
     """
@@ -151,7 +153,8 @@ def sheet(
     if lumping == "equal":
         mass = np.full(len(flat), area_density * width * height / ((rows - 1) * (columns - 1)))
         along_edge[:] = False
-    mass[grid.corners(rows, columns)] += weight
+    heavy = CORNERS if weight_at == "corners" else (weight_at,)
+    mass[grid.pinned(rows, columns, heavy)] += weight
     return Topology(
         origin=origin,
         start=places + origin,

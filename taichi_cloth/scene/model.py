@@ -21,13 +21,15 @@ CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 GROUP, REGION = "group:", "region:"  # such a text begins so: points of a mesh file, and of [[regions]], by name
 
 # The methods by name, here because importing a solver would import Taichi. With each its usual substeps and iterations,
-# which run where a scene names only the method. `verlet`: those of the browser demos. `spring`, `rk4`: they take as
-# many substeps as they need.
+# which run where a scene names only the method. `verlet`: those of the browser demos. `xpbd`, `lines`: the cheapest at
+# which sheets up to 33×33 of the references of `taichi-cloth validate` reach the solution of a substep. `spring`: what
+# a soft dashpot needs, whose force is half a substep late; like `rk4` it takes more where stability asks for them.
+# `projective` would need twice its rounds, which a sheet of 33×33 has no time for.
 USUAL = {
     "verlet": (5, 12),
-    "xpbd": (30, 1),
-    "spring": (1, 1),
-    "lines": (5, 1),
+    "xpbd": (60, 4),
+    "spring": (10, 1),
+    "lines": (10, 2),
     "rk4": (1, 1),
     "projective": (20, 10),
 }
@@ -78,7 +80,8 @@ class Cloth:
         "area: a particle on an edge has half the mass and an edge's springs half the constant; equal: as those inside",
         choices=("area", "equal"),
     )
-    weight: float = _key(0.0, "sewn to each corner", "kg", low=0.0, high=1000.0)
+    weight: float = _key(0.0, "sewn to each corner, or to the one of weight_at", "kg", low=0.0, high=1000.0)
+    weight_at: str = _key("corners", "where a weight is sewn: to all corners, or to one", choices=("corners", *CORNERS))
     pins: Pins = _key(
         ("top",),
         "held in place: edges (top, bottom, left, right), corners (top-left, …), particle indices, region:NAME; of a"
@@ -91,7 +94,7 @@ class Cloth:
 
 
 # Keys of [cloth] that a mesh file has no use for.
-GRID_KEYS = ("rows", "columns", "width", "height", "lumping", "weight", "sheets", "gap", "turn")
+GRID_KEYS = ("rows", "columns", "width", "height", "lumping", "weight", "weight_at", "sheets", "gap", "turn")
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,13 @@ def test_once_for_each_question_and_each_code(calls: list[str], tmp_path: Path) 
     assert ask(calls, "a", tmp_path) == 3
 
 
+def test_a_folder_of_code_counts_whole(calls: list[str], tmp_path: Path) -> None:
+    assert kept("a", tmp_path, lambda: np.array([1]))[0] == 1
+    assert kept("a", tmp_path, lambda: np.array([2]))[0] == 1
+    (tmp_path / "other.py").write_text("two = 2")
+    assert kept("a", tmp_path, lambda: np.array([3]))[0] == 3
+
+
 def test_a_torn_file_is_made_anew(calls: list[str], tmp_path: Path) -> None:
     ask(calls, "a", tmp_path)
     [file] = folder().iterdir()

@@ -96,7 +96,7 @@ def test_the_command_writes_table_files_and_pictures(
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [(["--plot", "p"], "they go with --error"), (["--error", "--stages"], "two measurements")],
+    [(["--plot", "p"], "they go with --error"), (["--error", "--stages"], "three measurements")],
 )
 def test_options_that_do_not_go_together(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["bench", *words]) == 2

@@ -11,13 +11,14 @@ import sys
 from dataclasses import asdict, fields
 from math import isfinite, isnan
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from taichi_cloth import cli
-from taichi_cloth.bench import cases, floor, report
+from taichi_cloth.bench import cases, children, floor, report
 from taichi_cloth.bench.cases import Case
-from taichi_cloth.bench.children import ChildFailed, bench, steps
+from taichi_cloth.bench.children import Bench, ChildFailed, bench, steps
 from taichi_cloth.bench.report import Row, StageRow
 from taichi_cloth.scene import load_scene
 from taichi_cloth.solvers import SOLVERS
@@ -115,6 +116,42 @@ def test_csv_and_json_read_back(measured: Measured, tmp_path: Path) -> None:
     assert [StageRow(**row) for row in told["stages"]] == stages
     assert told["machine"] == report.machine()
     assert told["missing"] == missing
+
+
+class Told:
+    """A child that answers what it is told to; a frame of it takes 6 ms, but for one that takes 60."""
+
+    def frames(self, count: int, seconds: float) -> list[list[float]]:
+        return [[6.0] * (count - 1) + [60.0]]
+
+    def finish(self) -> dict[str, object]:
+        outcome = {"max_strain": 0.3, "static_strain": 0.1, "state_bytes": 5e6}
+        return {"cases": [outcome], "peak_bytes": 7e6}
+
+
+class ToldFloor:
+    """C takes 2, 3 and 1 ms in three rounds, JavaScript 12, 18 and 6."""
+
+    def __init__(self) -> None:
+        self.rounds = {"frame": [2.0, 3.0, 1.0], "javascript": [12.0, 18.0, 6.0]}
+
+    def median_ms(self, program: str, *numbers: int) -> float | None:
+        return self.rounds[program].pop(0)
+
+
+@pytest.mark.parametrize("compiler", [True, False])
+def test_ratios_are_those_of_medians_round_by_round(tmp_path: Path, compiler: bool) -> None:
+    running = Bench(tmp_path, 30, lambda name: None)
+    running.floor = ToldFloor() if compiler else SimpleNamespace(median_ms=lambda *numbers: None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(children, "floor_of", lambda case: SimpleNamespace(in_c="frame", in_javascript="javascript"))
+        row = running._time(SEED, Told(), {"substeps": 2, "springs": 100, "path": "list", "compile_s": 1.0})
+    running.end()
+    # 6/2, 6/3 and 6/1; 12/6, 18/6 and 6/6
+    assert (row.over_c, row.under_javascript) == ((3.0, 2.0) if compiler else (None, None))
+    assert (row.median_ms, row.p95_ms, row.frames) == (6.0, 60.0, 30)
+    assert row.ns_per_spring == pytest.approx(6e6 / (2 * 3 * 100))
+    assert (row.stretch, row.state_mb, row.peak_mb) == (pytest.approx(0.2), 5.0, 7.0)
 
 
 @pytest.mark.skipif(not floor.FLOOR.exists(), reason="an installed wheel has no benchmarks")

@@ -6,7 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.mesh import grid
+from taichi_cloth.mesh.from_scene import topology_of
 from taichi_cloth.mesh.topology import Topology, lumped_mass, sheet
+from taichi_cloth.scene.model import CORNERS, Cloth, Scene
 
 ALL = (True,) * 6
 
@@ -103,6 +105,18 @@ def test_a_weight_is_sewn_to_each_corner(lumping: str) -> None:
     more = make(3, 4, weight=0.5, lumping=lumping).mass - make(3, 4, lumping=lumping).mass
     assert np.flatnonzero(more).tolist() == [0, 3, 8, 11]
     assert more[[0, 3, 8, 11]] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("corner", "particle"), list(zip(CORNERS, (0, 3, 8, 11), strict=True)))
+def test_a_weight_is_sewn_to_one_corner(corner: str, particle: int) -> None:
+    more = make(3, 4, weight=0.5, weight_at=corner).mass - make(3, 4).mass
+    assert np.flatnonzero(more).tolist() == [particle]
+    assert more[particle] == pytest.approx(0.5)
+
+
+def test_a_scene_says_which_corner_carries_the_weight() -> None:
+    scene = Scene(cloth=Cloth(rows=3, columns=4, weight=5.0, weight_at="bottom-right"))
+    assert topology_of(scene, "fabric").mass.argmax() == 11
 
 
 def test_one_triangle_gives_each_corner_a_third() -> None:

@@ -45,10 +45,10 @@ def test_a_file_stands_for_the_grid(beside: Write) -> None:
 
 @pytest.mark.parametrize("key", GRID_KEYS)
 def test_keys_of_a_grid_beside_a_file(beside: Write, refuse: Refuse, key: str) -> None:
-    value = "'area'" if key == "lumping" else 2
+    value = {"lumping": "'area'", "weight_at": "'top-left'"}.get(key, 2)
     error = refuse(beside(FILE + f"{key} = {value}\n"))
     assert (error.key, error.reason.split(",")[0]) == (f"cloth.{key}", "is for a sheet")
-    if key != "lumping":
+    if isinstance(value, int):
         with pytest.raises(SceneError, match=f"cloth.{key}: is for a sheet"):
             check_scene(Scene(cloth=Cloth(file="round", **{key: 3})))
 

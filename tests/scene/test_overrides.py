@@ -49,8 +49,8 @@ def test_another_solver_comes_with_its_usual_numbers() -> None:
     assert numbers() == numbers(solver="verlet") == (1, 5)  # the file's own
     for name, usual in USUAL.items():
         assert numbers(solver=name) == ((1, 5) if name == "verlet" else usual)
-    assert numbers(substeps=7, solver="lines") == (7, 1)
-    assert numbers(solver="xpbd", iterations=3) == (30, 3)
+    assert numbers(substeps=7, solver="lines") == (7, 2)
+    assert numbers(solver="xpbd", iterations=3) == (60, 3)
 
 
 @pytest.mark.parametrize("key", ["solver", "solver_name", "name"])
