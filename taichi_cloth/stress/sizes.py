@@ -4,80 +4,119 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from math import inf
 
 import numpy as np
 
 from ..errors import WrongUse
-from ..scene import load_scene
-from .scenes import CORNERS, sheet
+from ..scene import Scene, SceneError, load_scene
+from ..scene.model import FRAME_SECONDS, Ground
+from .files import MESHES
+from .scenes import CORNERS, DAMPING, FLAT, sheet
+from .setting import CELLS
 from .starts import grid_of
 from .trial import Trial
 
-CELL = 1 / 32  # [m]
-TINY = ((1, 1), (1, 2), (1, 8), (8, 1), (2, 2), (2, 3), (3, 2), (3, 3), (2, 1000), (1000, 2))  # rows, columns
+CELL = 1 / CELLS  # [m]
+GRAVITY = 9.81  # [m/s²]
+SAG = 0.01  # by how much it may differ far away, as a share
+FALL_SECONDS, FALL = 0.4, 0.01  # [s], and by how much a fall may differ there
+LARGE_MS = 600_000.0  # of a million particles
 
 
-def degenerate(trial: Trial) -> None:
-    """Particles on one another, rows without area, cells of 1:10,000, and sides of no length, which are refused."""
-    kind = trial.one_of(("points", "rows", "slivers"))
-    for key in ("width", "height"):
-        trial.refuses(key, partial(load_scene, "curtain", **{key: 0.0}))
-    if kind == "slivers":
-        narrow = sheet(trial.cells, pins=("top",), size=(1e4 / 1000, 1e-3))
-        try:
-            trial.open(narrow, rest=inf)
-        except WrongUse as error:
-            trial.demand("refusals that do not name the substeps", "substeps" not in str(error), 0)
-            return
-        trial.start()
-        trial.run(1.0)
-        return
-    x = trial.open(sheet(trial.cells))
-    places, middle = grid_of(trial, x.copy()), trial.cells // 2
-    if kind == "points":
-        places[middle, middle] = places[middle, middle + 1]
-        places[middle - 2, middle] = places[middle - 1, middle + 1]
-    else:
-        places[middle : middle + 3] = places[middle]
+def together(trial: Trial) -> None:
+    """Particles that start at the places of others, and whole rows at those of the next: threads of no length now."""
+    x = trial.open(sheet(CELLS))
+    places, middle = grid_of(trial, x.copy()), CELLS // 2
+    places[middle, middle] = places[middle, middle + 1]
+    places[middle - 2, middle] = places[middle - 1, middle + 1]
+    places[middle + 3 : middle + 6] = places[middle + 3]
     trial.start(places.reshape(-1, 3))
+    trial.run(5.0)
     trial.settle()
 
 
-def tiny(trial: Trial) -> None:
-    """Less than two particles a side are refused."""
-    rows, columns = trial.one_of(TINY)
-    if min(rows, columns) < 2:
-        short = "rows" if rows < 2 else "columns"
-        trial.refuses(short, lambda: load_scene("curtain", rows=rows, columns=columns))
+def degenerate(trial: Trial, kind: str) -> None:
+    """A mesh file with something that no cloth has: refused by the file's name, or alive."""
+    path = MESHES[kind](CELLS)
+    scene = sheet(CELLS)
+    plain = type(scene.cloth)()  # keys of a grid have no part in a mesh
+    pins = (0, CELLS)
+    cloth = replace(plain, file=path.name, folder=str(path.parent), center=(0.0, 0.0, 0.0), pins=pins)
+    scene = replace(scene, cloth=replace(cloth, area_density=scene.cloth.area_density))
+    open_or_refused(trial, scene, path.name)
+
+
+def open_or_refused(trial: Trial, scene: Scene, name: str) -> None:
+    """Alive; or refused with a line that has this name in it, or the substeps that the springs would take."""
+    try:
+        trial.open(scene)
+    except (SceneError, WrongUse) as error:
+        named = any(word in str(error) for word in (name, "substeps"))
+        trial.demand("refusals that name nothing", not named, 0)
+        trial.tell("refused", 1)
         return
+    trial.start()
+    trial.run(5.0)
+    trial.settle()
+
+
+def flat_cells(trial: Trial) -> None:
+    """A sheet of cells ten thousand times as wide as they are high; sides of no length are refused by name."""
+    for key in ("width", "height"):
+        trial.refuses(key, partial(load_scene, "curtain", **{key: 0.0}))
+    open_or_refused(trial, sheet(CELLS, pins=("top",), size=(10.0, 1e-3)), "width")
+
+
+def tiny(trial: Trial, rows: int, columns: int) -> None:
+    """Cells of the usual size, hung by the top edge."""
     size = (CELL * (columns - 1), CELL * (rows - 1))
     trial.open(sheet((rows - 1, columns - 1), pins=("top",), size=size), far=2.0)
     trial.start()
+    trial.run(5.0)
     trial.settle()
 
 
-def far_away(trial: Trial) -> None:
-    """As near the origin, or refused."""
-    away = trial.one_of((100.0, 1000.0, 10_000.0))
-    scene = sheet(trial.cells)
-    trial.open(scene)
+def too_small(trial: Trial, rows: int, columns: int) -> None:
+    """Less than two particles a side are refused by name."""
+    short = "rows" if rows < 2 else "columns"
+    trial.refuses(short, lambda: load_scene("curtain", rows=rows, columns=columns))
+    trial.tell("refused", 1)
+
+
+def far_away(trial: Trial, away: float) -> None:
+    """So many metres from the origin along x and y a sheet falls and sags as near it."""
+    sags = []
+    for x in (0.0, away):
+        scene = sheet(CELLS, center=(x, x, 0.0))
+        trial.open(scene)
+        trial.start()
+        trial.run(5.0)
+        trial.settle()
+        sags.append(x + 0.5 - float(trial.simulation.positions()[:, 1].min()))
+    trial.tell("sag beside that near the origin, share", abs(sags[1] / sags[0] - 1), SAG)
+
+    ground = Ground(height=away - 2.0)
+    trial.open(sheet(CELLS, pins=(), damping=0.0, rotation=FLAT, center=(away, away, 0.0), ground=ground))
     trial.start()
+    simulation = trial.simulation
+    start, speed = (values[:, 1].mean() for values in (simulation.positions(), simulation.velocities()))
+    trial.run(FALL_SECONDS)
+    fall = start + speed * FALL_SECONDS - float(simulation.positions()[:, 1].mean())
+    first = FRAME_SECONDS / simulation.substeps / FALL_SECONDS  # of the fall: a substep's
+    trial.tell("fall beside ½gt², share", abs(fall / (GRAVITY * FALL_SECONDS**2 / 2) - 1), FALL + first)
+    simulation.set("damping", DAMPING)
+    trial.run(3.0)
     trial.settle()
-    sag = 0.5 - trial.simulation.positions()[:, 1].min()
-    trial.open(replace(scene, cloth=replace(scene.cloth, center=(away, 0.0, 0.0))))
-    trial.start()
-    trial.settle()
-    there = 0.5 - trial.simulation.positions()[:, 1].min()
-    trial.tell("sag beside that near the origin, share", abs(there / sag - 1), 0.01)
 
 
 def large(trial: Trial) -> None:
-    """A million particles, one frame; a quarter of them where a frame takes minutes."""
-    side = 1024 * trial.cells // 32
+    """A million particles, one frame."""
+    side = 1024
     size = CELL * (side - 1)
-    trial.open(sheet(side - 1, pins=CORNERS, size=(size, size)), rest=inf)
+    trial.open(sheet(side - 1, pins=CORNERS, size=(size, size)), rest_strain=1.0)
+    trial.frame_limit_ms(LARGE_MS, "a million particles, of which one frame is asked for")
     trial.start()
     trial.one_frame()
     trial.tell("stretch in the first frame", trial.watch.strain)
     trial.demand("places that are not finite", int((~np.isfinite(trial.simulation.positions())).sum()), 0)
+    trial.only_frames("one frame is all that the list asks for")

@@ -1,0 +1,125 @@
+"""Tables and pages from stored results; reasons explain what they name, up to their bound."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from taichi_cloth.stress import known, page, report
+from taichi_cloth.stress.known import Known
+from taichi_cloth.stress.store import Store
+from taichi_cloth.stress.trial import Figure
+from taichi_cloth.stress.unit import Result
+
+from .conftest import failed, result
+
+
+def store_of(*results: Result, missing: int = 0) -> Store:
+    planned = [one.key for one in results] + [(9, f"missing {k}", "xpbd") for k in range(missing)]
+    return Store(None, planned, {one.key: one for one in results}, "a machine")
+
+
+def slow(**found: object) -> Result:
+    return result(slow_ms=250.0, ran=1, **found)
+
+
+def test_the_state_of_a_case() -> None:
+    some = store_of(
+        result(1, "a"),
+        result(1, "b"),
+        result(2, "a"),
+        slow(case=2, variant="b"),
+        slow(case=3, variant="a"),
+        failed(case=3, variant="b"),
+        missing=1,
+    )
+    cells = report.cells_of(some)
+    assert [cell.state for cell in cells.values()] == ["alive", "too slow", "failed", "not run"]
+    assert [cell.shown() for cell in cells.values()] == ["2/2", "1/2 too slow", "**0/2**", "0/1 not run"]
+    assert report.count_line(cells) == "xpbd 1 alive, 1 failed, 1 too slow, 1 not run"
+
+
+def test_a_case_that_was_run_in_part_is_not_alive() -> None:
+    some = store_of(result(9, "a"), missing=1)
+    assert report.count_line(report.cells_of(some)) == "xpbd 0 alive, 0 failed, 0 too slow, 1 not run"
+
+
+def test_a_row() -> None:
+    one = replace(
+        result(energy=0.5, strain=0.25, speed=1.5, penetration=0.002, frames=7, ms=1.234),
+        figures=[Figure("way [m]", 3.0, 4.0), Figure("sag", 0.1, None)],
+        notes=["a note"],
+    )
+    assert report.row(one) == (
+        *("1 test", "a", "xpbd", "alive", "10 of 10", "+50.0%", "0.25", "1.5", "2", "7", "1.23"),
+        "way [m] 3 (≤ 4); sag 0.1; a note",
+    )
+    assert report.row(slow())[10] == "250.00"
+
+
+def test_a_failure_tells_how_to_repeat_it() -> None:
+    assert report.failure_line(failed(picture="p.png")) == (
+        "1 test, a, fails with xpbd: something 2, not 1, in frame 6 of start 0 (seed 17); unexplained; p.png"
+    )
+    assert report.slow_line(slow()) == "1 test, a, is too slow with xpbd: 250 ms a frame"
+
+
+KNOWN = Known(1, ("a", "b"), ("xpbd",), "something", 3.0, "it is made to")
+
+
+@pytest.mark.parametrize(
+    ("one", "why"),
+    [
+        (failed(2.0), "it is made to"),
+        (failed(3.1), ""),  # by more
+        (failed(float("nan")), ""),
+        (failed(2.0, "another bound"), ""),
+        (failed(2.0, variant="c"), ""),
+        (failed(2.0, setting="lines"), ""),
+        (failed(2.0, case=2), ""),
+        (result(), ""),
+    ],
+)
+def test_a_reason_explains_its_bound_alone(monkeypatch: pytest.MonkeyPatch, one: Result, why: str) -> None:
+    monkeypatch.setattr(known, "KNOWN", (KNOWN,))
+    assert known.reason_of(one) == why
+    assert (one in known.unexplained([one])) == (one.state == "failed" and not why)
+    assert known.unused([one]) == ([] if why else [KNOWN])
+
+
+def test_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(known, "KNOWN", (KNOWN,))
+    some = store_of(
+        replace(result(1, "a", "robust"), about="it is small"),
+        failed(2.0, setting="xpbd"),
+        failed(5.0, setting="xpbd", variant="b"),
+        failed(2.0, setting="robust", case=2),
+        slow(setting="xpbd", case=2, variant="b"),
+    )
+    page.write_pages(tmp_path / "o.md", some)
+    text = (tmp_path / "o.md").read_text(encoding="utf-8")
+    assert "| setting | cases alive | cases failed | cases too slow | failures unexplained |" in text
+    assert "| `robust` | 1 | 1 | 0 | 1 |\n| `xpbd` | 0 | 1 | 1 | 1 |" in text
+    assert "| 1 test | nothing | 1/1 | **0/2** |" in text
+    assert "- 1 test fails with xpbd (a, b): something 2, not 1, in frame 6; it is made to; unexplained\n" in text
+    assert "- 2 test, a, fails with robust: something 2, not 1, in frame 6 of start 0 (seed 17); unexplained\n" in text
+    assert "- 2 test is too slow with xpbd (b: 250 ms)" in text
+    assert "- 1 test: it is small." in text
+    rows = (tmp_path / "o_rows.md").read_text(encoding="utf-8")
+    assert rows.count("| 1 test |") == 3
+    assert "fails with xpbd: something 5, not 1" in rows
+
+
+def test_the_page_tells_where_it_comes_from() -> None:
+    assert report.origin_lines(store_of(result())) == ["10 starts a variant; run 2026-01-02."]
+    older = result(2, origin="older", date="2026-01-01 00:00", starts=1)
+    assert report.origin_lines(store_of(result(), older, missing=2)) == [
+        "2 of 4 units not run.",
+        "Of mixed origin: 1 of 2 results are of an older program.",
+        "1 to 10 starts a variant; run 2026-01-01 to 2026-01-02.",
+    ]
+
+
+def test_a_reason_that_explains_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(known, "KNOWN", (KNOWN,))
+    assert report.origin_lines(store_of(result()))[-1] == "Reason without a failure: 1, a, b: it is made to."

@@ -1,0 +1,387 @@
+"""Each row's own bound breaks where it should: hand-made strains, speeds, gaps and rates."""
+
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from walks import CELLS, SETTING, STATIC, Walk, breaks, small, walk
+
+from taichi_cloth.scene import SceneError
+from taichi_cloth.scene.model import FRAME_SECONDS, Plane
+from taichi_cloth.stress import catalogue, friction, gaps, layers, loads, overlaps, rates, shots, sizes, springs
+from taichi_cloth.stress.scenes import sheet
+from taichi_cloth.stress.trial import Trial, close
+from taichi_cloth.stress.watch import Broken
+from taichi_cloth.view.session import Session
+
+VARIANTS = {(case.number, one.name): one.run for case in catalogue.CASES for one in case.variants}
+
+
+@pytest.fixture(autouse=True)
+def few_cells(on_lists: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    small(monkeypatch)
+
+
+# -- strains and speeds --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("run", "most", "what"),
+    [
+        (VARIANTS[1, "1e8 N/m"], 20.0, "speed [m/s]"),
+        (VARIANTS[20, "1 m"], 2.0, "speed [m/s]"),
+        (VARIANTS[21, "teleported"], 2.0, "speed [m/s]"),
+        (VARIANTS[21, "0 to 0.5 m"], 2.0, "speed [m/s]"),
+        (VARIANTS[28, "n·v = 0"], 1e-3, "speed edge-on [m/s]"),
+        (VARIANTS[28, "crossing zero"], 1e-3, "speed edge-on [m/s]"),
+    ],
+)
+def test_the_most_speed(run: object, most: float, what: str) -> None:
+    """In one frame alone, near the end of those that are looked at."""
+    frames = walk(run).frames  # type: ignore[arg-type]
+    late = min(frames, 300) - 5 if what == "speed [m/s]" else frames - 5  # once a ball is gone nothing is watched
+    assert walk(run, speeds=[*[0.0] * late, 0.999 * most, 0.0]).broken == []  # type: ignore[arg-type]
+    assert walk(run, speeds=[*[0.0] * late, 1.001 * most, 0.0]).broken == [what]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("name", "cap"), [("1 %", 0.01), ("0.1 %", 0.001)])
+@pytest.mark.parametrize("frame", [0, 150, 299])
+def test_a_cap_is_held_in_every_frame(name: str, cap: float, frame: int) -> None:
+    run = VARIANTS[38, name]
+    assert walk(run, strains=[*[0.0] * frame, cap, 0.0]).broken == []
+    assert walk(run, strains=[*[0.0] * frame, cap + 3e-5, 0.0], speeds=[0.0] * (frame + 2)).broken == [
+        "strain above the cap"
+    ]
+    assert loads.CAP_ROUNDING < 2e-5
+
+
+def test_what_was_pulled_apart_is_within_a_thousandth_of_its_static_strain() -> None:
+    for times in ("×2", "×5", "×10"):
+        for strain, broken in ((STATIC, []), (STATIC + 9e-4, []), (STATIC + 1.1e-3, [1]), (STATIC - 1.1e-3, [1])):
+            assert len(walk(VARIANTS[7, times], strains=[strain]).broken) == len(broken)
+
+
+@pytest.mark.parametrize(("number", "name", "bound"), [(11, "uniform", 0.05), (29, "10 m", 0.05)])
+def test_strains_that_the_list_has(number: int, name: str, bound: float) -> None:
+    assert walk(VARIANTS[number, name]).rest == [bound]
+
+
+def test_a_pin_in_a_ball_stretches_its_threads_by_geometry() -> None:
+    """Two neighbours on the ball, as near to the pin as they can be."""
+    cell, radius = 1 / 32, 0.15
+    strain = overlaps.beside_pin(radius, 0.05, cell)
+    pin = np.array([0.0, radius - 0.05])
+    aside = cell / np.sqrt(2)
+    place = np.array([aside, np.sqrt(radius**2 - aside**2)])
+    assert strain == pytest.approx(np.linalg.norm(place - pin) / cell - 1)
+    assert 0.6 < strain < 0.8
+    [rest] = walk(VARIANTS[22, "5 cm"]).rest
+    assert rest == pytest.approx(STATIC + 0.01 + overlaps.beside_pin(radius, 0.05, 1 / CELLS))
+
+
+# -- balls ---------------------------------------------------------------------------------------------
+
+
+def test_what_goes_through_a_ball() -> None:
+    radius = 0.1
+    for beside, through in ((0.0, 1), (0.06, 1), (0.099, 1), (0.101, 0)):
+        before, after = np.array([[beside, 0.0, 1.0]]), np.array([[beside, 0.0, -3.0]])
+        assert shots.went_through(before, after, radius) == through
+        assert shots.went_through(after, before, radius) == through
+        assert shots.went_through(before, 0.9 * before, radius) == 0
+    slanting = np.array([[0.5, 0.0, 1.0]]), np.array([[-0.5, 0.0, -1.0]])
+    assert shots.went_through(*slanting, radius) == 1
+    assert shots.went_through(slanting[0] + [0.11, 0, 0], slanting[1] + [0.11, 0, 0], radius) == 0
+
+
+def hung(velocity: tuple[float, float, float], radius: float = 0.1) -> Trial:
+    """A free sheet that goes this way towards a ball in front of it that lets all through."""
+    trial = Trial(SETTING, 0)
+    ball = replace(shots.shot(1e-9, radius), center=(0.0, 0.0, 0.5), path=(), margin=0.0, swept=False)
+    trial.open(sheet(CELLS, pins=(), spheres=(ball,), damping=0.0))
+    trial.start(velocity=velocity)
+    return trial
+
+
+def test_a_ball_that_lets_through_is_seen() -> None:
+    try:
+        with pytest.raises(Broken, match="particles that went through the ball"):
+            shots.run_past(hung((0.0, 0.0, 500.0)), 0.1)
+    finally:
+        close()
+
+
+def test_nothing_may_be_faster_than_it_was_thrown() -> None:
+    try:
+        shots.run_past(hung((0.0, 0.0, -3.0)), FRAME_SECONDS, 4.0)
+        with pytest.raises(Broken, match="speed"):
+            shots.run_past(hung((0.0, 0.0, -3.0)), FRAME_SECONDS, 2.9)
+    finally:
+        close()
+    [bound] = [figure.bound for figure in walk(shots.fast_cloth).figures if figure.what == "speed [m/s]"]
+    assert bound == pytest.approx(100.0, abs=0.05)
+
+
+# -- layers --------------------------------------------------------------------------------------------
+
+
+def stacked(heights: list[float], cells: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Level sheets of 1 m at these heights, and the triangles of one."""
+    across = np.linspace(-0.5, 0.5, cells + 1)
+    x, z = np.meshgrid(across, across)
+    layers_ = [np.stack([x, np.full_like(x, y), z], axis=-1).reshape(-1, 3) for y in heights]
+    n = cells + 1
+    triangles = []
+    for row, column in product(range(cells), range(cells)):
+        a = row * n + column
+        triangles += [(a, a + 1, a + n), (a + 1, a + n + 1, a + n)]
+    return np.concatenate(layers_), np.array(triangles, np.int32)
+
+
+def test_the_gap_between_sheets() -> None:
+    x, triangles = stacked([0.0, 0.1, 0.17])
+    assert gaps.least_gap(x, triangles, 3, 1.0) == pytest.approx(0.07)
+    assert gaps.least_gap(x, triangles, 3, 0.05) == 0.05  # no farther than one asks
+    x[5, 1] += 0.08  # one particle of the lowest
+    assert gaps.least_gap(x, triangles, 3, 1.0) == pytest.approx(0.02)
+    x[5, 1] += 0.02
+    assert gaps.least_gap(x, triangles, 3, 1.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_particle_over_the_middle_of_a_triangle_is_near() -> None:
+    """Particles alone would be farther from each other."""
+    x, triangles = stacked([0.0, 0.01])
+    x[16:, [0, 2]] += 1 / 9
+    assert gaps.least_gap(x, triangles, 2, 1.0) == pytest.approx(0.01)
+
+
+def test_distances_from_triangles() -> None:
+    random = np.random.default_rng(0)
+    p, a, b, c = random.uniform(-1, 1, (4, 50, 3))
+    shares = random.dirichlet([0.3, 0.3, 0.3], 20_000)
+    sampled = np.array(
+        [np.linalg.norm(p[k] - shares @ np.stack([a[k], b[k], c[k]]), axis=1).min() for k in range(len(p))]
+    )
+    found = gaps.to_triangles(p, a, b, c)
+    assert (found <= sampled + 1e-12).all()
+    assert found == pytest.approx(sampled, abs=0.02)
+
+
+def test_sheets_that_changed_places_are_out_of_order() -> None:
+    assert gaps.is_stacked(stacked([0.0, 0.1, 0.2])[0], 3)
+    assert not gaps.is_stacked(stacked([0.0, 0.2, 0.1])[0], 3)
+
+
+class Still:
+    """What a stack sees of a trial whose cloth does not move."""
+
+    def __init__(self, heights: list[float], crossings: int = 0) -> None:
+        x, triangles = stacked(heights)
+        topology = SimpleNamespace(triangles=np.tile(triangles, (len(heights), 1)))
+        self.simulation = SimpleNamespace(topology=topology, positions=lambda: x, crossings=lambda: crossings)
+        self.broken: list[str] = []
+
+    def tell(self, what: str, value: float, bound: float) -> None:
+        self.broken += [what] * (value > bound)
+
+
+@pytest.mark.parametrize(
+    ("heights", "crossings", "broken"),
+    [
+        ([0.0, 0.01, 0.02], 0, []),
+        ([0.0, 0.01, 0.0151], 0, []),
+        ([0.0, 0.01, 0.0149], 0, ["gap missing, of half a thickness"]),
+        ([0.0, 0.02, 0.01], 0, ["stacks out of order"]),
+        ([0.0, 0.01, 0.02], 1, ["crossings at the end"]),
+    ],
+)
+def test_half_a_thickness_is_left(heights: list[float], crossings: int, broken: list[str]) -> None:
+    still = Still(heights, crossings)
+    layers.Stack(still, 3, 0.01).end()  # type: ignore[arg-type]
+    assert still.broken == broken
+
+
+def test_a_twisted_sheet_hangs_as_it_did(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = walk(layers.twist)
+    assert one.broken == []
+    bounds = {figure.what: figure.bound for figure in one.figures}
+    assert bounds == {
+        "crossings in the worst frame": None,
+        "crossings at the end": 0,
+        "distance from the shape before [m]": 0.01,
+    }
+    monkeypatch.setattr(layers, "SHAPE", -1.0)
+    assert walk(layers.twist).broken == ["distance from the shape before [m]"]
+
+
+# -- friction ------------------------------------------------------------------------------------------
+
+
+def test_creep_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(friction, "REST_SECONDS", 0.5)
+    monkeypatch.setattr(friction, "Plane", lambda **keys: Plane(**(keys | {"friction": 0.0})))
+    breaks(partial(friction.slope, mu=1.0, degrees=30.0), "creep")
+
+
+def test_a_sheet_that_friction_holds_is_watched_for_a_minute() -> None:
+    for mu, slope in ((1, 30), (10, 30), (1e6, 30), (1e6, 89)):
+        one = walk(VARIANTS[35, f"μ = {mu:g}, {slope}°"])
+        assert one.frames == 3600
+        assert [figure.bound for figure in one.figures] == [1e-3]
+    assert walk(VARIANTS[35, "μ = 10, 89°"]).figures == []
+
+
+@pytest.mark.parametrize("slope", [30.0, 89.0])
+def test_a_sheet_on_a_slope_starts_along_it(slope: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[np.ndarray] = []
+    plain = Walk.settle
+
+    def settle(one: Walk, **how: float) -> None:
+        seen.append(one.simulation.velocities())
+        plain(one, **how)
+
+    monkeypatch.setattr(Walk, "settle", settle)
+    walk(partial(friction.slope, mu=1e6, degrees=slope))
+    up = np.array([np.sin(np.radians(slope)), np.cos(np.radians(slope)), 0.0])
+    assert np.abs(seen[0] @ up).max() < 1e-6
+    assert 0.01 < np.abs(seen[0]).max() < 0.04
+
+
+def test_how_fast_a_cloth_turns() -> None:
+    x = np.random.default_rng(1).normal(size=(20, 3))
+    v = np.cross([0.0, 3.0, 0.0], x)
+    assert friction.turns_of(x, v, np.linspace(1, 2, 20)) == pytest.approx(3.0)
+    assert friction.turns_of(x, 0 * v, np.ones(20)) == 0.0
+
+
+@pytest.mark.parametrize(("share", "broken"), [(1.0, False), (1.01, True)])
+def test_a_sheet_may_not_turn_faster_than_its_ball(share: float, broken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(friction, "turns_of", lambda *_: share * np.radians(180.0))
+    assert bool(walk(friction.rotating_ball).broken) == broken
+
+
+@pytest.mark.parametrize(("times", "broken"), [(0.99, False), (1.05, True)])
+def test_friction_on_a_loose_sheet_is_measured(times: float, broken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sheet that gains μ·g each second, or a little more, along the way of the other."""
+
+    def start(trial: Trial) -> None:
+        one = type(trial.simulation).velocities
+        pull = times * 0.3 * 9.81
+
+        def velocities() -> np.ndarray:
+            v = one(trial.simulation)
+            v[:, 0] = pull * trial.simulation.frame * FRAME_SECONDS
+            return v
+
+        monkeypatch.setattr(trial.simulation, "velocities", velocities)
+
+    def run(trial: Trial) -> None:
+        plain = trial.start
+
+        def started() -> None:
+            plain()
+            start(trial)
+
+        trial.start = started  # type: ignore[method-assign, assignment]
+        friction.tablecloth(trial)
+
+    one = walk(run)
+    assert bool(one.broken) == broken
+    [figure] = one.figures
+    assert figure.value == pytest.approx(times, rel=1e-3)
+
+
+# -- time, places and sizes ----------------------------------------------------------------------------
+
+
+def test_a_clock_that_runs_fast_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert walk(VARIANTS[4, "240 Hz"]).broken == []
+    plain = rates.FrameClock.due
+    monkeypatch.setattr(rates.FrameClock, "due", lambda self, now: 2 * plain(self, now))
+    assert "simulated time beside the wall's [s]" in walk(VARIANTS[4, "240 Hz"]).broken
+
+
+def test_sags_of_two_rates_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second of the sheets hangs 3 % lower."""
+    run, opened = VARIANTS[4, "30 Hz"], []
+    plain = rates.sheet
+
+    def longer(cells: int) -> object:
+        opened.append(cells)
+        return plain(cells, size=(1.0, 1.0 if len(opened) == 1 else 1.06))
+
+    monkeypatch.setattr(rates, "sheet", longer)
+    assert walk(run).broken == ["sag beside that at 60 a second, share"]
+
+
+def run_paused() -> Trial:
+    """With enough substeps to keep its energy, and without the rest at the end."""
+    trial = Trial(replace(SETTING, solver=replace(SETTING.solver, substeps=20, iterations=4)), 0)
+    trial.settle = lambda: None  # type: ignore[method-assign, misc, assignment]
+    try:
+        rates.paused(trial)
+    finally:
+        close()
+    return trial
+
+
+def test_a_session_that_moves_while_paused_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = Session.advance
+    monkeypatch.setattr(Session, "advance", lambda self, frames: plain(self, max(frames, 1)))
+    with pytest.raises(Broken, match="while paused"):
+        run_paused()
+
+
+def test_a_bit_that_changes_while_paused_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = Session.measure
+
+    def measure(session: Session) -> object:
+        x, v = session.simulation.positions(), session.simulation.velocities()
+        x[-1, 1] = np.nextafter(np.float32(x[-1, 1]), np.float32(1))
+        session.simulation.place(x, v)
+        return plain(session)
+
+    monkeypatch.setattr(Session, "measure", measure)
+    with pytest.raises(Broken, match="numbers that changed while paused"):
+        run_paused()
+
+
+def test_a_pause_changes_nothing() -> None:
+    trial = run_paused()
+    assert [figure.value for figure in trial.figures] == [0, 0, 0]
+
+
+def test_drift_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert walk(partial(rates.hanging, frames=10)).broken == []
+    monkeypatch.setattr(rates, "DRIFT", -1.0)
+    assert walk(partial(rates.hanging, frames=10)).broken == ["drift [m]"]
+    assert [figure.bound for figure in walk(VARIANTS[32, "hanging"]).figures] == [-1.0]
+
+
+def test_a_sheet_that_does_not_fall_is_seen() -> None:
+    """Nothing moves in a walk: it falls by none of ½gt²."""
+    assert walk(VARIANTS[33, "100 m"]).broken == ["fall beside ½gt², share"]
+    assert walk(VARIANTS[37, "dashpots 1 s"]).broken == ["fall in 1 s beside ½gt², share"]
+
+
+@pytest.mark.parametrize("text", ["mesh.obj: line 3: no", "it takes 4000 substeps", "no"])
+def test_a_refusal_has_a_name_in_it(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise SceneError("scene", "cloth.file", text)
+
+    monkeypatch.setattr(Trial, "open", refused)
+    trial = Trial(SETTING, 0)
+    if text == "no":
+        with pytest.raises(Broken, match="name nothing"):
+            sizes.open_or_refused(trial, sheet(2), "mesh.obj")
+    else:
+        sizes.open_or_refused(trial, sheet(2), "mesh.obj")
+
+
+def test_stretch_by_a_heavy_corner_is_told() -> None:
+    assert [(f.what, f.value) for f in walk(partial(springs.mass_ratio, times=10.0), strains=[0.3]).figures] == [
+        ("strain", 0.3)
+    ]

@@ -1,0 +1,233 @@
+"""Every value that a row names reaches the cloth: no two variants of a case are the same run."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from walks import CELLS, Walk, small, walk
+
+from taichi_cloth.mesh.from_scene import stiffness_of, topology_of
+from taichi_cloth.scene import Scene
+from taichi_cloth.stress import catalogue, rates, springs, starts
+from taichi_cloth.stress.case import Case, Variant
+from taichi_cloth.stress.scenes import DENSITY
+
+CASES = {case.number: case for case in catalogue.CASES}
+
+
+@pytest.fixture(autouse=True)
+def few_cells(on_lists: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    small(monkeypatch)
+
+
+@cache
+def walks(number: int) -> list[Walk]:
+    return [walk(variant.run) for variant in CASES[number].variants]
+
+
+def variant(number: int, name: str) -> Variant:
+    [found] = [one for one in CASES[number].variants if one.name == name]
+    return found
+
+
+def test_there_are_forty_and_names_are_of_one_each() -> None:
+    assert list(CASES) == list(range(1, 41))
+    assert len({case.name for case in CASES.values()}) == 40
+    for case in CASES.values():
+        assert len({one.name for one in case.variants}) == len(case.variants) > 0
+
+
+# What the list has in a row, read off the scene that a variant opens last.
+KEYS: dict[int, tuple[Callable[[Scene], Any], list[Any]]] = {
+    1: (lambda s: (s.fabric.warp, s.fabric.weft, s.fabric.shear), [(10.0**k,) * 3 for k in range(10)]),
+    2: (lambda s: s.maps and s.maps.stiffness_hi / s.maps.stiffness_lo, [pytest.approx(1e4), pytest.approx(1e6)]),
+    3: (
+        lambda s: (s.cloth.weight / DENSITY * CELLS**2, s.cloth.weight_at),
+        [(pytest.approx(times * CELLS**2 / 32**2), "bottom-right") for times in (10, 100, 1000, 10_000)],
+    ),
+    17: (lambda s: s.spheres[0].path[1][3] / s.spheres[0].path[1][0], [pytest.approx(v) for v in (5, 20, 50, 100)]),
+    18: (lambda s: s.spheres[0].against, ["particles", "triangles"]),
+    25: (lambda s: (s.cloth.rows, s.cloth.columns), [*catalogue.GRIDS]),
+    26: (lambda s: s.forces.gravity, [0.0, -9.81, 1e3, 1e5, 9.81]),
+    33: (lambda s: s.cloth.center, [(away, away, 0.0) for away in (100.0, 1000.0, 10_000.0)]),
+    35: (
+        lambda s: (s.planes[0].friction, -s.planes[0].rotation[2]),
+        [(mu, slope) for slope in (30, 89) for mu in (0, 1, 10, 1e6)],
+    ),
+    37: (lambda s: (s.solver.damping, s.fabric.damping_time), [(0, 0), (1e6, 0), (2.0, 0), (0, 1.0)]),
+    38: (
+        lambda s: (s.limit and s.limit.strain, s.forces.gravity),
+        [(0.01, pytest.approx(98.1)), (0.001, pytest.approx(98.1))],
+    ),
+}
+
+
+@pytest.mark.parametrize("number", KEYS)
+def test_each_value_is_in_the_scene(number: int) -> None:
+    read, expected = KEYS[number]
+    assert [read(one.scenes[-1]) for one in walks(number) if one.scenes] == expected
+
+
+def test_shares_go_with_the_decades() -> None:
+    shares = [one.scenes[0].springs.structural for one in walks(1)]
+    assert shares == pytest.approx(np.linspace(0.1, 1.0, 10))
+
+
+def test_one_half_of_the_sheet_is_stiffer() -> None:
+    for ratio, one in zip((1e4, 1e6), walks(2), strict=True):
+        scene = one.scenes[0]
+        topology = topology_of(scene, "fabric")
+        constants = stiffness_of(scene, "fabric", topology) / topology.by_family(dict.fromkeys(FAMILIES, 1.0))
+        ends = topology.start[topology.ends]
+        x = ends[..., 0]
+        inside = ~np.isclose(np.abs(ends[..., :2]), 0.5).all(axis=1).any(axis=1)  # along an edge they stand for half
+        left, right = (constants[side & inside] for side in ((x < -1e-6).all(axis=1), (x > 1e-6).all(axis=1)))
+        assert left == pytest.approx(1000.0 * ratio)
+        assert right == pytest.approx(1000.0)
+        assert len(left) == len(right) > 0
+
+
+FAMILIES = ("structural", "shear", "bend")
+
+
+def test_one_free_corner_is_heavy() -> None:
+    lightest, *_, heaviest = (topology_of(one.scenes[0], "fabric") for one in walks(3))
+    assert np.flatnonzero(heaviest.mass - lightest.mass).tolist() == [heaviest.particle_count - 1]
+    assert not heaviest.pinned[-1]
+    assert heaviest.mass[-1] - lightest.mass[-1] == pytest.approx((10_000 - 10) * springs.PARTICLE)
+
+
+def test_the_pictures_of_a_rate() -> None:
+    for rate in (240, 120, 60, 30, 10):
+        assert rates.at_rate(rate)[-1] == pytest.approx(10.0)
+        assert np.diff(rates.at_rate(rate)) == pytest.approx(1 / rate)
+    frames = [one.frames for one in walks(4)]
+    assert frames == [pytest.approx(600 + n, abs=1) for n in (600, 600, 600, 600, 400)]
+
+
+def test_pins_go_so_far() -> None:
+    for times, one in zip((2, 5, 10), walks(7), strict=True):
+        assert max(np.ptp(places[:, 0]) for places in one.pins) == pytest.approx(times)
+        assert len(one.pins) == 12  # a tenth of a second there, and back
+    for span, one in zip((0.1, 0.0, -0.5), walks(8), strict=True):
+        assert min(places[1, 0] - places[0, 0] for places in one.pins) == pytest.approx(span, abs=1e-6)
+    for one in (*walks(7), *walks(8)):
+        assert np.ptp(one.pins[-1][:, 0]) == pytest.approx(1.0)
+
+
+def loose(one: Walk) -> np.ndarray:
+    """The places of the first start, of what is not pinned."""
+    return one.started[0][~topology_of(one.scenes[0], "fabric").pinned]
+
+
+def test_a_collapsed_sheet_is_at_one_point() -> None:
+    point, micrometre, millimetre = (loose(one) for one in walks(9))
+    assert (point == point[0]).all()
+    assert 1e-7 < micrometre.std(axis=0).min() < micrometre.std(axis=0).max() < 1e-5
+    assert 1e-4 < millimetre.std(axis=0).min() < millimetre.std(axis=0).max() < 1e-2
+    for one in walks(9):
+        assert np.array_equal(one.started[0], one.started[1])
+
+
+def test_a_flattened_sheet_is_flat() -> None:
+    line, mirrored = (loose(one) for one in walks(10))
+    assert (line[:, 1:] == 0).all()
+    assert np.ptp(line[:, 0]) == pytest.approx(1.0)
+    assert mirrored[:, 0].min() >= 0.0
+    assert np.ptp(mirrored[:, 1]) == pytest.approx(1.0)
+
+
+def test_a_random_start_is_random() -> None:
+    one, other = (loose(walk(starts.random_start, seed)) for seed in (1, 2))
+    assert np.abs(one).max() <= 0.5
+    assert one.std(axis=0) == pytest.approx(np.full(3, 12**-0.5), rel=0.4)
+    assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.5
+    at_rest = topology_of(walk(starts.random_start).scenes[0], "fabric").start[CELLS + 1 :]
+    assert np.linalg.norm(one - at_rest, axis=1).mean() > 0.3
+
+
+def test_noise_is_of_the_size_that_is_named() -> None:
+    for size, one in zip((1e-3, 0.1), walks(12), strict=True):
+        free = ~topology_of(one.scenes[0], "fabric").pinned
+        off = (one.started[0] - topology_of(one.scenes[0], "fabric").start)[free]
+        assert off.std() == pytest.approx(size, rel=0.3)
+
+
+def test_columns_change_places() -> None:
+    [one] = walks(13)
+    columns = one.started[0].reshape(CELLS + 1, CELLS + 1, 3)[-1, :, 0]
+    assert columns == pytest.approx(np.linspace(-0.5, 0.5, CELLS + 1)[[1, 0, 3, 2, 5, 4, 7, 6, 8]])
+
+
+def test_wind_blows_across_in_one_variant_only() -> None:
+    still, crossing = ([value for name, value in one.sets if name == "wind_z"] for one in walks(28))
+    assert set(still) == {0.0}
+    assert min(crossing) < -0.01 < 0.01 < max(crossing)
+    assert crossing[-1] == 0.0
+
+
+def test_gravity_changes_its_sign_in_each_frame() -> None:
+    signs = [value for name, value in walks(26)[-1].sets if name == "gravity"]
+    assert signs == [9.81 * (-1) ** k for k in range(121)]
+
+
+def test_a_yank_goes_so_far_in_a_frame() -> None:
+    [one] = walks(29)
+    assert [target[2] - one.grabs[0][2] for target in one.grabs] == pytest.approx([0.0, 10.0, 0.0])
+    assert one.rest == [0.05]
+
+
+def test_changes_reach_the_cloth() -> None:
+    stiffer, softer, heavier, substeps, toggled, _ = walks(31)
+    assert [one.scenes[1].fabric.warp / one.scenes[0].fabric.warp for one in (stiffer, softer)] == pytest.approx(
+        [1e3, 1e-3]
+    )
+    assert heavier.scenes[1].cloth.area_density == pytest.approx(100 * heavier.scenes[0].cloth.area_density)
+    assert [value for name, value in substeps.sets if name == "substeps"] == [2, 20, 1, 20][1:]
+    assert [len(scene.spheres) for scene in toggled.scenes] == [0, 1, 0, 1, 0, 1, 0]
+
+
+def test_bad_numbers_are_those_that_are_named() -> None:
+    assert [one.name for one in CASES[30].variants] == ["nan", "inf", "-inf"]
+    for one in walks(30):
+        assert one.broken == []
+
+
+def test_ten_sheets_are_turned_and_apart() -> None:
+    [one] = walks(15)
+    cloth = one.scenes[0].cloth
+    assert (cloth.sheets, cloth.gap, cloth.turn) == (10, 0.1, 9.0)
+    assert one.scenes[0].spheres[0].radius == 0.3
+    assert walks(16)[0].scenes[0].cloth.sheets == 50
+
+
+def test_edges_twist_by_two_turns_each_and_back() -> None:
+    [one] = walks(14)
+    assert len(one.pins) == 1200
+    corner = np.array([places[0, 1:] for places in one.pins])
+    turned = np.unwrap(np.arctan2(corner[:, 1], corner[:, 0]))
+    assert abs(turned[599] - turned[0]) == pytest.approx(4 * np.pi * 599 / 600, rel=1e-6)
+    assert np.abs(np.diff(turned)) == pytest.approx(np.radians(72) / 60)
+    assert one.pins[-1] == pytest.approx(topology_of(one.scenes[0], "fabric").start[[*LEFT_AND_RIGHT]], abs=1e-6)
+
+
+LEFT_AND_RIGHT = sorted((CELLS + 1) * row + column for row in range(CELLS + 1) for column in (0, CELLS))
+
+
+def test_a_long_run_has_the_frames_of_the_list() -> None:
+    hanging, swinging = catalogue.LONG.variants
+    assert isinstance(catalogue.LONG, Case)
+    assert "1,000,000 frames hanging" in catalogue.LONG.parameters
+    assert "100,000 swinging" in catalogue.LONG.parameters
+    assert (hanging.run.args[1], swinging.run.args[1]) == (1_000_000, 100_000)  # type: ignore[attr-defined]
+    assert rates.HANGING_FRAMES < 1_000_000
+    assert "--long" in CASES[32].note
+
+
+@pytest.mark.parametrize("number", [number for number in CASES if number not in (6, 40)])
+def test_every_variant_ends_at_rest_or_is_refused(number: int) -> None:
+    for one in walks(number):
+        assert one.settled >= len(one.started)
+        assert one.settled or [figure.what for figure in one.figures] == ["refused"]

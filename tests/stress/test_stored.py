@@ -1,0 +1,36 @@
+"""The committed pages are those of the committed results, and every reason explains one of them."""
+
+from pathlib import Path
+
+import pytest
+
+from taichi_cloth.stress import page
+from taichi_cloth.stress.choose import chosen
+from taichi_cloth.stress.known import unused
+from taichi_cloth.stress.store import Store, load
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def stored() -> Store:
+    [path] = (ROOT / "benchmarks" / "results").glob("*/stability.json")
+    return load(path)
+
+
+def test_the_pages_are_those_of_the_stored_results(stored: Store, tmp_path: Path) -> None:
+    page.write_pages(tmp_path / "stability.md", stored)
+    for name in ("stability.md", "stability_rows.md"):
+        assert (ROOT / "docs" / name).read_text("utf-8") == (tmp_path / name).read_text("utf-8")
+
+
+def test_what_is_stored_is_of_these_cases(stored: Store) -> None:
+    units = {unit.key: unit for unit in chosen()}
+    assert stored.planned == list(units)
+    for result in stored.ordered():
+        case = units[result.key].case
+        assert (result.name, result.parameters, result.about) == (case.name, case.parameters, case.note)
+
+
+def test_every_reason_explains_a_failure(stored: Store) -> None:
+    assert unused(stored.ordered()) == []

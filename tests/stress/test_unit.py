@@ -1,0 +1,99 @@
+"""A unit runs its starts until one fails, and tells the worst of them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from taichi_cloth.stress.case import Case, Variant, variants
+from taichi_cloth.stress.scenes import sheet
+from taichi_cloth.stress.trial import Figure, TooSlow, Trial
+from taichi_cloth.stress.unit import Unit, run_unit, seed_of, worst_figures
+
+from .conftest import BREAKS, CASE, SMALL, SWINGS, breaks_once, goes_wrong, swings
+
+
+def unit_of(run: object) -> Unit:
+    return Unit(CASE, Variant("one", run), SMALL)  # type: ignore[arg-type]
+
+
+def test_variants_bind_their_values() -> None:
+    taken: list[float] = []
+    both = variants(lambda trial, value: taken.append(value), {"1 m": 1.0, "10 m": 10.0})
+    assert [variant.name for variant in both] == ["1 m", "10 m"]
+    for variant in both:
+        variant.run(Trial(SMALL, 0))
+    assert taken == [1.0, 10.0]
+
+
+def test_seeds_are_the_same_everywhere_and_all_others() -> None:
+    assert seed_of(29, "10 m", 0) == 1816848893
+    seeds = {seed_of(case, name, start) for case in (1, 2) for name in ("a", "b") for start in range(10)}
+    assert len(seeds) == 40
+    assert [start for start, _ in SWINGS.starts(3)] == [0, 1, 2]
+    other = replace(SWINGS, setting=replace(SMALL, name="other"))
+    assert other.starts(3) == SWINGS.starts(3)  # every setting runs the same starts
+
+
+def test_the_rest_is_skipped_after_the_first_failure() -> None:
+    result = run_unit(unit_of(breaks_once), [(0, 1), (1, 2), (2, 3), (3, 4)], None)
+    assert (result.ran, result.starts, result.state) == (3, 4, "failed")
+    assert result.failure is not None
+    assert (result.failure.start, result.failure.seed, result.failure.frame) == (2, 3, 6)
+    assert (result.failure.what, result.failure.value, result.failure.bound) == ("something", 2.0, 1.0)
+
+
+def test_a_start_by_its_seed_is_the_same_as_among_others() -> None:
+    all_of_them = run_unit(SWINGS, SWINGS.starts(2), None)
+    second = run_unit(SWINGS, SWINGS.starts(2)[1:], None)
+    first = run_unit(SWINGS, SWINGS.starts(1), None)
+    assert (all_of_them.ran, all_of_them.state, all_of_them.frames) == (2, "alive", 6)
+    assert all_of_them.figures[0].value == max(first.figures[0].value, second.figures[0].value)
+    assert first.figures[0].value != second.figures[0].value
+    assert all_of_them.speed == max(first.speed, second.speed)
+    assert all_of_them.notes == ["not judged at rest: a test"]
+    assert all_of_them.about == "it is a test"
+
+
+def test_a_picture_shows_the_failure(tmp_path: Path) -> None:
+    result = run_unit(BREAKS, BREAKS.starts(2), tmp_path)
+    path = tmp_path / "01_test_breaks_xpbd_0.png"
+    assert result.picture == str(path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def slow(trial: Trial) -> None:
+    swings(trial)
+    raise TooSlow(250.0, 100.0)
+
+
+def test_too_slow_is_neither_alive_nor_failed() -> None:
+    result = run_unit(unit_of(slow), [(0, 1), (1, 2)], None)
+    assert (result.state, result.slow_ms, result.ran, result.failure) == ("too slow", 250.0, 1, None)
+
+
+def never_judged(trial: Trial) -> None:
+    trial.open(sheet(4), rest_strain=0.1)
+    trial.start()
+
+
+@pytest.mark.parametrize(
+    ("run", "line"),
+    [(goes_wrong, "ZeroDivisionError: of a case"), (never_judged, "RuntimeError: a case opened a scene")],
+)
+def test_a_mistake_of_a_case_is_its_failure(run: object, line: str) -> None:
+    result = run_unit(unit_of(run), [(0, 1)], None)
+    assert result.failure is not None
+    assert result.failure.what.startswith(line)
+
+
+def test_a_number_that_is_none_is_the_worst() -> None:
+    trials = [Trial(SMALL, 0, [Figure("way", value, 5.0)]) for value in (1.0, float("nan"), 2.0)]
+    [figure] = worst_figures(trials[:1] + trials[2:])
+    assert figure.value == 2.0
+    [figure] = worst_figures(trials[:2])
+    assert figure.value != figure.value
+
+
+def test_a_case_is_a_number_a_name_and_variants() -> None:
+    assert Unit(Case(3, "c", "", ()), Variant("v", swings), SMALL).key == (3, "v", "xpbd")
