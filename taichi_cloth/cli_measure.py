@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import runtime
 from .cli_options import Command, count, strain
@@ -11,12 +12,17 @@ from .errors import OutputInUse, WrongUse
 from .scene import load_scene
 from .scene.model import SOLVER_NAMES
 
+if TYPE_CHECKING:
+    from .stress.store import Store
+    from .stress.unit import Result, Unit
+
 
 def declare(command: Command) -> None:
     bench = command("bench", run_bench, "measure frames, compiling and memory on this machine", "bench --only verlet")
     which = bench.add_mutually_exclusive_group()
     which.add_argument("--only", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver")
     which.add_argument("--stages", action="store_true", help="what each stage of the curtain costs, instead")
+    which.add_argument("--goals", action="store_true", help="start, memory and errors of fine sheets, instead")
     bench.add_argument("--error", action="store_true", help="how wrong each setting is, beside its time, instead")
     bench.add_argument(
         "--scene",
@@ -38,19 +44,30 @@ def declare(command: Command) -> None:
     )
     validate.add_argument("--only", metavar="REF", help="one reference, or all that begin so: A2.1, A2, B")
     validate.add_argument("--solver", choices=SOLVER_NAMES, metavar="NAME", help="one solver")
+    validate.add_argument(
+        "--from", type=Path, dest="read", metavar="FILE", help="read the rows that --json wrote instead of measuring"
+    )
     validate.add_argument("--json", type=Path, metavar="FILE", help="write the rows, with bounds and sources")
     validate.add_argument("--markdown", type=Path, metavar="FILE", help="write the table for a document")
     validate.add_argument("--force", action="store_true", help="replace FILE")
 
     stress = command("stress", run_stress, "run 40 cases that break cloth", "stress --only yank --solver lines")
     stress.add_argument("--only", metavar="CASE", help="one case, by its number or name")
-    stress.add_argument("--solver", choices=(*SOLVER_NAMES, "robust"), metavar="NAME", help="one solver, or robust")
+    stress.add_argument("--variant", metavar="NAME", help="with --only: one variant of the case")
+    stress.add_argument(
+        "--solver", choices=(*SOLVER_NAMES, "robust", "robust-slack"), metavar="NAME", help="one solver or setting"
+    )
     stress.add_argument(
         "--tear", type=strain, metavar="STRAIN", help="sheets tear where threads are stretched by so much"
     )
-    stress.add_argument("--starts", type=count, default=10, metavar="N", help="starts of each case")
+    how_many = stress.add_mutually_exclusive_group()
+    how_many.add_argument("--starts", type=count, default=10, metavar="N", help="starts of each variant")
+    how_many.add_argument("--quick", action="store_const", dest="starts", const=1, help="one start of each variant")
+    how_many.add_argument("--seed", type=int, metavar="N", help="with one variant and --solver: the start of this seed")
     stress.add_argument("--long", action="store_true", help="with --only 32: a million frames")
-    stress.add_argument("--json", type=Path, metavar="FILE", help="write every start, with what broke")
+    stress.add_argument("--json", type=Path, metavar="FILE", help="write every result, after each variant")
+    stress.add_argument("--resume", action="store_true", help="with --json: go on with what FILE has")
+    stress.add_argument("--from", type=Path, dest="source", metavar="FILE", help="run nothing: report what FILE has")
     stress.add_argument("--markdown", type=Path, metavar="FILE", help="write the page for a document")
     stress.add_argument(
         "--pictures", type=Path, default=Path("out/stress"), metavar="DIR", help="folder for frames that failed"
@@ -75,6 +92,8 @@ def run_bench(args: argparse.Namespace) -> int:
         raise WrongUse("--markdown writes the errors on scenes: it goes with --scene")
     if args.error:
         return run_gallery(args) if args.scene else run_front(args)
+    if args.goals:
+        return run_goals(args)
     if args.plot or args.scene:
         raise WrongUse("--plot and --scene are about errors: they go with --error")
     chosen = c.all_cases() if args.full else [] if args.stages else c.default_cases()
@@ -90,14 +109,37 @@ def run_bench(args: argparse.Namespace) -> int:
     return 1 if report.failures(rows, stage_rows) else 0
 
 
+def run_goals(args: argparse.Namespace) -> int:
+    from .accuracy import goals, pinned_sheet
+    from .bench import startup
+    from .progress import steps_progress
+
+    if args.full or args.plot or args.scene or args.csv:
+        raise WrongUse("--goals goes with --json, not with --full, --plot, --scene or --csv")
+    with steps_progress(startup.MEASURED + len(pinned_sheet.CASES)) as on_step:
+        commands = []
+        for command in startup.measure():
+            on_step(command.what)
+            commands.append(command)
+        runtime.start("cpu")
+        sheets = []
+        for case in pinned_sheet.CASES:
+            on_step(case.name)
+            sheets.append(pinned_sheet.measure(case))
+    goals.print_report(commands, sheets)
+    if args.json:
+        goals.write_json(args.json, commands, sheets)
+    return 0
+
+
 def run_front(args: argparse.Namespace) -> int:
     from .accuracy import report, sweep
     from .accuracy.truth import Curtain
     from .bench.report import write_csv
     from .progress import steps_progress
 
-    if args.stages:
-        raise WrongUse("--error and --stages are two measurements: give one of them")
+    if args.stages or args.goals:
+        raise WrongUse("--error, --stages and --goals are three measurements: give one of them")
     if args.plot:
         report.plotting()
     runtime.start("cpu")
@@ -125,8 +167,10 @@ def run_gallery(args: argparse.Namespace) -> int:
     from .bench.report import write_csv
     from .progress import steps_progress
 
-    if args.stages or args.only or args.full or args.plot or args.json:
-        raise WrongUse("--scene goes with --csv and --markdown, not with --stages, --only, --full, --plot or --json")
+    if args.stages or args.goals or args.only or args.full or args.plot:
+        raise WrongUse(
+            "--scene goes with --csv, --json and --markdown, not with --stages, --only, --full, --plot or --goals"
+        )
     runtime.start("cpu")
     found = []
     with steps_progress(sum(len(gallery.settings(scene)) + 1 for scene in scenes)) as on_step:
@@ -139,6 +183,8 @@ def run_gallery(args: argparse.Namespace) -> int:
     gallery.print_report(found)
     if args.csv:
         write_csv(args.csv, [point for errors in found for point in errors.points], gallery.ScenePoint)
+    if args.json:
+        gallery.write_json(args.json, found)
     if args.markdown:
         gallery.write_markdown(args.markdown, found)
     return 0
@@ -149,48 +195,86 @@ def run_validate(args: argparse.Namespace) -> int:
     from .progress import steps_progress
     from .validate import report
     from .validate.catalogue import chosen
-    from .validate.row import measure
+    from .validate.running import measure_all
 
     for path in filter(None, (args.json, args.markdown)):
         check_free(path, force=args.force)
-    pairs = chosen(args.only, args.solver)
-    runtime.start("cpu")
-    results = []
-    with steps_progress(len(pairs)) as on_step:
-        for reference, solver in pairs:
-            on_step(f"{reference.number} {reference.name}, {solver}")
-            results += measure(reference, solver)
-    report.print_report(results)
+    if args.read:
+        if args.only or args.solver:
+            raise WrongUse("--from reads the rows of an earlier run: it goes without --only and --solver")
+        run = report.read_json(args.read)
+    else:
+        pairs = chosen(args.only, args.solver)
+        with steps_progress(len(pairs)) as on_step:
+            run = report.this_machine(measure_all(pairs, on_step))
+    report.print_report(run)
     if args.json:
-        report.write_json(args.json, results)
+        report.write_json(args.json, run)
     if args.markdown:
-        report.write_markdown(args.markdown, results)
-    return 1 if any(result.broken for result in results) else 0
+        report.write_markdown(args.markdown, run)
+    return 1 if any(result.row.broken for result in run.results) else 0
 
 
 def run_stress(args: argparse.Namespace) -> int:
     from .bench.report import check_free
-    from .progress import steps_progress
-    from .stress import report, running
-    from .stress.catalogue import chosen
-    from .stress.setting import ROBUST
+    from .stress import page, report, store
+    from .stress.known import unexplained
 
-    for path in filter(None, (args.json, args.markdown)):
-        check_free(path, force=args.force)
+    if args.markdown:
+        check_free(args.markdown, force=args.force)
     if args.tear is not None and args.markdown:
         raise WrongUse("--markdown writes the page about sheets that stay whole: --tear has no part in it")
+    if args.source:
+        if args.json or args.resume:
+            raise WrongUse("--from runs nothing: it goes without --json and --resume")
+        kept = store.load(args.source)
+        results = kept.ordered()
+    else:
+        kept, results = run_units(args)
+    report.print_report(kept, results)
+    if args.markdown:
+        page.write_pages(args.markdown, kept)
+    return 1 if unexplained(results) else 0
+
+
+def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
+    """Runs what is not stored yet. All that is stored, and the results of what was asked for."""
+    from .bench.report import check_free
+    from .progress import steps_progress
+    from .stress import running, store
+    from .stress.choose import chosen
+
+    if args.resume and not args.json:
+        raise WrongUse("--resume goes on with a file: give it with --json")
+    if args.json and not (args.resume and args.json.is_file()):
+        check_free(args.json, force=args.force)
     if args.pictures.exists() and not args.pictures.is_dir():
         raise OutputInUse(f"{args.pictures} is a file, not a folder")
-    pairs = chosen(args.only, args.solver, long=args.long, tear=args.tear)
-    with steps_progress(len(pairs)) as on_step:
-        results = running.run_all(pairs, args.starts, args.pictures, on_step)
-    report.print_report(results)
-    if args.json:
-        report.write_json(args.json, results)
-    if args.markdown:
-        report.write_markdown(args.markdown, results)
-    robust = ROBUST if args.tear is None else ROBUST.tearing(args.tear)
-    return 0 if all(result.alive for result in results if result.setting == robust.name) else 1
+    units = chosen(args.only, args.variant, args.solver, long=args.long, tear=args.tear)
+    if args.seed is not None and (len(units) != 1 or args.json):
+        raise WrongUse("--seed repeats one start: it goes with --only, --variant and --solver, and without --json")
+    whole = units if args.long or args.tear is not None else chosen()
+    kept = store.Store.new(args.json, whole)
+    if args.resume and args.json.is_file():
+        kept = kept.continued(store.load(args.json))
+    left = kept.left(units, args.starts)
+    seconds = {key: result.seconds for key, result in kept.results.items()}
+    if known := [seconds[unit.key] for unit in left if unit.key in seconds]:
+        hours = sum(known) / len(known) * len(left) / min(running.CORES, len(left)) / 3600
+        print(f"{len(left)} of {len(units)} variants to run: about {hours:.1f} hours", flush=True)
+
+    def starts(unit: Unit) -> list[tuple[int, int]]:
+        return [(0, args.seed)] if args.seed is not None else unit.starts(args.starts)
+
+    with steps_progress(len(left)) as on_step:
+
+        def keep(result: Result) -> None:
+            kept.add(result)
+            on_step(f"{result.case} {result.name}, {result.variant}, {result.setting}: {result.state}")
+
+        if left:
+            running.run_all(running.dearest_first(left, seconds), starts, args.pictures, keep)
+    return kept, kept.of(units)
 
 
 def run_ablate(args: argparse.Namespace) -> int:

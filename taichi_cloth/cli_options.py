@@ -105,12 +105,19 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
 
 
 def summary(simulation: Simulation, arch: str) -> str:
-    """The line every run prints: scene, solver, substeps × iterations, path, grid, stages, arch, seed."""
+    """The line every run prints: scene, solver, substeps × iterations, path, grid, stages, arch, seed.
+
+    A second one tells where substeps are not those that were asked for, or iterations end too early.
+    """
+    from .measure.convergence import unfinished
     from .mesh.from_scene import count_of
+    from .scene.model import FRAME_SECONDS
 
     scene = simulation.scene
     line = (
         f"{scene.name} · {simulation.method}"
         f" · {count_of(scene)} · {' '.join(simulation.stages)} · {arch} · seed {scene.seed}"
     )
-    return "\n".join(filter(None, [line, simulation.advice]))
+    solver = scene.solver
+    left = unfinished(scene, simulation.topology, FRAME_SECONDS / simulation.substeps, solver.iterations)
+    return "\n".join(filter(None, [line, simulation.advice, left]))

@@ -38,6 +38,25 @@ def pendulum_period(degrees: float, length: float) -> float:
     return 2 * pi * sqrt(length / GRAVITY) / a
 
 
+def projected_swing(degrees: float, length: float, h: float, seconds: float, every: float) -> Floats:
+    """Angles [rad] from hanging, every so many seconds, of a pendulum whose steps go along the tangent.
+
+    Symplectic Euler without its rod, then pulled back to its length; x − x_prev is its velocity. It is what
+    position-based dynamics make of a pendulum when all constraints are met.
+    """
+    angle = radians(degrees)
+    x = length * np.array([sin(angle), -cos(angle)])
+    v = np.zeros(2)
+    seen, per = [angle], round(every / h)
+    for step in range(1, round(seconds / every) * per + 1):
+        there = x + h * v - np.array([0.0, GRAVITY * h * h])
+        there *= length / np.hypot(*there)
+        x, v = there, (there - x) / h
+        if step % per == 0:
+            seen.append(atan2(x[0], -x[1]))
+    return np.array(seen)
+
+
 def chain_modes(links: int, length: float, count: int) -> tuple[Floats, Floats]:
     """(ω [rad/s], shapes (links, count)) of a hanging chain of equal rigid links and masses that swings a little.
 
@@ -98,12 +117,16 @@ def drum_modes(cells: int, tension: float, mass: float, m: int, n: int) -> float
 
 
 def drum_sag(cells: int, tension: float, mass: float) -> float:
-    """How low [m] its middle hangs under its weight where that is little: the five-point equation of Poisson."""
-    inside = cells - 1
-    line = 2 * np.eye(inside) - np.eye(inside, k=1) - np.eye(inside, k=-1)
-    laplacian = np.kron(line, np.eye(inside)) + np.kron(np.eye(inside), line)
-    sag = np.linalg.solve(laplacian * tension * cells, np.full(inside**2, mass * GRAVITY))
-    return float(sag[inside**2 // 2])
+    """How low [m] its middle hangs under its weight where that is little: the five-point equation of Poisson.
+
+    Solved in its own modes, sines both ways.
+    """
+    n = np.arange(1, cells)
+    sines = np.sqrt(2 / cells) * np.sin(pi * np.outer(n, n) / cells)
+    squares = 4 * np.sin(n * pi / (2 * cells)) ** 2
+    weight = sines @ np.full((cells - 1, cells - 1), mass * GRAVITY) @ sines
+    sag: Floats = sines @ (weight / (tension * cells * (squares[:, None] + squares))) @ sines
+    return float(sag[cells // 2 - 1, cells // 2 - 1])
 
 
 def damped_swing(omega: float, ratio: float, seconds: Floats) -> Floats:
@@ -113,12 +136,13 @@ def damped_swing(omega: float, ratio: float, seconds: Floats) -> Floats:
     return found
 
 
-def relaxed_chain(links: int, substeps: int, iterations: int, compliance: float, seconds: float) -> float:
-    """Length over its links of a chain of 1 kg each that is let go hanging, the mean of the second half: XPBD itself.
+def relaxed_chain(links: int, rate: float, iterations: int, compliance: float, seconds: float) -> Floats:
+    """Length over its links of a chain of 1 kg each that is let go hanging, after every step: XPBD itself.
 
-    Along one line, red springs before black ones (Macklin 2016, Algorithm 1); `compliance` [m/N], links of 1 m.
+    Along one line, red springs before black ones (Macklin 2016, Algorithm 1); `rate` in steps a second, `compliance`
+    [m/N], links of 1 m.
     """
-    h = 1 / (60 * substeps)
+    h = 1 / rate
     w = np.append(0.0, np.ones(links))
     x, v = -np.arange(links + 1.0), np.zeros(links + 1)
     alpha = compliance / h**2
@@ -137,7 +161,7 @@ def relaxed_chain(links: int, substeps: int, iterations: int, compliance: float,
                 x[j + 1] -= w[j + 1] * change
         v = (x - before) / h
         lengths.append(-x[-1])
-    return float(np.mean(lengths[steps // 2 :])) / links
+    return np.array(lengths) / links
 
 
 def sheet_modulus(structural: float, shear: float) -> float:
@@ -146,6 +170,11 @@ def sheet_modulus(structural: float, shear: float) -> float:
     The diagonals make it narrower: k_s·(k_s + 2k_d)/(k_s + k_d), of the homogenised grid.
     """
     return structural * (structural + 2 * shear) / (structural + shear)
+
+
+def bias_modulus(structural: float, shear: float) -> float:
+    """The same at 45° to the threads: 4k_d·(k_s + 2k_d)/(k_s + 4k_d)."""
+    return 4 * shear * (structural + 2 * shear) / (structural + 4 * shear)
 
 
 def sail_sag(span: float, drag_only: bool) -> float:
@@ -165,6 +194,29 @@ def sail_sag(span: float, drag_only: bool) -> float:
     # Arc length of y from one end to the other: 2b·artanh(sin(x/b)) = 1.
     b = root(lambda b: 1.0 - 2 * b * atanh(sin(half / b)), half / (pi / 2) * (1 + 1e-12), 1e3)
     return -b * log(cos(half / b))
+
+
+def sail_tension(span: float, drag_only: bool) -> float:
+    """Tension [N] in the middle of that sheet over what the wind would do to it face-on, p·L [N], for each width.
+
+    Normal pressure: the same all along, b/L. Drag alone: its part across the wind, H/(p·L) = 1/(2(t + t³/3)).
+    """
+    sag = sail_sag(span, drag_only)
+    if drag_only:
+        t = root(lambda t: ((1 + t * t) * sqrt(1 + t * t) - 1) / 3 / (2 * (t + t**3 / 3)) - sag, 1e-6, 1e3)
+        return 1 / (2 * (t + t**3 / 3))
+    return root(lambda b: -(-b * log(cos(span / 2 / b)) - sag), span / pi * (1 + 1e-9), 1e3)
+
+
+def wave(links: int, tension: float, mass: float, shape: Floats, rate: Floats, seconds: float) -> Floats:
+    """Distances [m] of the joints of a taut string, (links − 1,), some time after they had this shape and rate."""
+    j = np.arange(1, links)
+    sines = np.sqrt(2 / links) * np.sin(pi * np.outer(j, j) / links)
+    omegas = 2 * np.sqrt(tension * links / mass) * np.sin(j * pi / (2 * links))
+    found: Floats = sines @ (
+        np.cos(omegas * seconds) * (sines @ shape) + np.sin(omegas * seconds) / omegas * (sines @ rate)
+    )
+    return found
 
 
 def scarf_ratio(friction: float, radius: float) -> float:

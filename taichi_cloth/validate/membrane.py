@@ -1,65 +1,165 @@
-"""A2.5 and A5.2: a sheet under tension, and one that is sheared."""
+"""A2.5 and A5: a sheet under tension, one that is pulled along and across its threads, and one that is sheared."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from ..scene.model import Fabric, Forces
-from ..simulation import Simulation
-from .exact import GRAVITY, drum_modes, drum_sag
-from .row import Row, relative
-from .setups import advance, base, damped, frequency, structural, swing_frames
+from ..scene.model import Fabric, Forces, Maps, Scene
+from .exact import GRAVITY, bias_modulus, drum_modes, drum_sag, sheet_modulus
+from .row import Row, in_time, relative
+from .setups import Timed, advance, base, damped, frequency, structural, swing_frames
 
-CELLS = 16
+SAG_CELLS = (16, 32, 64, 128)
+MODE_CELLS = (16, 32, 64)
+TAUT = (1e-2, 1e-3)  # A2: 1 %, 0.1 %
 SLACK = 0.9  # [m] side of the drum's sheet before it is drawn out to a metre
 CONSTANT = 1000.0  # [N/m] of its springs; a tenth of it where it swings, or pictures at 60 a second could not follow
 MODES = ((1, 1), (1, 2), (2, 2))
+MODULUS = (2e-2, 2e-3)  # A5: 2 % at 0.1 % strain, 0.2 %
+DIAGONALS = (500.0, 1000.0, 100.0)  # [N/m]
+THREADS = 1000.0  # [N/m]
+BIAS_CELLS = 64
+BIAS_COLUMNS = (6, 14)  # of particles on either side of the middle of a strip that is cut at 45°
+BIAS_TOP, BIAS_SEEN = 0.45, (-0.2, 0.1)  # [m] above the middle: held from there on; where its strain is measured
 PANEL_ROWS, PANEL_CELLS, PANEL_WIDTH = 97, 16, 0.5  # six times as tall as wide: its free edges are far away
 EDGES = ("top", "bottom", "left", "right")
 
 
 def drum(solver: str) -> Iterator[Row]:
     """A square sheet held at all edges and drawn out sags under its weight, and swings in its modes."""
-    flat = base(solver, CELLS + 1, CELLS + 1, lumping="equal", pins=EDGES, rotation=(-90.0, 0.0, 0.0))
-    flat = structural(replace(flat, cloth=replace(flat.cloth, width=SLACK, height=SLACK)), CONSTANT)
-    tension = CONSTANT * (1.0 - SLACK) / CELLS  # [N] of each spring
-    middle = (CELLS // 2) * (CELLS + 2)
-    with Simulation(damped(flat)) as simulation:
+    for cells in SAG_CELLS:
+        what = f"sag of a taut square of {cells} cells under its weight [m]"
+        yield in_time(what, *TAUT, partial(sagging, what, solver, cells))
+    for cells in MODE_CELLS:
+        for mode in MODES:
+            what = f"mode {mode[0]}, {mode[1]} of a taut square of {cells} cells [rad/s]"
+            yield in_time(what, *TAUT, partial(swinging, what, solver, cells, mode))
+
+
+def drawn_out(solver: str, cells: int, constant: float) -> Scene:
+    flat = base(solver, cells + 1, cells + 1, lumping="equal", pins=EDGES, rotation=(-90.0, 0.0, 0.0))
+    return structural(replace(flat, cloth=replace(flat.cloth, width=SLACK, height=SLACK)), constant)
+
+
+def tension(cells: int, constant: float) -> float:
+    """[N] of each spring."""
+    return constant * (1.0 - SLACK) / cells
+
+
+def sagging(what: str, solver: str, cells: int) -> Row:
+    middle = (cells // 2) * (cells + 2)
+    with Timed(damped(drawn_out(solver, cells, CONSTANT))) as simulation:
         mass = float(simulation.topology.mass[0])
         simulation.place(simulation.topology.start / SLACK)
-        advance(simulation, 4.0)
+        advance(simulation, 6.0)
         sag = -float(simulation.positions()[middle, 1])
-        yield relative("sag of a taut square under its weight [m]", drum_sag(CELLS, tension, mass), sag, 1e-2, 1e-3)
-    still = replace(structural(flat, CONSTANT / 10), forces=Forces(gravity=0.0))
-    for mode in MODES:
-        with Simulation(still) as simulation:
-            omega = drum_modes(CELLS, tension / 10, mass, *mode)
-            along, across = (np.sin(n * np.pi * np.arange(CELLS + 1) / CELLS) for n in mode)
-            shape = np.outer(along, across).ravel()
-            start = simulation.topology.start / SLACK
-            start[:, 1] += 1e-3 * shape
-            simulation.place(start)
-            seen = []
-            for _ in range(swing_frames(omega)):
-                seen.append(float(simulation.positions()[:, 1] @ shape))
-                simulation.advance_frame()
-            yield relative(
-                f"mode {mode[0]}, {mode[1]} of a taut square [rad/s]", omega, frequency(seen, omega), 1e-2, 1e-3
-            )
+        return relative(what, drum_sag(cells, tension(cells, CONSTANT), mass), sag, *TAUT)
+
+
+def swinging(what: str, solver: str, cells: int, mode: tuple[int, int]) -> Row:
+    scene = replace(drawn_out(solver, cells, CONSTANT / 10), forces=Forces(gravity=0.0))
+    with Timed(scene) as simulation:
+        mass = float(simulation.topology.mass[0])
+        omega = drum_modes(cells, tension(cells, CONSTANT / 10), mass, *mode)
+        along, across = (np.sin(n * np.pi * np.arange(cells + 1) / cells) for n in mode)
+        shape = np.outer(along, across).ravel()
+        start = simulation.topology.start / SLACK
+        start[:, 1] += 1e-3 * shape
+        simulation.place(start)
+        seen = []
+        for _ in range(swing_frames(omega)):
+            seen.append(float(simulation.positions()[:, 1] @ shape))
+            simulation.advance_frame()
+        return relative(what, omega, frequency(seen, omega), *TAUT)
+
+
+def modulus(solver: str) -> Iterator[Row]:
+    """Force per strain and width, along the threads and at 45° to them."""
+    for shear in DIAGONALS:
+        what = f"along the warp, diagonals of {shear:g} N/m [N/m]"
+        yield in_time(what, *MODULUS, partial(warp_pull, what, solver, shear))
+    for shear in DIAGONALS:
+        what = f"on the bias, diagonals of {shear:g} N/m [N/m]"
+        yield in_time(what, *MODULUS, partial(bias_pull, what, solver, shear))
+
+
+def woven(shear: float) -> Fabric:
+    return Fabric(warp=THREADS, weft=THREADS, shear=shear, bend=0.0)
+
+
+def warp_pull(what: str, solver: str, shear: float) -> Row:
+    """A tall sheet hangs by its top; its middle third, away from the pins, stretches by the weight below it."""
+    scene = base(solver, 33, 9, width=0.25, pins=("top",))
+    with Timed(damped(replace(scene, fabric=woven(shear)))) as simulation:
+        advance(simulation, 8.0)
+        rows = slice(11, 22)
+        carried = simulation.topology.mass.reshape(33, 9).sum(axis=1)[::-1].cumsum()[::-1]  # by the row above [kg]
+        y = simulation.positions().reshape(33, 9, 3)[:, 4, 1]
+        strain = -np.diff(y) / (1.0 / 32) - 1
+        stress = carried[1:] * GRAVITY / 0.25
+        measured = float((stress[rows] / strain[rows]).mean())
+        return relative(what, sheet_modulus(THREADS, shear), measured, *MODULUS)
+
+
+def bias_pull(what: str, solver: str, shear: float) -> Row:
+    """Two strips cut at 45° hang by their tops. What the wider one bears more is what its additional columns bear."""
+    narrow, wide = (bias_strip(solver, shear, columns) for columns in BIAS_COLUMNS)
+    wider = 2 * (BIAS_COLUMNS[1] - BIAS_COLUMNS[0]) / BIAS_CELLS / np.sqrt(2)
+    return relative(what, bias_modulus(THREADS, shear), float((wide - narrow) / wider), *MODULUS)
+
+
+def bias_strip(solver: str, shear: float, columns: int) -> float:
+    """Force over strain [N] of a strip with so many columns on either side of its middle.
+
+    It is cut out of a square that stands on a corner: outside of it springs have no stiffness.
+    """
+    side = BIAS_CELLS + 1
+    row, column = np.divmod(np.arange(side**2), side)
+    across = row + column - BIAS_CELLS  # columns from the middle; upwards, rows of half a diagonal
+    up = (column - row) / BIAS_CELLS / np.sqrt(2)
+    inside = np.abs(across) <= columns
+    pins = tuple(int(n) for n in np.flatnonzero(inside & (up > BIAS_TOP)))
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "cut.csv").write_text("\n".join(str(int(one)) for one in inside), encoding="utf-8")
+        scene = base(solver, side, side, pins=pins, rotation=(0.0, 0.0, 45.0), lumping="equal")
+        scene = replace(scene, fabric=woven(shear), maps=Maps(stiffness="cut.csv", folder=folder))
+        with Timed(damped(scene)) as simulation:
+            advance(simulation, 6.0)
+            ends = simulation.topology.ends
+            hanging = inside.copy()  # with what is tied to it by springs of half the constant
+            hanging[ends[inside[ends].any(axis=1)]] = True
+            line = np.flatnonzero((across == 0) & (up > BIAS_SEEN[0]) & (up < BIAS_SEEN[1]))
+            line = line[np.argsort(up[line])]
+            mass = simulation.topology.mass
+            carried = [mass[hanging & (up > up[n] - 1.0) & (up <= up[n] + 1e-9)].sum() for n in line[:-1]]
+            y = simulation.positions()[line, 1]
+            strain = (y[-1] - y[0]) / (up[line[-1]] - up[line[0]]) - 1
+            # Between two particles of the line the strip carries what hangs below the middle between them.
+            half = [mass[hanging & (np.abs(up - (up[a] + up[b]) / 2) < 1e-9)].sum() for a, b in pairwise(line)]
+            force = float(np.mean(np.array(carried) + np.array(half) / 2)) * GRAVITY
+            return force / float(strain)
 
 
 def panel(solver: str) -> Iterator[Row]:
     """A tall sheet between two upright edges sags by its weight: only its diagonals resist, C66 = k_d."""
     for shear in (500.0, 1000.0):
-        cloth = {"width": PANEL_WIDTH, "height": 6 * PANEL_WIDTH, "lumping": "equal", "pins": ("left", "right")}
-        scene = base(solver, PANEL_ROWS, PANEL_CELLS + 1, **cloth)
-        scene = replace(scene, fabric=Fabric(warp=1000.0, weft=1000.0, shear=shear, bend=0.0))
-        with Simulation(damped(scene)) as simulation:
-            mass = float(simulation.topology.mass[0])
-            advance(simulation, 6.0)
-            lower = (simulation.topology.start - simulation.positions())[:, 1].reshape(PANEL_ROWS, PANEL_CELLS + 1)
-            measured = mass * GRAVITY * PANEL_CELLS**2 / (8 * float(lower[PANEL_ROWS // 2, PANEL_CELLS // 2]))
-            yield relative(f"force per shear and width, diagonals of {shear:g} N/m [N/m]", shear, measured, 2e-2, 2e-3)
+        what = f"force per shear and width, diagonals of {shear:g} N/m [N/m]"
+        yield in_time(what, *MODULUS, partial(sheared, what, solver, shear))
+
+
+def sheared(what: str, solver: str, shear: float) -> Row:
+    cloth = {"width": PANEL_WIDTH, "height": 6 * PANEL_WIDTH, "lumping": "equal", "pins": ("left", "right")}
+    scene = base(solver, PANEL_ROWS, PANEL_CELLS + 1, **cloth)
+    with Timed(damped(replace(scene, fabric=woven(shear)))) as simulation:
+        mass = float(simulation.topology.mass[0])
+        advance(simulation, 6.0)
+        lower = (simulation.topology.start - simulation.positions())[:, 1].reshape(PANEL_ROWS, PANEL_CELLS + 1)
+        measured = mass * GRAVITY * PANEL_CELLS**2 / (8 * float(lower[PANEL_ROWS // 2, PANEL_CELLS // 2]))
+        return relative(what, shear, measured, *MODULUS)

@@ -1,110 +1,217 @@
-"""The rows as a table, as JSON and as Markdown."""
+"""The rows as a table, as JSON and as Markdown; and the rows of an earlier run, read from its JSON."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import isfinite, nan
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from ..bench.report import machine, markdown_table, print_table
+from ..errors import WrongUse, why
 from ..files import whole_file
-from .row import EXCELLENT, PASS, SHORT, Result
+from .row import EXCELLENT, PASS, SHORT, TOO_SLOW, Limit, Result, Row
 
 HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
+MARKS = {EXCELLENT: "*", PASS: "", SHORT: "**", TOO_SLOW: "**"}
+UNEXPLAINED = "no law explains it"
+BROKEN = "more than its law explains"
+GOAL = (90.0, 60.0)  # [%] of rows that should pass, and be excellent
+
+
+class Measured(NamedTuple):
+    """A run: the machine that it ran on, and every row."""
+
+    machine: Mapping[str, str]
+    results: Sequence[Result]
 
 
 def cells(result: Result) -> tuple[str, ...]:
     """A row of the table."""
     row = result.row
-    reference = f"{result.reference.number} {result.reference.name}"
-    return (
-        reference,
-        result.solver,
-        row.what,
-        f"{row.exact:.6g}",
-        f"{row.measured:.6g}",
-        f"{row.error:.1e}",
-        result.verdict,
-    )
+    if result.verdict == TOO_SLOW:
+        return (result.reference, result.solver, row.what, "-", "-", "-", f"too slow: over {row.seconds:.0f} s")
+    numbers = (f"{row.exact:.6g}", f"{row.measured:.6g}", f"{row.error:.1e}")
+    return (result.reference, result.solver, row.what, *numbers, result.verdict)
+
+
+def reason(result: Result) -> str:
+    """Why a row does not pass; nothing for one that does."""
+    row = result.row
+    if result.verdict == TOO_SLOW:
+        return "its set-ups take too long"
+    if result.verdict != SHORT:
+        return ""
+    if row.limit is None:
+        return UNEXPLAINED
+    return BROKEN if row.broken else row.limit.law
 
 
 def reasons(results: Sequence[Result]) -> list[str]:
     """A line for each reference and reason: which solvers fall short, and why."""
     found: dict[tuple[str, str], list[str]] = {}
     for result in results:
-        if result.verdict == SHORT:
-            reference = f"{result.reference.number} {result.reference.name}"
-            solvers = found.setdefault((reference, result.reason or "it should not"), [])
+        because = reason(result)
+        if because:
+            solvers = found.setdefault((result.reference, because), [])
             if result.solver not in solvers:
                 solvers.append(result.solver)
-    return [f"{reference} falls short with {', '.join(who)}: {why}" for (reference, why), who in found.items()]
+    return [f"{reference} falls short with {', '.join(who)}: {because}" for (reference, because), who in found.items()]
+
+
+def tally(results: Sequence[Result]) -> dict[str, float]:
+    """How many rows there are of each kind, and the shares [%] that pass and are excellent."""
+    verdicts = [result.verdict for result in results]
+    excellent, passed = verdicts.count(EXCELLENT), verdicts.count(PASS)
+    rows = max(len(results), 1)
+    return {
+        "rows": len(results),
+        "excellent": excellent,
+        "pass": passed,
+        "falls short": verdicts.count(SHORT),
+        "too slow": verdicts.count(TOO_SLOW),
+        "broken": sum(result.row.broken for result in results),
+        "pass or excellent [%]": round(100 * (excellent + passed) / rows, 1),
+        "excellent [%]": round(100 * excellent / rows, 1),
+    }
 
 
 def count(results: Sequence[Result]) -> str:
     """The last line."""
-    verdicts = [result.verdict for result in results]
-    short = verdicts.count(SHORT)
-    broken = sum(result.broken for result in results)
+    n = tally(results)
+    explained = sum(result.row.explained for result in results)
     return (
-        f"{len(results)} rows: {verdicts.count(EXCELLENT)} excellent, {verdicts.count(PASS)} pass, {short} fall short"
-        f" ({short - broken} for a known reason, {broken} broken)"
+        f"{n['rows']} rows: {n['excellent']} excellent, {n['pass']} pass, {n['falls short']} fall short"
+        f" ({explained} as a law says, {n['broken']} broken), {n['too slow']} too slow"
     )
+
+
+def by_solver(results: Sequence[Result]) -> dict[str, dict[str, float]]:
+    solvers = dict.fromkeys(result.solver for result in results)
+    return {solver: tally([result for result in results if result.solver == solver]) for solver in solvers}
+
+
+def summary(results: Sequence[Result]) -> list[list[str]]:
+    """A table: all solvers, then each."""
+    lines = [["solver", "rows", "excellent", "pass", "falls short", "too slow", "pass or excellent", "excellent"]]
+    for name, n in {"all": tally(results), **by_solver(results)}.items():
+        counts = [f"{n[key]:g}" for key in ("rows", "excellent", "pass", "falls short", "too slow")]
+        lines.append([name, *counts, f"{n['pass or excellent [%]']:.1f} %", f"{n['excellent [%]']:.1f} %"])
+    return lines
 
 
 def matrix(results: Sequence[Result]) -> list[list[str]]:
     """A line for each reference: the largest error with each solver, in bold where it falls short."""
     solvers = list(dict.fromkeys(result.solver for result in results))
+    order = (EXCELLENT, PASS, TOO_SLOW, SHORT)
     lines = [["reference", *solvers]]
-    for reference in dict.fromkeys(f"{r.reference.number} {r.reference.name}" for r in results):
+    for reference in dict.fromkeys(result.reference for result in results):
         line = [reference]
         for solver in solvers:
-            rows = [
-                r for r in results if f"{r.reference.number} {r.reference.name}" == reference and r.solver == solver
-            ]
-            worst = max(rows, key=lambda r: (r.verdict == SHORT, r.verdict == PASS, r.row.error), default=None)
+            rows = [result for result in results if (result.reference, result.solver) == (reference, solver)]
+            worst = max(rows, key=lambda r: (order.index(r.verdict), r.row.error), default=None)
             if worst is None:
                 line.append("")
             else:
-                mark = {SHORT: "**", PASS: "", EXCELLENT: "*"}[worst.verdict]
-                line.append(f"{mark}{worst.row.error:.1e}{mark}")
+                mark = MARKS[worst.verdict]
+                line.append(f"{mark}{'too slow' if worst.verdict == TOO_SLOW else f'{worst.row.error:.1e}'}{mark}")
         lines.append(line)
     return lines
 
 
-def print_report(results: Sequence[Result]) -> None:
-    notes = (*reasons(results), " · ".join(machine().values()), count(results))
-    print_table(HEADINGS, map(cells, results), slice(3, 6), notes)
+def print_report(run: Measured) -> None:
+    notes = (*reasons(run.results), " · ".join(run.machine.values()), count(run.results))
+    print_table(HEADINGS, map(cells, run.results), slice(3, 6), notes)
 
 
-def write_json(path: Path, results: Sequence[Result]) -> None:
+def as_number(value: float) -> float | None:
+    """JSON has no word for what is no number."""
+    return value if isfinite(value) else None
+
+
+def as_float(value: float | None) -> float:
+    return nan if value is None else float(value)
+
+
+def write_json(path: Path, run: Measured) -> None:
     """All there is. Raises OSError."""
     rows = [
         {
-            "reference": result.reference.number,
-            "name": result.reference.name,
+            "reference": result.number,
+            "name": result.name,
             "solver": result.solver,
             "what": result.row.what,
-            "exact": result.row.exact,
-            "measured": result.row.measured,
-            "error": result.row.error,
-            "pass": result.row.good,
-            "excellent": result.row.best,
+            "exact": as_number(result.row.exact),
+            "measured": as_number(result.row.measured),
+            "error": as_number(result.row.error),
+            "pass": as_number(result.row.good),
+            "excellent": as_number(result.row.best),
             "verdict": result.verdict,
-            "reason": result.reason,
-            "source": result.reference.source,
+            "reason": reason(result),
+            "law": None
+            if result.row.limit is None
+            else {"formula": result.row.limit.law, "most": result.row.limit.most},
+            "seconds": result.row.seconds,
+            "source": result.source,
         }
-        for result in results
+        for result in run.results
     ]
+    everything = {
+        "machine": dict(run.machine),
+        "summary": {"all": tally(run.results), **by_solver(run.results)},
+        "rows": rows,
+    }
     with whole_file(path) as file:
-        file.write(json.dumps({"machine": machine(), "rows": rows}, indent=1, ensure_ascii=False).encode())
+        file.write(json.dumps(everything, indent=1, ensure_ascii=False, allow_nan=False).encode())
 
 
-def write_markdown(path: Path, results: Sequence[Result]) -> None:
-    """Tables that documents can hold: the largest errors, why some fall short, and every row. Raises OSError."""
-    lines = ["# Validation", "", count(results), "", " · ".join(machine().values()), ""]
-    lines += ["## Largest errors", "", "*Excellent* · pass · **falls short**", ""]
+def read_json(path: Path) -> Measured:
+    """A run that `write_json` wrote. Raises WrongUse for another file, and for none."""
+    try:
+        read = json.loads(path.read_text(encoding="utf-8"))
+        return Measured(read["machine"], [result_of(row) for row in read["rows"]])
+    except OSError as error:
+        raise WrongUse(why(error)) from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise WrongUse(f"{path} is not what `validate --json` writes: {error!r}") from None
+
+
+def result_of(row: Mapping[str, Any]) -> Result:
+    limit = None if row["law"] is None else Limit(row["law"]["formula"], float(row["law"]["most"]))
+    exact, measured, error, good, best = (
+        as_float(row[key]) for key in ("exact", "measured", "error", "pass", "excellent")
+    )
+    measured_row = Row(row["what"], exact, measured, error, good, best, limit, float(row["seconds"]))
+    return Result(row["reference"], row["name"], row["source"], row["solver"], measured_row)
+
+
+def this_machine(results: Sequence[Result]) -> Measured:
+    return Measured(machine(), results)
+
+
+def markdown(run: Measured) -> str:
+    """Tables that documents can hold: how many rows pass, the largest errors, why some fall short, and every row."""
+    results = run.results
+    n = tally(results)
+    lines = ["# Validation", "", count(results), ""]
+    lines += [
+        f"{n['pass or excellent [%]']:.1f} % pass (goal: {GOAL[0]:g} %), {n['excellent [%]']:.1f} % are excellent"
+        f" (goal: {GOAL[1]:g} %).",
+        "",
+        *markdown_table(summary(results)),
+        "",
+        " · ".join(run.machine.values()),
+        "",
+    ]
+    lines += ["## Largest errors", "", "*Excellent* · pass · **falls short or too slow**", ""]
     lines += markdown_table(matrix(results))
     lines += ["", "## Why", "", *(f"- {line}" for line in reasons(results)), "", "## All rows", ""]
-    lines += markdown_table([[*HEADINGS, "source"], *([*cells(result), result.reference.source] for result in results)])
+    lines += markdown_table([[*HEADINGS, "source"], *([*cells(result), result.source] for result in results)])
+    return "\n".join([*lines, ""])
+
+
+def write_markdown(path: Path, run: Measured) -> None:
+    """Raises OSError."""
     with whole_file(path) as file:
-        file.write("\n".join([*lines, ""]).encode())
+        file.write(markdown(run).encode())

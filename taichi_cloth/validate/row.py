@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from math import isfinite
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from math import isfinite, nan
 from typing import NamedTuple
 
-EXCELLENT, PASS, SHORT = "excellent", "pass", "falls short"
+EXCELLENT, PASS, SHORT, TOO_SLOW = "excellent", "pass", "falls short", "too slow"
+
+
+class Limit(NamedTuple):
+    """What theory says that a method cannot do better than with this setting."""
+
+    law: str  # the formula
+    most: float  # its error in this row's set-up, and what the row allows
 
 
 @dataclass(frozen=True)
@@ -20,12 +27,30 @@ class Row:
     error: float  # relative, or in the words of `what`
     good: float  # largest error that passes
     best: float  # largest that is excellent
+    limit: Limit | None = None
+    seconds: float = 0.0  # of processor time, where it was stopped for having taken too long
 
     @property
     def verdict(self) -> str:
+        if self.seconds:
+            return TOO_SLOW
         if not isfinite(self.error) or self.error > self.good:
             return SHORT
         return EXCELLENT if self.error <= self.best else PASS
+
+    @property
+    def explained(self) -> bool:
+        """Whether it falls short by no more than theory says it must."""
+        return self.verdict == SHORT and self.limit is not None and self.error <= self.limit.most
+
+    @property
+    def broken(self) -> bool:
+        """Whether it falls short by more than theory says."""
+        return self.verdict == SHORT and self.limit is not None and not self.explained
+
+    def by_law(self, law: str, error: float) -> Row:
+        """The same row of a method whose law makes this error: it may be as far off, and miss the law by `good`."""
+        return replace(self, limit=Limit(law, error + self.good))
 
 
 def relative(what: str, exact: float, measured: float, good: float, best: float) -> Row:
@@ -38,11 +63,20 @@ def at_most(what: str, measured: float, good: float, best: float) -> Row:
     return Row(what, 0.0, measured, abs(measured), good, best)
 
 
-class Known(NamedTuple):
-    """Why rows may fall short, and the largest error that this explains."""
+class TooSlow(Exception):
+    """A set-up has taken more processor time [s] than one may."""
 
-    reason: str
-    most: float
+    def __init__(self, seconds: float) -> None:
+        super().__init__(f"more than {seconds:.0f} s")
+        self.seconds = seconds
+
+
+def in_time(what: str, good: float, best: float, measured: Callable[[], Row]) -> Row:
+    """The row that `measured` gives, or one that says that its set-up takes too long."""
+    try:
+        return measured()
+    except TooSlow as slow:
+        return Row(what, nan, nan, nan, good, best, seconds=slow.seconds)
 
 
 @dataclass(frozen=True)
@@ -54,14 +88,15 @@ class Reference:
     source: str
     run: Callable[[str], Iterator[Row]]
     solvers: tuple[str, ...]  # those that have what it asks for
-    beyond: Mapping[str, Known] = field(default_factory=dict)  # by solver: of which rows no more is claimed than that
 
 
 @dataclass(frozen=True)
 class Result:
     """A row with where it belongs."""
 
-    reference: Reference
+    number: str
+    name: str
+    source: str
     solver: str
     row: Row
 
@@ -70,17 +105,16 @@ class Result:
         return self.row.verdict
 
     @property
-    def reason(self) -> str:
-        """Why it falls short, where that is known and is enough."""
-        known = self.reference.beyond.get(self.solver)
-        return known.reason if known and self.verdict == SHORT and self.row.error <= known.most else ""
-
-    @property
-    def broken(self) -> bool:
-        """Whether it should pass and does not."""
-        return self.verdict == SHORT and not self.reason
+    def reference(self) -> str:
+        return f"{self.number} {self.name}"
 
 
 def measure(reference: Reference, solver: str) -> list[Result]:
-    """All rows of a reference with a solver."""
-    return [Result(reference, solver, row) for row in reference.run(solver)]
+    """All rows of a reference with a solver; where one takes too long, those that it would have had after it as one."""
+    rows = []
+    try:
+        for row in reference.run(solver):
+            rows.append(row)
+    except TooSlow as slow:
+        rows.append(Row("this row and what comes after it", nan, nan, nan, nan, nan, seconds=slow.seconds))
+    return [Result(reference.number, reference.name, reference.source, solver, row) for row in rows]

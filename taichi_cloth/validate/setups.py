@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import pi
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,29 @@ from ..mesh.from_scene import stiffness_of
 from ..scene.model import FRAME_SECONDS, USUAL, Cloth, Fabric, Scene, Solver
 from ..simulation import Simulation
 from .exact import Floats
+from .row import TooSlow
 
 EULER = ("verlet", "xpbd", "projective")  # their free particles move by symplectic Euler
 ELASTIC = ("xpbd", "spring", "lines", "rk4", "projective")  # springs with a constant
 ALL = ("verlet", *ELASTIC)
 
 
+LONGEST = 20.0  # [s] of processor time that the frames of one set-up may take
 SETTLING = 3.0  # [1/s] damping that brings a sheet to rest
+
+
+class Timed(Simulation):
+    """A simulation whose frames may not take for ever; the first one, which compiles, is not counted."""
+
+    spent = -1.0  # [s] of processor time, from the second frame on
+
+    def advance_frame(self) -> None:
+        """Raises TooSlow."""
+        begin = process_time()
+        super().advance_frame()
+        self.spent = 0.0 if self.spent < 0 else self.spent + process_time() - begin
+        if self.spent > LONGEST:
+            raise TooSlow(self.spent)
 
 
 def usual(solver: str) -> Solver:

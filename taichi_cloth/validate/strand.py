@@ -15,7 +15,7 @@ from . import newton
 from .exact import GRAVITY, Floats
 from .newton import Chain
 from .row import Row, at_most, relative
-from .setups import SETTLING, advance, base
+from .setups import SETTLING, Timed, advance, base
 
 CONSTANT = 1e8  # [N/m]
 SWEEPS = ((50, 6e-2), (100, 2e-2), (1000, 5e-3))  # iterations, and how wrong the force may be (Macklin 2016, 6.2)
@@ -30,6 +30,8 @@ STRAND_GRAVITY = 10.0  # [m/s²]
 STRAND_ITERATIONS = 100
 BELOW = 30.0  # [degrees] under level, where it starts; pushed together, as above, it could fold in many ways
 STRAND_FRAMES = 60
+STRAND = (2e-2, 1e-3)
+RESIDUAL = (10.0, 2.0)  # weights of a particle
 
 
 def strands(solver: str, links: int, link: float, iterations: int, below: float) -> Scene:
@@ -82,7 +84,7 @@ def left(vectors: Floats) -> Floats:
 def force(solver: str) -> Iterator[Row]:
     """What holds a chain of 20 particles that is let go level: what its momentum does not gain of its weight."""
     for iterations, most in SWEEPS:
-        with Simulation(strands(solver, 20, 1.0, iterations, 0.0)) as simulation:
+        with Timed(strands(solver, 20, 1.0, iterations, 0.0)) as simulation:
             chain = chain_of(simulation)
             x = left(simulation.positions())
             v = before = left(simulation.velocities())
@@ -105,18 +107,18 @@ def force(solver: str) -> Iterator[Row]:
 def at_rest(solver: str) -> Iterator[Row]:
     """How much longer it hangs."""
     scene = heavy_strand(solver, 90.0, 0.0)
-    with Simulation(replace(scene, solver=replace(scene.solver, damping=SETTLING))) as simulation:
+    with Timed(replace(scene, solver=replace(scene.solver, damping=SETTLING))) as simulation:
         chain = chain_of(simulation)
         start = left(simulation.positions())
         advance(simulation, 10.0)
         carried = chain.mass[::-1].cumsum()[-2::-1] * STRAND_GRAVITY  # [N] by each link, from the top
         exact = float((carried / CONSTANT).sum())
-        yield relative("longer by [m]", exact, float((start - left(simulation.positions()))[-1, 1]), 2e-2, 1e-3)
+        yield relative("longer by [m]", exact, float((start - left(simulation.positions()))[-1, 1]), *STRAND)
 
 
 def residual(solver: str) -> Iterator[Row]:
     """How far from solved its steps are, in weights of a particle: of 1000 that it carries, float32 leaves about 2."""
-    with Simulation(heavy_strand(solver, BELOW, SKIP)) as simulation:
+    with Timed(heavy_strand(solver, BELOW, SKIP)) as simulation:
         chain = chain_of(simulation)
         x, v = left(simulation.positions()), left(simulation.velocities())
         residuals = []
@@ -128,7 +130,7 @@ def residual(solver: str) -> Iterator[Row]:
                 h, y = second_stage(chain, x, v, x_new, v_new)
             residuals.append(float(newton.residual(chain, y, x_new, h).max()))
             x, v = x_new, v_new
-        yield at_most(f"residual of a step, over {STRAND_GRAVITY:g} N", max(residuals) / STRAND_GRAVITY, 10.0, 2.0)
+        yield at_most(f"residual of a step, over {STRAND_GRAVITY:g} N", max(residuals) / STRAND_GRAVITY, *RESIDUAL)
 
 
 def second_stage(chain: Chain, x: Floats, v: Floats, x_new: Floats, v_new: Floats) -> tuple[float, Floats]:
@@ -143,7 +145,7 @@ def second_stage(chain: Chain, x: Floats, v: Floats, x_new: Floats, v_new: Float
 def strains(solver: str) -> Iterator[Row]:
     """Its links stretch as in the same steps, solved to the end."""
     step = newton.two_stages if solver == "lines" else newton.euler
-    with Simulation(heavy_strand(solver, BELOW, SKIP)) as simulation:
+    with Timed(heavy_strand(solver, BELOW, SKIP)) as simulation:
         chain = chain_of(simulation)
         links = chain.constant == CONSTANT
         x, v = left(simulation.positions()), left(simulation.velocities())
@@ -154,4 +156,4 @@ def strains(solver: str) -> Iterator[Row]:
             exact.append(chain.strains(x)[links])
             errors.append(np.abs(chain.strains(left(simulation.positions()))[links] - exact[-1]).max())
         largest = float(np.abs(exact).max())
-        yield Row("largest error of a strain", largest, largest + max(errors), max(errors) / largest, 2e-2, 1e-3)
+        yield Row("largest error of a strain", largest, largest + max(errors), max(errors) / largest, *STRAND)

@@ -9,8 +9,8 @@ from taichi_cloth.mesh.topology import sheet
 STRIP = sheet(
     rows=2,
     columns=2,
-    width=1.0,
-    height=1.0,
+    width=2.0,
+    height=0.5,
     center=(0.0, 0.0, 0.0),
     rotation=(0.0, 0.0, 0.0),
     area_density=3.0,

@@ -1,0 +1,225 @@
+"""The bounds of every reference, typed again from the list that orders them, and that no row has any other."""
+
+import ast
+from importlib import import_module
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taichi_cloth
+from taichi_cloth.measure import convergence
+from taichi_cloth.validate import exact
+from taichi_cloth.validate.row import EXCELLENT, PASS, SHORT, TOO_SLOW, Row, at_most
+
+FOLDER = Path(taichi_cloth.__file__).parent / "validate"
+
+# Largest error that passes, and that is excellent.
+BOUNDS = {
+    "flight.FALL": (1e-3, 1e-5),
+    "flight.STRAIN": (1e-4, 1e-6),
+    "flight.FALL_SINGLE": (1e-2, 1e-3),
+    "flight.MOMENTUM": (1e-5, 1e-6),
+    "flight.DAMPING": (1e-2, 1e-3),
+    "swing.SWING": (1e-2, 1e-3),
+    "swing.SCHEME": (1e-4, 1e-5),
+    "swing.DASHPOT": (2e-2, 2e-3),
+    "swing.CURTAIN_ERROR": (1e-2, 1e-3),
+    "swing.FINER_ERROR": (1e-2, 1e-3),
+    "membrane.TAUT": (1e-2, 1e-3),
+    "membrane.MODULUS": (2e-2, 2e-3),
+    "hanging.ELONGATION": (2e-2, 1e-3),
+    "hanging.SAG": (1e-2, 1e-3),
+    "hanging.LAW": (0.05, 0.01),
+    "hanging.INDEPENDENT": (1e-2, 1e-3),
+    "hanging.SPLIT": (1e-2, 1e-3),
+    "bending.DROOP": (5e-2, 1e-2),
+    "bending.BUCKLED": (2e-2, 5e-3),
+    "drape.INSIDE": (0.0, -1.0),
+    "drape.AT_REST": (0.5, 0.1),
+    "air.FALL": (1e-2, 1e-3),
+    "air.SAIL": (1e-2, 2e-3),
+    "contact.STOPPING": (0.05, 0.01),
+    "contact.CREEP": (1e-3, 1e-5),
+    "contact.KINETIC": (1e-6, 1e-10),
+    "contact.STILL": (2e-5, 2e-7),
+    "contact.DEPTH": (1e-4, 1e-9),
+    "contact.THICKNESS": (0.1, 0.0),
+    "contact.SCARF": (0.1, 0.03),
+    "symmetry.REST_FLAT": (0.0, 0.0),
+    "symmetry.REST_TURNED": (1e-6, 0.0),
+    "symmetry.SAME": (1e-5, 1e-6),
+    "symmetry.ON_A_BALL": (1e-3, 1e-6),
+    "symmetry.SHIFTED": (1e-4, 1e-4),
+    "symmetry.SLOPE": (0.15, 0.05),
+    "symmetry.BOUNDED": (1e-2, 1e-3),
+    "symmetry.NEVER_RISING": (1e-5, 1e-6),
+    "strand.STRAND": (2e-2, 1e-3),
+    "strand.RESIDUAL": (10.0, 2.0),
+}
+# Rows whose bounds are found as they run, from a law or from the text beside each number of iterations.
+COMPUTED = {("flight", "spin"), ("flight", "momentum"), ("strand", "force"), ("symmetry", "at_rest")}
+# Set-ups as ordered.
+SETUPS = {
+    "hanging.CELLS": (16, 32, 64, 128),
+    "hanging.CONSTANT": 1000.0,
+    "hanging.SPANS": (0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99),
+    "hanging.INDEPENDENT_CELLS": 64,
+    "hanging.INDEPENDENT_ITERATIONS": (20, 40, 80, 160),
+    "hanging.INDEPENDENT_SUBSTEPS": (1, 10),
+    "hanging.SPLITS": ((400.0, 1), (100.0, 4), (25.0, 16), (12.5, 32)),
+    "swing.ANGLES": (10, 30, 60, 90, 120, 150, 170),
+    "swing.HANGING_LINKS": (10, 20, 50, 100),
+    "swing.TAUT_LINKS": (16, 32, 64),
+    "swing.FINER": ((32, 64), (64, 128)),
+    "membrane.SAG_CELLS": (16, 32, 64, 128),
+    "membrane.MODE_CELLS": (16, 32, 64),
+    "membrane.DIAGONALS": (500.0, 1000.0, 100.0),
+    "bending.GAMMAS": (0.1, 1.0, 3.0, 8.0, 10.0, 30.0, 100.0, 1000.0, 10000.0),
+    "bending.COMPRESSIONS": (0.01, 0.05, 0.1, 0.2, 0.3, 0.5),
+    "bending.LOADS": (0.25, 1.0, 2.0, 5.0, 10.0),
+    "air.SPANS": (0.6, 0.8, 0.9),
+    "contact.SLOPES": (0.1, 0.3, 0.5, 0.8),
+    "contact.SLIDING": (0.2, 0.4, 0.57),
+    "contact.FRICTIONS": (0.1, 0.3, 0.5),
+    "contact.WRAPS": (pi / 2, pi, 2 * pi),
+    "contact.WRAP_FRICTIONS": (0.3, 0.5),
+    "symmetry.BALL_SECONDS": 2.0,
+    "symmetry.SHIFTS": (10.0, 100.0, 1000.0),
+    "strand.SWEEPS": ((50, 6e-2), (100, 2e-2), (1000, 5e-3)),
+    "flight.HEIGHTS": (0.9, 3.0, 10.0, 100.0),
+    "flight.SPIN_SECONDS": 10.0,
+    "flight.KEPT": 0.99,
+    "drape.PUBLISHED": {"silk": (20.0, 40.0), "cotton": (60.0, 76.0), "denim": (70.0, 90.0), "leather": (47.0, 70.0)},
+    "setups.LONGEST": 20.0,
+}
+# Who may fall short by a law: the functions that say so.
+BY_LAW = {
+    ("flight", "spin"),
+    ("hanging", "longer"),
+    ("swing", "pendulum"),
+    ("swing", "pendulum_height"),
+    ("bending", "doubling_by_springs"),
+    ("contact", "still"),
+}
+
+
+def named(name: str) -> object:
+    module, constant = name.split(".")
+    return getattr(import_module(f"taichi_cloth.validate.{module}"), constant)
+
+
+@pytest.mark.parametrize("name", [*BOUNDS, *SETUPS])
+def test_bounds_and_set_ups_are_those_that_were_ordered(name: str) -> None:
+    assert named(name) == (BOUNDS | SETUPS)[name]
+
+
+def calls(*names: str) -> list[tuple[str, str, ast.Call]]:
+    """Module, outermost function and call of every call of these names."""
+    found = []
+    for path in sorted(FOLDER.glob("*.py")):
+        if path.stem in ("row", "report"):
+            continue
+        for outer in ast.parse(path.read_text(encoding="utf-8")).body:
+            for node in ast.walk(outer):
+                if isinstance(node, ast.Call):
+                    called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+                    if called in names and isinstance(outer, ast.FunctionDef):
+                        found.append((path.stem, outer.name, node))
+    return found
+
+
+def test_rows_have_no_bounds_of_their_own() -> None:
+    """The last two words of a row are a pair of the table, whichever way it is made."""
+    rows = calls("relative", "at_most", "Row")
+    assert len(rows) > 40
+    wrong = []
+    for module, function, call in rows:
+        pairs = [word.value for word in call.args if isinstance(word, ast.Starred)]
+        known = [isinstance(pair, ast.Name) and f"{module}.{pair.id}" in BOUNDS for pair in pairs]
+        passed_on = [isinstance(pair, ast.Name) and pair.id == "bounds" for pair in pairs]
+        if (module, function) not in COMPUTED and not (len(pairs) == 1 and (known[0] or passed_on[0])):
+            wrong.append((module, function, call.lineno))
+    assert wrong == []
+
+
+def test_only_these_may_fall_short_by_a_law() -> None:
+    assert {(module, function) for module, function, _ in calls("by_law")} == BY_LAW
+
+
+def test_a_law_explains_its_own_error_and_what_passes() -> None:
+    rows = [Row("", 1.0, 2.0, error, 0.1, 0.01).by_law("law", 0.5) for error in (0.05, 0.59, 0.61, float("nan"))]
+    assert [row.verdict for row in rows] == [PASS, SHORT, SHORT, SHORT]
+    assert [row.explained for row in rows] == [False, True, False, False]
+    assert [row.broken for row in rows] == [False, False, True, True]
+    unexplained = at_most("", 1.0, 0.1, 0.01)
+    assert (unexplained.verdict, unexplained.explained, unexplained.broken) == (SHORT, False, False)
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_each_bound_can_be_missed(name: str) -> None:
+    """Hand-made errors a little below and above."""
+    good, best = named(name)  # type: ignore[misc]
+    verdicts = [
+        at_most("", error, good, best).verdict for error in (best, best + 1e-12, good, good * (1 + 1e-9) + 1e-15)
+    ]
+    assert verdicts[2:] == [EXCELLENT if good == best else PASS, SHORT]
+    if best >= 0:
+        assert verdicts[0] == EXCELLENT
+        assert verdicts[1] == (SHORT if good == best else PASS)
+
+
+def test_a_row_that_takes_too_long_is_told_so() -> None:
+    row = Row("", 1.0, 1.0, 0.0, 0.1, 0.01, seconds=21.0)
+    assert (row.verdict, row.explained, row.broken) == (TOO_SLOW, False, False)
+
+
+# -- laws ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rows", "substeps", "iterations"), [(16, 60, 1), (16, 60, 2), (32, 60, 3), (32, 30, 1)])
+def test_the_share_of_unfinished_iterations_is_that_of_sweeps_in_balance(
+    rows: int, substeps: int, iterations: int
+) -> None:
+    """XPBD along a line in float64, until it hangs still: 1000 N/m, 0.2 kg/m², as the base cloth."""
+    constant, mass, h = 1000.0, 0.2 / rows**2, 1 / (60 * substeps)
+    w = np.append(0.0, np.ones(rows)) / mass
+    x = np.zeros(rows + 1)  # so far below its place without weight
+    v = np.zeros(rows + 1)
+    alpha = 1 / (constant * h * h)
+    for _ in range(30_000):
+        before, total = x.copy(), np.zeros(rows)
+        v[1:] = 0.97 * v[1:] + 9.81 * h
+        x = x + h * v
+        for _ in range(iterations):
+            for first in (0, 1):
+                j = np.arange(first, rows, 2)
+                change = (x[j + 1] - x[j] - alpha * total[j]) / (w[j] + w[j + 1] + alpha)
+                total[j] += change
+                x[j] += w[j] * change
+                x[j + 1] -= w[j + 1] * change
+        v = (x - before) / h
+    share = x[-1] / exact.hanging_drop(rows, mass, constant) - 1
+    assert convergence.unfinished_share(constant, mass, h, iterations) == pytest.approx(share, rel=0.25)
+
+
+def test_stiff_springs_stretch_by_the_law_without_them() -> None:
+    rows, h, iterations = 32, 1 / 600, 4
+    mass = 0.2 / rows**2
+    share = convergence.unfinished_share(1e12, mass, h, iterations)
+    longer = share * exact.hanging_drop(rows - 1, mass, 1e12) * rows / (rows - 1)
+    assert longer == pytest.approx(convergence.artificial_stretch(rows, h, iterations), rel=1e-3)
+    # Percent of a metre, of rows one metre long in all, as printed: 32 rows 10×1 1.39, 64 rows 10×1 5.6, 30×1 0.62.
+    found = [100 * convergence.artificial_stretch(n, 1 / 60 / s, 1) for n, s in ((32, 10), (64, 10), (64, 30))]
+    assert found == pytest.approx([1.39, 5.6, 0.62], rel=0.01)
+
+
+def test_a_projected_pendulum_swings_as_one_whose_steps_are_short() -> None:
+    fine = exact.projected_swing(60.0, 1.0, 1 / 60 / 400, 2.1528745, 1 / 60)
+    times = np.flatnonzero(np.diff(np.sign(fine)))
+    assert times[1] - times[0] == pytest.approx(0.5 * exact.pendulum_period(60.0, 1.0) * 60, abs=1.01)
+    coarse = [np.abs(exact.projected_swing(30.0, 1.0, 1 / 60 / s, 20.0, 1 / 60)[-60:]).max() for s in (5, 20, 80)]
+    lost = np.radians(30) - np.array(coarse)
+    assert (lost > 0).all()
+    assert lost[1] / lost[2] == pytest.approx(4, rel=0.15)  # of first order
