@@ -23,8 +23,8 @@ const DIRECTIONS = [
   { down: 1, right: 0, stiffness: 1 },
   { down: 1, right: 1, stiffness: 1 },
   { down: 1, right: -1, stiffness: 1 },
-  { down: 0, right: 2, stiffness: 0.2 },
-  { down: 2, right: 0, stiffness: 0.2 },
+  { down: 0, right: 2, stiffness: 0.05 },
+  { down: 2, right: 0, stiffness: 0.05 },
 ];
 
 function stop(status, message) {
@@ -54,9 +54,11 @@ function hang(rows, columns) {
       const i = row * columns + column;
       cloth.x[i] = cloth.xBefore[i] = cloth.side * column - WIDTH / 2;
       cloth.y[i] = cloth.yBefore[i] = TOP - cloth.side * row;
-      // A cell gives a quarter of its mass to each corner; the top row is held.
-      const share = (row % (rows - 1) ? 1 : 0.5) * (column % (columns - 1) ? 1 : 0.5);
-      cloth.inverseMass[i] = row === 0 ? 0 : 1 / (share * AREA_DENSITY * cloth.side ** 2);
+      // A triangle gives a third of its mass to each corner; the top row is held.
+      const falling = (row + column) % 2 === 0;
+      const cells = (row % (rows - 1) ? 2 : 1) * (column % (columns - 1) ? 2 : 1);
+      const mass = ((falling ? 2 : 1) * cells * AREA_DENSITY * cloth.side ** 2) / 6;
+      cloth.inverseMass[i] = row === 0 ? 0 : 1 / mass;
       for (const direction of DIRECTIONS) {
         const { down, right } = direction;
         if (row + down >= rows || column + right < 0 || column + right >= columns) continue;
@@ -66,7 +68,8 @@ function hang(rows, columns) {
         stiffness.push(direction.stiffness);
       }
       if (row + 1 < rows && column + 1 < columns) {
-        triangles.push(i, i + columns, i + 1, i + 1, i + columns, i + columns + 1);
+        const a = i, b = i + 1, c = i + columns, d = i + columns + 1;
+        triangles.push(...(falling ? [a, c, d, a, d, b] : [a, c, b, b, c, d]));
       }
     }
   }
@@ -161,7 +164,7 @@ function advanceFrame(cloth, frame, substeps, iterations) {
     verletStep(cloth, h);
     for (let k = 0; k < iterations; k++) {
       relaxSprings(cloth);
-      pushOut(cloth, 0.8 * Math.sin(turns / 5), 1.3, 0.7 * Math.cos(turns / 4));
+      pushOut(cloth, 1.3 * Math.sin(turns / 11), 1.3 + 0.2 * Math.sin(turns / 7), 1.7 * Math.cos(turns / 6));
     }
   }
 }

@@ -1,17 +1,22 @@
 // As many floats as a register holds, treated at once, and vectors of three of them.
 //
 // GCC's vector extension, which clang has too: eight floats with AVX, four with SSE or NEON. What is wider than a
-// register GCC would keep in memory, twice as slow. Only the estimate of an inverse root is particular to a processor.
+// register GCC would keep in memory, twice as slow. With AVX-512, `-DLANES=16` asks for sixteen: up to 1.7 times as
+// fast, but slower on a grid that does not fill them. Only the estimate of an inverse root is particular to a processor.
 #pragma once
 
 #if defined(__SSE2__)
 #include <immintrin.h>
 #endif
 
+#if !defined(LANES)
 #if defined(__AVX__)
 #define LANES 8
 #else
 #define LANES 4
+#endif
+#elif LANES != 16 || !defined(__AVX512F__)
+#error "LANES may be set to 16, with AVX-512"
 #endif
 
 #define INLINE static inline __attribute__((always_inline))
@@ -20,8 +25,11 @@ typedef float floats __attribute__((vector_size(4 * LANES)));
 typedef int ints __attribute__((vector_size(4 * LANES)));
 typedef long long words __attribute__((vector_size(4 * LANES)));
 
-#if LANES == 8
-#define NEXT 1, 2, 3, 4, 5, 6, 7, 7  // the lane that each lane gets
+#if LANES == 16
+#define NEXT 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 15  // the lane that each lane gets
+#define BEFORE 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14
+#elif LANES == 8
+#define NEXT 1, 2, 3, 4, 5, 6, 7, 7
 #define BEFORE 8, 0, 1, 2, 3, 4, 5, 6
 #else
 #define NEXT 1, 2, 3, 3
@@ -67,8 +75,10 @@ INLINE floats from_lane_before(floats a) {
 // division the one unit that does both would be busy for longer than all the rest of a spring takes.
 INLINE floats inverse_root(floats a) {
     floats half = 0.5f * a;
-#if defined(__AVX__)
-    floats r = (floats)_mm256_rsqrt_ps((__m256)a);  // good to 12 bits: one step is enough
+#if LANES == 16
+    floats r = (floats)_mm512_rsqrt14_ps((__m512)a);  // good to 14 bits: one step is enough
+#elif defined(__AVX__)
+    floats r = (floats)_mm256_rsqrt_ps((__m256)a);  // 12 bits: the same
 #elif defined(__SSE2__)
     floats r = (floats)_mm_rsqrt_ps((__m128)a);  // the same
 #else

@@ -46,8 +46,18 @@ INLINE void copy_halo(const sheet *s, vec *values, int row) {
         values[at(s, row, s->strip + p)] = vec_from_next_lane(values[at(s, row, p)]);
 }
 
-// Columns go along +x and rows along (0, down_y, down_z) from the corner (-width/2, top, 0) [m]; every cell gives
-// a quarter of its mass to each of its corners. `strip` becomes a multiple of `unit`.
+// Cells are cut into two triangles along alternating diagonals, the first cell from its upper left to its lower right.
+// Whether a cell is: a strip has an even number of places, so that all lanes agree.
+INLINE int falling(int row, int place) { return (row + place) % 2 == 0; }
+
+// How many triangles meet at a particle: two of each of its cells where the diagonals meet, one elsewhere.
+static inline int triangles_at(const sheet *s, int row, int column) {
+    int cells = (row % (s->rows - 1) ? 2 : 1) * (column % (s->columns - 1) ? 2 : 1);
+    return falling(row, column) ? 2 * cells : cells;
+}
+
+// Columns go along +x and rows along (0, down_y, down_z) from the corner (-width/2, top, 0) [m]; every triangle gives
+// a third of its mass to each of its corners. `strip` becomes a multiple of `unit`, which is even.
 static inline sheet make_sheet(int rows, int columns, int unit, float width, float top, float down_y, float down_z,
                                float area_density) {
     sheet s = {.rows = rows, .columns = columns, .side = width / (columns - 1)};
@@ -62,8 +72,7 @@ static inline sheet make_sheet(int rows, int columns, int unit, float width, flo
                 s.x[i].x[lane] = s.side * column - width / 2;
                 s.x[i].y[lane] = s.side * row * down_y + top;
                 s.x[i].z[lane] = s.side * row * down_z;
-                float quarters = (row % (rows - 1) ? 2 : 1) * (column % (columns - 1) ? 2 : 1);
-                float mass = quarters / 4 * area_density * s.side * s.side;
+                float mass = triangles_at(&s, row, column) / 6.0f * area_density * s.side * s.side;
                 s.inverse_mass[i][lane] = column < columns ? 1 / mass : 0;
             }
     return s;

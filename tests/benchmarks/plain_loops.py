@@ -12,6 +12,7 @@ Spring = tuple[int, int, float, float]  # first particle, second particle, rest 
 
 FRAME = 1 / 60  # [s]
 GRAVITY = 9.81  # [m/s²]
+FABRIC = (2000.0, 1000.0, 20.0)  # [N/m] structural, shear and bend springs of `explicit.c`
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))  # rows down, columns right, in sweep order
 
 
@@ -29,10 +30,21 @@ def cloth(rows: int, columns: int, width: float, corner: tuple[float, float, flo
     x = np.array(
         [np.array(corner) + side * (j * np.array([1, 0, 0]) + i * down) for i in range(rows) for j in range(columns)]
     )
-    share = np.ones((rows, columns))
-    share[[0, -1]] /= 2
-    share[:, [0, -1]] /= 2
-    return Cloth(x, 1 / (0.2 * side**2 * share.reshape(-1)), rows, columns, side)
+    mass = np.zeros(rows * columns)
+    for corners in triangles(rows, columns):
+        mass[corners] += 0.2 * side**2 / 2 / 3
+    return Cloth(x, 1 / mass, rows, columns, side)
+
+
+def triangles(rows: int, columns: int) -> list[list[int]]:
+    """Two a cell, which is a b over c d, cut along alternating diagonals."""
+    found = []
+    for i in range(rows - 1):
+        for j in range(columns - 1):
+            a, b = i * columns + j, i * columns + j + 1
+            c, d = a + columns, b + columns
+            found += [[a, c, d], [a, d, b]] if (i + j) % 2 == 0 else [[a, c, b], [b, c, d]]
+    return found
 
 
 def springs_by_colour(cloth: Cloth, stiffness: tuple[float, float, float]) -> list[Spring]:
@@ -78,7 +90,7 @@ def relax_frames(
     """Positions of the curtain of `relax.c` (springs by colour) and `frame.mjs` (grid order)."""
     c = cloth(rows, columns, 4.35, (-4.35 / 2, 3.975, 0), np.array([0, -1, 0]))
     c.inverse_mass[:columns] = 0
-    order = (springs_by_colour if by_colour else springs_in_grid_order)(c, (1, 1, 0.2))
+    order = (springs_by_colour if by_colour else springs_in_grid_order)(c, (1, 1, 0.05))
     x, before, w, h = c.x, c.x.copy(), c.inverse_mass, FRAME / substeps
     free = w > 0
     for substep in range(1, frames * substeps + 1):
@@ -87,7 +99,7 @@ def relax_frames(
         before = x.copy()
         x[free] += moved[free] + a[free] * h**2
         turns = 2 * np.pi * substep * h
-        center = np.array([0.8 * np.sin(turns / 5), 1.3, 0.7 * np.cos(turns / 4)])
+        center = np.array([1.3 * np.sin(turns / 11), 1.3 + 0.2 * np.sin(turns / 7), 1.7 * np.cos(turns / 6)])
         for _ in range(iterations):
             for i, j, rest, stiffness in order:
                 gap = x[j] - x[i]
@@ -106,31 +118,35 @@ def relax_frames(
 def air_forces(c: Cloth, v: Array) -> Array:
     """Force [N] on each particle: drag and lift of ½·ρ·A·u² on two triangles a cell, C_D = C_L = 1."""
     force = np.zeros_like(c.x)
-    for i in range(c.rows - 1):
-        for j in range(c.columns - 1):
-            a, b = i * c.columns + j, i * c.columns + j + 1
-            below_a, below_b = a + c.columns, b + c.columns
-            for corners in ([a, below_a, b], [b, below_a, below_b]):
-                p, q, r = c.x[corners]
-                normal = np.cross(q - p, r - p) / 2
-                area = np.linalg.norm(normal)
-                air = np.array([0.4, 0, 0.9]) - v[corners].mean(axis=0)
-                speed = np.linalg.norm(air)
-                along, normal = air / speed, normal / area
-                cos = normal @ along
-                drag = cos * cos * along
-                lift = cos * (normal - cos * along)
-                force[corners] += 0.5 * 1.225 * area * speed**2 * (drag + lift) / 3
+    for corners in triangles(c.rows, c.columns):
+        p, q, r = c.x[corners]
+        normal = np.cross(q - p, r - p) / 2
+        area = np.linalg.norm(normal)
+        air = np.array([0.4, 0, 0.9]) - v[corners].mean(axis=0)
+        speed = np.linalg.norm(air)
+        along, normal = air / speed, normal / area
+        cos = normal @ along
+        drag = cos * cos * along
+        lift = cos * (normal - cos * along)
+        force[corners] += 0.5 * 1.225 * area * speed**2 * (drag + lift) / 3
     return force
+
+
+def along_edge(c: Cloth, i: int, j: int) -> bool:
+    """Whether a spring between two particles runs along an edge of the sheet."""
+    (row, column), (other_row, other_column) = divmod(i, c.columns), divmod(j, c.columns)
+    return (row == other_row and row in (0, c.rows - 1)) or (column == other_column and column in (0, c.columns - 1))
 
 
 def explicit_frames(rows: int, columns: int, substeps: int, frames: int) -> Array:
     """Positions of the sheet of `explicit.c`: let go level, held by two corners."""
     c = cloth(rows, columns, 1.45, (-1.45 / 2, 1.0, 0), np.array([0, 0, 1]))
     c.inverse_mass[[0, columns - 1]] = 0
-    springs = springs_by_colour(c, (2000, 1000, 20))
+    springs = [
+        (i, j, rest, k * (0.5 if along_edge(c, i, j) else 1.0)) for i, j, rest, k in springs_by_colour(c, FABRIC)
+    ]
     x, v, w, h = c.x, np.zeros_like(c.x), c.inverse_mass, FRAME / substeps
-    for _ in range(frames * substeps):
+    for substep in range(frames * substeps):
         force = np.zeros_like(x)
         for i, j, rest, k in springs:
             gap = x[j] - x[i]
@@ -138,6 +154,6 @@ def explicit_frames(rows: int, columns: int, substeps: int, frames: int) -> Arra
             force[i] += pull
             force[j] -= pull
         a = force * w[:, None] - np.where(w[:, None] > 0, [0, GRAVITY, 0], 0)
-        v[:] = v * np.exp(-1.0 * h) + h * a
+        v[:] = v * np.exp(-1.0 * h) + (h if substep else h / 2) * a
         x += h * v
     return x
