@@ -25,8 +25,9 @@ def pytest_configure() -> None:
 
 
 DEAREST = (
-    *("scenes", "window", "pages", "strangers", "paths", "contract", "cli", "triangles", "self_collision", "validate"),
-    *("tearing", "examples", "bench", "session", "panel", "projective", "renders", "simulation", "compare", "lines"),
+    *("scenes", "window", "pages", "strangers", "paths", "contract", "strips_stages", "cli", "triangles"),
+    *("self_collision", "validate", "tearing", "examples", "bench", "session", "panel", "projective", "renders"),
+    *("simulation", "compare", "lines"),
 )
 
 

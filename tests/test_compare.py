@@ -37,7 +37,6 @@ def test_two_methods_side_by_side(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gallery, "FRAMES", 15)
-    monkeypatch.setattr(gallery, "FINEST", 4)
     told = run(tmp_path, "--a", "solver=verlet,iterations=1", "--b", "solver=spring")
     assert sorted(p.name for p in (tmp_path / "o").glob("*.png")) == [f"frame_0000{k}.png" for k in range(3)]
     assert told["a"]["method"].startswith("verlet 5×1")

@@ -85,6 +85,7 @@ def test_an_anchor_is_lower_case_without_punctuation() -> None:
 
 @pytest.fixture(scope="module")
 def generate() -> ModuleType:
+    """docs/generate.py, which loads docs/stored.py and docs/goals.py."""
     spec = spec_from_file_location("generate", DOCS / "generate.py")
     assert spec is not None
     assert spec.loader is not None
@@ -99,11 +100,98 @@ def test_quotes_are_up_to_date(document: Path, generate: ModuleType) -> None:
 
 
 def test_a_quote_that_is_out_of_date_is_seen(generate: ModuleType) -> None:
-    old = "a\n<!-- generated: nobody -->\nnothing\n<!-- end -->\nb"
+    old = "a\n<!-- generated: presets -->\nnothing\n<!-- end -->\nb"
     new = generate.brought_up_to_date(old)
-    assert "14 twist" in new
-    assert new.startswith("a\n<!-- generated: nobody -->\n\n- ")
+    assert "| silk |" in new.replace("[`silk`](#silk)", "silk")
+    assert new.startswith("a\n<!-- generated: presets -->\n\n| ")
     assert new.endswith("\n\n<!-- end -->\nb")
+
+
+def blocks_of(document: Path) -> dict[str, str]:
+    """What stands in each generated block of a document."""
+    found = re.findall(r"<!-- generated: ([a-z_ ]+?) -->\n(.*?)<!-- end -->", text_of(document), re.DOTALL)
+    return dict(found)
+
+
+QUOTED = {
+    "README.md": {"solvers", "validation_line", "stability_summary"},
+    "docs/performance.md": {"goals", "frames", "sheets"},
+    "docs/accuracy.md": {"validation_summary", "knee"},
+    "docs/limits.md": {"stability_summary", "nobody"},
+    "docs/choosing.md": {"choosing"},
+}
+
+
+@pytest.mark.parametrize("page", QUOTED)
+def test_results_are_quoted_in_generated_blocks(page: str) -> None:
+    assert set(blocks_of(TOP / page)) == QUOTED[page]
+
+
+@pytest.mark.parametrize(
+    ("page", "name"),
+    [("README.md", "solvers"), ("docs/performance.md", "goals"), ("docs/performance.md", "frames")],
+)
+def test_a_figure_that_is_edited_by_hand_is_seen(page: str, name: str, generate: ModuleType) -> None:
+    block = blocks_of(TOP / page)[name]
+    last = block.rindex(re.findall(r"\d", block)[-1])
+    edited = text_of(TOP / page).replace(block, f"{block[:last]}{(int(block[last]) + 1) % 10}{block[last + 1 :]}")
+    assert edited != text_of(TOP / page)
+    assert generate.brought_up_to_date(edited) == text_of(TOP / page)
+
+
+def test_the_readme_is_short_and_tells_the_springs_that_there_are() -> None:
+    text = text_of(TOP / "README.md")
+    assert len(text.splitlines()) <= 170
+    scene = tc.load_scene("curtain")
+    with tc.Simulation(scene) as simulation:
+        counts = simulation.topology.family_counts
+        rows, columns = simulation.topology.shape
+    told = f"{columns} × {rows} particles on a pole, {counts['structural']:,} structural, {counts['shear']:,} shear\n"
+    assert f"{told}and {counts['bend']:,} bend springs" in text
+    assert f"{scene.solver.substeps} substeps a frame and {scene.solver.iterations} iterations a substep" in text
+
+
+# -- figures -------------------------------------------------------------------------------------------
+
+FIGURE = re.compile(
+    r"\b\d[\d.]*e[-−]?\d+\b|(?<![\w.×])[−-]?\d[\d.,]*[\s\N{NO-BREAK SPACE}]?"
+    r"(?:ms|µs|ns|%|[kMG]B|times|per cent|pictures a second|×)(?!\w|[\s\N{NO-BREAK SPACE}]?\d)"
+)
+# Pages that a command writes as a whole, and the page that says that its figures are nobody's results.
+WRITTEN = {"validation.md", "stability.md", "stability_rows.md", "scene_errors.md", "scenes.md", "trials.md"}
+# Figures that are no results: what the program is told or what it allows, and numbers of formulas.
+INPUTS = {
+    "docs/performance.md": ["2 times"],  # √2, of a proof
+    "docs/web.md": ["30 times", "2 kB"],  # limits of the server, in web/
+    "docs/parameters.md": ["10 %"],  # the end of the strain view's scale
+    "docs/gallery.md": ["10 %"],  # scene `net`, its [limit]
+    "docs/choosing.md": ["0.5 %", "16.7 ms", "60 pictures a second"],  # what --target-error 0.5 asks for; 1/60 s
+    "docs/controls.md": ["2 %"],  # the first radius of the hand
+    "docs/solvers/lines.md": ["18, times"],  # equation 18
+}
+
+
+def figures(text: str) -> list[str]:
+    """Figures with a unit of measured results, outside generated blocks and code that may be typed."""
+    text = re.sub(r"<!-- generated:.*?<!-- end -->", "", text, flags=re.DOTALL)
+    return FIGURE.findall(re.sub(r"^ *```.*?^ *```", "", text, flags=re.DOTALL | re.MULTILINE))
+
+
+@each([path for path in DOCUMENTS if path.name not in WRITTEN])
+def test_no_figure_is_written_by_hand(document: Path) -> None:
+    assert figures(text_of(document)) == INPUTS.get(name_of(document), []), "generate it, or move it to docs/trials.md"
+
+
+def test_a_figure_that_is_written_by_hand_is_found() -> None:
+    text = "it takes 0.53 ms at 5×12, 3.4 times C, 2 % more, to 4e-5\n"
+    assert figures(text) == ["0.53 ms", "3.4 times", "2 %", "4e-5"]
+    assert figures("<!-- generated: goals -->\n9 ms\n<!-- end -->\n```sh\n7 ms\n```\nin 5 s") == []
+
+
+def test_the_page_of_trials_says_what_it_is() -> None:
+    head = text_of(DOCS / "trials.md")[:600]
+    assert "measured once by hand" in head
+    assert "No command repeats these figures" in head
 
 
 @pytest.mark.parametrize("name", SOLVER_NAMES)

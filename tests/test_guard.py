@@ -63,6 +63,24 @@ def test_one_bad_number_is_found(solver: str, number: float) -> None:
         assert guard.sound()
 
 
+@pytest.mark.parametrize("component", [0, 1, 2])
+@pytest.mark.parametrize("field", ["x", "velocity"])
+@pytest.mark.parametrize("path", ["list", "gather"])
+def test_one_bad_component_of_one_particle_is_found(path: str, field: str, component: int) -> None:
+    """In `spring`, whose velocity is a field of its own and not taken from places."""
+    with Simulation(load_scene("drape15", solver="spring"), path) as simulation:
+        guard = Guard(simulation)
+        simulation.advance_frame()
+        for number in (np.nan, np.inf, -np.inf):
+            assert guard.sound()
+            values = np.array(getattr(simulation.cloth, field)[117])
+            values[component] = number
+            getattr(simulation.cloth, field)[117] = values
+            assert not guard.sound()
+            guard.restore()
+        assert guard.sound()
+
+
 def test_what_a_blow_up_tears_is_whole_again() -> None:
     with Simulation(load_scene("tear", rows=8, columns=8)) as simulation:
         guard = Guard(simulation)

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 from taichi_cloth.errors import WrongUse
-from taichi_cloth.hand import patch
+from taichi_cloth.hand import Hand, patch
 from taichi_cloth.kernels.controls import MOST_HANDS
 from taichi_cloth.scene import load_scene
 from taichi_cloth.scene.model import Cloth, Fabric, Forces, Grip, Ground, Limit, Scene, Solver, Sphere, Tethers
 from taichi_cloth.simulation import Simulation
-
-pytestmark = pytest.mark.usefixtures("on_lists")
 
 CLOTH = Cloth(rows=9, columns=9, width=0.8, height=0.8, center=(0.0, 1.0, 0.0), pins=("top",))
 MIDDLE = 4 * 9 + 4
@@ -51,6 +49,19 @@ def test_a_patch_is_what_is_free_within_the_radius_on_the_sheet() -> None:
     assert patch(flat, free, 5, 1.0).tolist() == [5, 1, 6, 9]
     assert patch(flat, free, 4, 1.0).tolist() == [4, 0, 5, 8]  # a pin that is taken itself
     assert len(patch(flat, free, 5, 1e6)) == 11
+
+
+def test_what_is_thrown_has_the_hands_mean_velocity_over_three_frames() -> None:
+    start = np.zeros(3)
+    hand = Hand(np.array([4]), start[None], start, start)
+    assert hand.velocity().tolist() == [0, 0, 0]
+    found = []
+    for x in (0.1, 0.3, 0.6, 1.0, 1.0):
+        hand.target = np.array([x, 0.0, 0.0])
+        hand.end_frame()
+        found.append(hand.velocity()[0])
+    # (0.1)·60, (0.3)/2·60, (0.6)/3·60, (1.0 − 0.1)/3·60 and (1.0 − 0.3)/3·60 m/s
+    assert found == pytest.approx([6.0, 9.0, 12.0, 18.0, 14.0])
 
 
 def test_a_patch_takes_no_layer_that_lies_behind(hung: Simulation) -> None:

@@ -15,9 +15,10 @@ PACKAGE = Path(taichi_cloth.__file__).parent
 
 # A module may import from its own line and from those above it.
 FLOORS = [
-    {"errors", "files", "lock", "machine", "progress"},
+    {"errors", "files", "lock", "machine", "notes", "progress"},
     {"scene", "mesh", "interact"},
     {"measure"},
+    {"reference"},
     {"kernels"},
     {"state"},
     {"contact", "solvers"},
@@ -25,14 +26,26 @@ FLOORS = [
     {"guard", "record", "timing"},
     {"export", "page", "view"},  # the window writes meshes; a page has the window's colours
     {"web"},
-    {"kernel_cache", "runtime"},
+    {"kernel_cache", "runtime", "source_cache"},
     {"bench"},
     {"validate", "accuracy", "stress"},
     {"cli_options"},
     {"cli_compare", "cli_export", "cli_measure", "cli_replay", "cli_run", "cli_scenes", "cli_web"},
     {"cli", "__init__", "__main__"},
 ]
-NO_TAICHI = {"errors", "files", "lock", "machine", "progress", "scene", "mesh", "interact", "measure"}
+NO_TAICHI = {
+    "errors",
+    "files",
+    "lock",
+    "machine",
+    "notes",
+    "progress",
+    "scene",
+    "mesh",
+    "interact",
+    "measure",
+    "reference",
+}
 FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names}
 
 
@@ -71,6 +84,13 @@ def test_imports_go_one_way(path: Path) -> None:
 def test_only_kernels_and_above_import_taichi(path: Path) -> None:
     if unit_of(path) in NO_TAICHI:
         assert not {name for name in imports(path) if name.split(".")[0] == "taichi"}
+
+
+def test_the_reference_shares_only_scenes_and_meshes_with_what_it_judges() -> None:
+    for path in FILES:
+        if unit_of(path) == "reference":
+            own = {name.split(".")[1] for name in imports(path) if name.startswith("taichi_cloth.")}
+            assert own <= {"scene", "mesh", "reference"}, path
 
 
 def test_solvers_do_not_know_each_other_nor_views_any_solver() -> None:

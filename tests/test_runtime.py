@@ -8,7 +8,7 @@ import sys
 import pytest
 import taichi as ti
 
-from taichi_cloth import runtime
+from taichi_cloth import runtime, source_cache
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.scene import load_scene
 from taichi_cloth.simulation import Simulation
@@ -65,8 +65,8 @@ def test_gpu_is_the_first_that_is_there_and_serial_paths_are_refused_on_it() -> 
 def test_kernels_are_read_with_what_was_read_before() -> None:
     with Simulation(load_scene("curtain", rows=4, columns=5), "list") as simulation:
         simulation.advance_frame()
-    looked_up = runtime._source_lines.cache_info()
-    assert looked_up.hits > looked_up.misses > 30
+    hits, misses = source_cache.lookups()
+    assert hits > misses > 30
 
 
 def test_a_mistake_in_a_kernel_is_shown_with_its_line() -> None:

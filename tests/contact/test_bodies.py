@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -201,6 +202,43 @@ def test_a_turning_plate_carries_what_lies_on_it() -> None:
     state.give_back(cloth)
     assert moved[:, 2] == pytest.approx(-topology.start[:, 0] * np.radians(90) / 60, rel=0.02)
     assert moved[:, 1] == pytest.approx(0.0, abs=1e-6)
+
+
+ALONG = ((0.0, 0.0, 0.0, 0.0), (1.0, 0.6, 0.0, 0.0))  # [s, m]: 1 cm a frame
+# Each with its level top at y = 0.
+LEVEL: dict[str, Collider] = {
+    "planes": Plane(center=ORIGIN),
+    "boxes": Box(center=(0.0, -0.5, 0.0), size=(2.0, 1.0, 2.0)),
+    "spheres": Sphere(center=(0.0, -5.0, 0.0), radius=5.0),
+    "capsules": Capsule(center=(0.0, -5.2, 0.0), length=0.4, radius=5.0),
+    "meshes": Mesh(center=(0.0, -0.5, 0.0), file="cube.obj", resolution=24),
+}
+CUBE = [
+    *(f"v {x} {y} {z}" for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)),
+    *("f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4"),
+]
+
+
+@pytest.mark.parametrize("swept", [False, True])
+@pytest.mark.parametrize("kind", LEVEL)
+def test_a_moving_body_drags_what_lies_on_it(kind: str, swept: bool, tmp_path: Path) -> None:
+    """Pressed in by 5 cm with a friction of 1, it sticks to a surface that goes 1 cm along in the frame."""
+    (tmp_path / "cube.obj").write_text("\n".join(CUBE))
+    where = {"folder": str(tmp_path)} if kind == "meshes" else {}
+    body = replace(LEVEL[kind], path=ALONG, margin=0.0, friction=1.0, swept=swept, **where)
+    topology = free_sheet(2, 0.02, rotation=(-90.0, 0.0, 0.0))
+    cloth = state.take(topology)
+    cloth.upload(topology, np.ones(topology.spring_count))
+    cloth.put(topology.start - [0.0, 0.05, 0.0], topology.start, state.inverse_mass(topology))
+    grids = distances.take([distances_of(body)] if isinstance(body, Mesh) else [])
+    stages = Stages(**{kind: 1}, swept=swept, distances=grids)
+    controls = np.zeros(c.COUNT, np.float32)
+    run_serially(push_out, cloth, stages, 0, 1, FRAME, -1, controls, body_table([body], 0.0, FRAME))
+    moved = cloth.taken(cloth.x) - topology.start
+    state.give_back(cloth)
+    distances.give_back(grids)
+    assert moved[:, 0] == pytest.approx(0.01, rel=0.02)
+    assert moved[:, [1, 2]] == pytest.approx(0.0, abs=2e-4)  # a round top falls off
 
 
 def test_a_body_rocks_in_time_with_its_sway() -> None:

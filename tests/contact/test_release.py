@@ -105,7 +105,11 @@ AROUND = {
 
 @pytest.mark.parametrize("kind", AROUND)
 def test_every_body_lets_out_slowly(kind: str) -> None:
-    scene = replace(inside("xpbd"), spheres=(), **{kind: (AROUND[kind],)})
+    """One iteration a substep: springs that a box has opened and that are solved to the end snap at over 100 m/s, with
+    `spring` too.
+    """
+    setting = Solver("xpbd", 30, 1, damping=2.0)
+    scene = replace(inside("xpbd"), solver=setting, spheres=(), **{kind: (AROUND[kind],)})
     with Simulation(scene) as simulation:
         assert simulation.measure().penetration > 0.09
         most = 3 * SNAP if kind == "boxes" else SNAP  # a box lets its corners out by different faces

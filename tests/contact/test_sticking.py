@@ -4,11 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import taichi as ti
+import taichi.math as tm
 from numpy.typing import NDArray
 
+from taichi_cloth.contact.sticking import NEVER, slid_since
+from taichi_cloth.kernels import controls as c
+from taichi_cloth.kernels.controls import Substep, row
 from taichi_cloth.scene import SceneError, check_scene
 from taichi_cloth.scene.model import Cloth, Fabric, Scene, SelfCollision, Solver
 from taichi_cloth.simulation import Simulation
+from taichi_cloth.state.anchors import Anchors
 
 Floats = NDArray[np.float64]
 THICKNESS, FRICTION = 0.1, 0.3
@@ -65,6 +71,31 @@ def test_one_that_leans_farther_slides_with_no_more_than_its_friction() -> None:
             simulation.advance_frame()
         x = simulation.positions()[1]
     assert np.arctan2(x[0], x[1]) - start == pytest.approx(turned - start, rel=0.05)
+
+
+@ti.kernel
+def meet(anchors: ti.template(), s: int, controls: row, gap: tm.vec3, apart: tm.vec3, push: tm.vec3) -> tm.vec3:
+    """How far the pair of row 0 has slid, told in substep s."""
+    return slid_since(anchors, ti.static(Substep(s, 8, 0.01, 0, controls, controls)), 0, apart, gap, push)
+
+
+def test_an_anchor_is_kept_as_long_as_a_pair_touches_and_no_longer() -> None:
+    """Its friction holds what two pushes of 1 cm can: 6 mm of a slide, of which the rest drags the anchor along."""
+    anchors = Anchors(gap=ti.Vector.field(3, ti.f32, 1), pushed=ti.field(ti.f32, 1), met=ti.field(ti.i32, 1))
+    anchors.met[0] = NEVER
+    controls = np.zeros(c.COUNT, np.float32)
+    controls[c.SELF_FRICTION] = FRICTION
+    up, push = tm.vec3(0.0, 1.0, 0.0), tm.vec3(0.0, 0.01, 0.0)
+
+    def slid(s: int, x: float) -> list[float]:
+        return list(meet(anchors, s, controls, tm.vec3(x, 0.1, 0.0), up, push))
+
+    assert slid(0, 0.0) == [0, 0, 0]  # where they meet
+    assert slid(0, 0.0) == [0, 0, 0]  # pushed again in another iteration
+    assert slid(1, 0.004) == pytest.approx([0.004, 0, 0])
+    assert slid(2, 0.009) == pytest.approx([0.003, 0, 0])  # one push of 1 cm in the last substep: it holds 3 mm
+    assert slid(4, 0.012) == [0, 0, 0]  # apart for a substep: they meet anew
+    assert slid(5, 0.014) == pytest.approx([0.002, 0, 0])
 
 
 def test_a_run_that_is_measured_gives_the_same_bits() -> None:

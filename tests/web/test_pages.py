@@ -91,9 +91,10 @@ def let_go(page: Browser, x: float, y: float) -> None:
 def test_it_loads_asks_for_nothing_else_and_moves(page: Browser, server: Server) -> None:
     assert page.requests == [server.address]
     assert page.value("document.title === head.title + ' · taichi_cloth'")
-    frame, before = page.value("moment.frame"), page.value(PLACES)
-    page.until(f"moment.frame > {frame} + 20 || moment.frame < {frame}")
-    assert np.abs(np.subtract(page.value(PLACES), before)).max() > 1e-3
+    # Frames go back once, when the reset of the fixture arrives: only the cloth itself tells whether it moves.
+    page.until("moment.frame > 20")
+    before = page.value(PLACES)
+    page.until(f"{PLACES}.some((x, i) => Math.abs(x - {before}[i]) > 1e-3)")
     picture = page.picture().astype(int)
     r, g, b = np.moveaxis(picture, -1, 0)
     assert ((r > 90) & (g < 0.45 * r) & (b < 0.5 * r)).mean() > 0.03, "the red of the curtain"

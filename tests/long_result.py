@@ -1,0 +1,64 @@
+"""What `make long` found, as a small file beside the tests: `long_result.toml`.
+
+`python tests/long_result.py REPORT.xml` reduces pytest's JUnit report to it. A test of every run reads the file.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from taichi_cloth.machine import cpu_model, machine
+from taichi_cloth.scene.writer import toml_value
+
+FILE = Path(__file__).with_suffix(".toml")
+TITLE = "# Written by `make long`: its last result, and how long each file of tests took in one process."
+
+
+def reduced(report: str) -> dict[str, Any]:
+    """Counts, names of what failed, date, and seconds by file of tests, from a JUnit report."""
+    suites = ET.fromstring(report)
+    suite = suites if suites.tag == "testsuite" else suites[0]
+    seconds: dict[str, float] = defaultdict(float)
+    failed = []
+    for case in suite.iter("testcase"):
+        name = case.get("classname", "")
+        seconds[name] += float(case.get("time", "0"))
+        if case.find("failure") is not None or case.find("error") is not None:
+            failed.append(f"{name}::{case.get('name')}")
+    total, skipped = int(suite.get("tests", "0")), int(suite.get("skipped", "0"))
+    result = {
+        "date": suite.get("timestamp", "")[:10],
+        "passed": total - skipped - len(failed),
+        "skipped": skipped,
+        "failed": failed,
+        "seconds": round(float(suite.get("time", "0"))),
+    }
+    dearest = sorted(seconds.items(), key=lambda item: -item[1])
+    return {"result": result, "seconds": {name: round(spent) for name, spent in dearest}}
+
+
+def written(tables: Mapping[str, Mapping[str, Any]]) -> str:
+    """The tables as TOML."""
+    lines = [TITLE]
+    for name, table in tables.items():
+        lines += ["", f"[{name}]", *(f'"{key}" = {toml_value(value)}' for key, value in table.items())]
+    return "\n".join([*lines, ""])
+
+
+def commit() -> str:
+    """The commit of the working tree, with a + where something is changed in it."""
+    said = subprocess.run(["git", "describe", "--always", "--dirty=+"], capture_output=True, text=True)
+    return said.stdout.strip() if said.returncode == 0 else "unknown"
+
+
+if __name__ == "__main__":
+    tables = reduced(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    tables["result"]["commit"] = commit()
+    tables["machine"] = {**machine(), "processor": cpu_model()}
+    FILE.write_text(written(tables), encoding="utf-8")

@@ -1,0 +1,229 @@
+"""Mutations of what judges and keeps: `stress`, `validate`, the guard, saves. Part of `mutations.py`."""
+
+from __future__ import annotations
+
+from mutation import Mutation
+
+WATCH = "stress/test_watch.py::"
+TRIAL = "stress/test_trial.py::"
+BOUNDS = "stress/test_rows_bounds.py::"
+VARIANTS = "stress/test_rows_variants.py::"
+UNIT = "stress/test_unit.py::"
+REPORT = "stress/test_report.py::"
+
+STRESS_ROWS = [
+    Mutation(
+        "gap-always-wide",
+        "stress/gaps.py",
+        "return min(nearest(p, q, triangles, reach) for a, b in pairwise(layers) for p, q in ((a, b), (b, a)))",
+        "return reach",
+        (BOUNDS + "test_the_gap_between_sheets",),
+    ),
+    Mutation(
+        "gap-order-ignored",
+        "stress/gaps.py",
+        "return bool((np.diff(heights) > 0).all())",
+        "return True",
+        (BOUNDS + "test_sheets_that_changed_places_are_out_of_order",),
+    ),
+    Mutation(
+        "ejection-at-any-speed",
+        "stress/overlaps.py",
+        "EJECTED = 2.0",
+        "EJECTED = 2000.0",
+        (BOUNDS + "test_the_most_speed",),
+    ),
+    Mutation(
+        "creep-unbounded",
+        "stress/friction.py",
+        'trial.tell("creep [m]", float(moved), CREEP)',
+        'trial.tell("creep [m]", float(moved), 1e3)',
+        (BOUNDS + "test_creep_is_seen",),
+    ),
+    Mutation(
+        "turning-rate-unbounded",
+        "stress/friction.py",
+        "rate / radians(SPIN), 1 + FASTER)",
+        "rate / radians(SPIN), 1e9)",
+        (BOUNDS + "test_a_sheet_may_not_turn_faster_than_its_ball",),
+    ),
+    Mutation(
+        "friction-force-unbounded",
+        "stress/friction.py",
+        "/ (mu * weight), 1 + HEAVIER)",
+        "/ (mu * weight), 1e9)",
+        (BOUNDS + "test_friction_on_a_loose_sheet_is_measured",),
+    ),
+    Mutation(
+        "ball-half-as-wide",
+        "stress/shots.py",
+        "(beside < radius)",
+        "(beside < radius / 2)",
+        (BOUNDS + "test_what_goes_through_a_ball",),
+    ),
+    Mutation(
+        "cap-unbounded",
+        "stress/loads.py",
+        "trial.watch.strain - cap, CAP_ROUNDING)",
+        "trial.watch.strain - cap, 1e9)",
+        (BOUNDS + "test_a_cap_is_held_in_every_frame",),
+    ),
+    Mutation(
+        "chatter-unbounded",
+        "stress/loads.py",
+        'trial.tell("speed edge-on [m/s]", trial.watch.speed, CHATTER)',
+        'trial.tell("speed edge-on [m/s]", trial.watch.speed, 1e9)',
+        (BOUNDS + "test_the_most_speed",),
+    ),
+    Mutation(
+        "recovery-unbounded",
+        "stress/loads.py",
+        "abs(trial.watch.strain - static), RECOVERED)",
+        "abs(trial.watch.strain - static), 1e9)",
+        (BOUNDS + "test_what_was_pulled_apart_is_within_a_thousandth_of_its_static_strain",),
+    ),
+    Mutation(
+        "drift-unbounded",
+        "stress/rates.py",
+        "DRIFT * SIDE)",
+        "1e9 * SIDE)",
+        (BOUNDS + "test_drift_is_seen",),
+    ),
+    Mutation(
+        "rates-not-compared",
+        "stress/rates.py",
+        "abs(sags[1] / sags[0] - 1), SAG)",
+        "0.0 * abs(sags[1] / sags[0] - 1), SAG)",
+        (BOUNDS + "test_sags_of_two_rates_are_compared",),
+    ),
+    Mutation(
+        "pause-not-compared",
+        "stress/rates.py",
+        'trial.tell("numbers that changed while paused", changed(before, session), 0)',
+        'trial.tell("numbers that changed while paused", 0, 0)',
+        (BOUNDS + "test_a_bit_that_changes_while_paused_is_seen",),
+    ),
+]
+
+STRESS_JUDGE = [
+    Mutation(
+        "calm-strain-loose",
+        "stress/trial.py",
+        "CALM_STRAIN = 0.01 ",
+        "CALM_STRAIN = 0.5 ",
+        (TRIAL + "test_strain_is_at_most_one_percent_above_the_static_one",),
+    ),
+    Mutation(
+        "calm-speed-loose",
+        "stress/trial.py",
+        "CALM_SPEED = 0.1 ",
+        "CALM_SPEED = 0.4 ",
+        (TRIAL + "test_nothing_is_faster_than_a_tenth_of_a_metre_a_second",),
+    ),
+    Mutation(
+        "told-bound-ignored",
+        "stress/trial.py",
+        "            self.demand(what, value, bound)\n\n    def refuses",
+        "            pass\n\n    def refuses",
+        (TRIAL + "test_what_is_told_and_refused",),
+    ),
+    Mutation(
+        "settle-not-required",
+        "stress/trial.py",
+        "        if self._unjudged:\n",
+        "        if False:\n",
+        (TRIAL + "test_a_cloth_must_be_judged_at_rest",),
+    ),
+    Mutation(
+        "growth-always-given",
+        "stress/watch.py",
+        "self.given(min(growth, self._work_bound(x, v)))",
+        "self.given(growth)",
+        (WATCH + "test_energy_out_of_nothing", WATCH + "test_what_may_do_work_excuses_no_more_than_it_can_do"),
+    ),
+    Mutation(
+        "wind-gives-anything",
+        "stress/watch.py",
+        "return float(force @ np.linalg.norm(x - self._x, axis=1))",
+        "return 1e9",
+        (WATCH + "test_what_may_do_work_excuses_no_more_than_it_can_do",),
+    ),
+    Mutation(
+        "pins-not-watched",
+        "stress/watch.py",
+        "if not np.array_equal(np.float32(x[topology.pinned]), self._pins):",
+        "if False:",
+        (WATCH + "test_a_pin_that_moves",),
+    ),
+    Mutation(
+        "no-reach",
+        "stress/watch.py",
+        "if away > most:",
+        "if away > 1e9 * most:",
+        (WATCH + "test_a_particle_that_is_away",),
+    ),
+    Mutation(
+        "energy-slack-wide",
+        "stress/watch.py",
+        "ENERGY_SLACK = 0.01 ",
+        "ENERGY_SLACK = 10.0 ",
+        (WATCH + "test_energy_out_of_nothing",),
+    ),
+    Mutation(
+        "too-slow-counts-as-alive",
+        "stress/unit.py",
+        "return FAILED if self.failure else ALIVE if self.slow_ms is None else SLOW",
+        "return FAILED if self.failure else ALIVE",
+        (UNIT + "test_too_slow_is_neither_alive_nor_failed",),
+    ),
+    Mutation(
+        "reason-without-bound",
+        "stress/known.py",
+        "            and failure.value <= self.most\n",
+        "",
+        (REPORT + "test_a_reason_explains_its_bound_alone",),
+    ),
+]
+
+STRESS_VARIANTS = [
+    Mutation(
+        "one-stiffness-for-all",
+        "stress/catalogue.py",
+        'variants(springs.stiffness_sweep, {f"1e{k} N/m": 10.0**k for k in range(10)})',
+        'variants(springs.stiffness_sweep, {f"1e{k} N/m": 1e3 for k in range(10)})',
+        (VARIANTS + "test_each_value_is_in_the_scene",),
+    ),
+    Mutation(
+        "ratio-of-one",
+        "stress/catalogue.py",
+        'variants(springs.stiffness_ratio, {"1e4": 1e4, "1e6": 1e6})',
+        'variants(springs.stiffness_ratio, {"1e4": 1.0, "1e6": 1.0})',
+        (VARIANTS + "test_one_half_of_the_sheet_is_stiffer", VARIANTS + "test_each_value_is_in_the_scene"),
+    ),
+    Mutation(
+        "pins-stay",
+        "stress/catalogue.py",
+        '{"×2": 2.0, "×5": 5.0, "×10": 10.0}',
+        '{"×2": 1.0, "×5": 1.0, "×10": 1.0}',
+        (VARIANTS + "test_pins_go_so_far",),
+    ),
+]
+
+KEPT = [
+    Mutation(
+        "guard-without-z",
+        "kernels/guarding.py",
+        "is_finite(x.x) * is_finite(x.y) * is_finite(x.z)",
+        "is_finite(x.x) * is_finite(x.y)",
+        ("test_guard.py::test_one_bad_component_of_one_particle_is_found",),
+    ),
+    Mutation(
+        "wind-switch-lost",
+        "simulation.py",
+        'self._wind_on = bool(saved["wind_on"])',
+        "pass",
+        ("faults/test_saves.py::test_the_wind_switch_is_saved",),
+    ),
+]
+
+JUDGES: list[Mutation] = [*STRESS_ROWS, *STRESS_JUDGE, *STRESS_VARIANTS, *KEPT]

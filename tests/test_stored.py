@@ -1,0 +1,189 @@
+"""What documents quote of stored results: counted from the files that commands write, and nothing made up."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+Words = dict[str, Any]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def taichi() -> None:
+    """Nothing here needs Taichi."""
+
+
+@pytest.fixture
+def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder of results, in place of the repository's."""
+    monkeypatch.syspath_prepend(str(DOCS))
+    import stored
+
+    monkeypatch.setattr(stored, "RESULTS", tmp_path)
+    (tmp_path / "machine").mkdir()
+    return tmp_path / "machine"
+
+
+@pytest.fixture
+def generate(results: Path) -> ModuleType:
+    import generate
+
+    return sys.modules[generate.__name__]
+
+
+def variant(
+    case: int, name: str, of: str, setting: str, *, failure: Words | None = None, slow: float | None = None
+) -> Words:
+    return {"case": case, "name": name, "variant": of, "setting": setting, "failure": failure, "slow_ms": slow}
+
+
+FAILURE = {"start": 3, "seed": 7, "frame": 12, "what": "strain", "value": 0.175, "bound": 0.013}
+STABILITY = {
+    "machine": "a machine",
+    "planned": [
+        *[[1, of, setting] for setting in ("xpbd", "robust") for of in ("1 N/m", "10 N/m")],
+        *[[2, "wide", setting] for setting in ("xpbd", "robust", "spring")],
+    ],
+    "results": [
+        variant(1, "stiffness", "1 N/m", "xpbd"),
+        variant(1, "stiffness", "10 N/m", "xpbd", failure=FAILURE),
+        variant(1, "stiffness", "1 N/m", "robust"),
+        variant(2, "gap", "wide", "xpbd", slow=130.0),
+        variant(2, "gap", "wide", "robust"),
+    ],
+}
+
+
+def row(reference: str, solver: str, verdict: str, error: float | None) -> Words:
+    return {"reference": reference, "name": "fall", "solver": solver, "verdict": verdict, "error": error}
+
+
+VALIDATION = {
+    "machine": {"cpu": "one", "cores": "2 cores"},
+    "rows": [
+        row("A1", "xpbd", "excellent", 1e-6),
+        row("A1", "xpbd", "falls short", 0.25),
+        row("A2", "xpbd", "pass", 1e-3),
+        row("A1", "spring", "excellent", 0.0),
+        row("A2", "spring", "too slow", None),
+    ],
+}
+
+
+def write(folder: Path, name: str, words: Words) -> None:
+    (folder / f"{name}.json").write_text(json.dumps(words), encoding="utf-8")
+
+
+def test_without_a_stored_run_documents_say_so(generate: ModuleType) -> None:
+    for block in ("stability_summary", "validation_summary", "validation_line", "nobody", "frames", "sheets"):
+        assert "o run is stored" in generate.BLOCKS[block](), block
+    assert "no run is stored" in generate.choosing()
+    assert generate.goals().count("not measured") > 10
+    for solver in generate.USUAL:
+        assert generate.solver(solver).count("no run is stored") == 2
+
+
+def test_a_case_fails_with_one_variant_and_has_to_have_run(results: Path, generate: ModuleType) -> None:
+    write(results, "stability", STABILITY)
+    assert generate.stability_summary().splitlines() == [
+        "| setting | alive | failed | too slow | not run |",
+        "| --- | --- | --- | --- | --- |",
+        "| `robust` | 1 | 0 | 0 | 1 |",
+        "| `xpbd` | 0 | 1 | 1 | 0 |",
+        "| `spring` | 0 | 0 | 0 | 1 |",
+    ]
+    assert generate.hard_cases("xpbd").splitlines() == [
+        "It survives 0 of 2 cases that break cloth ([stability](../stability.md)).",
+        "",
+        "- 1 stiffness fails (10 N/m): strain 0.175, not 0.013",
+        "- 2 gap: too slow",
+    ]
+    assert generate.survives("robust") == "1 of 2"
+    assert generate.nobody().splitlines() == ["- 1 stiffness", "- 2 gap"]
+
+
+def test_rows_of_references_are_counted_by_verdict(results: Path, generate: ModuleType) -> None:
+    write(results, "validation", VALIDATION)
+    assert generate.validation_line() == (
+        "5 rows: 60.0% pass, 40.0% are excellent (2 excellent, 1 falls short, 1 pass, 1 too slow)."
+    )
+    assert generate.validation_summary().splitlines()[2:] == [
+        "| all | 5 | 60.0% | 40.0% |",
+        "| `xpbd` | 3 | 66.7% | 33.3% |",
+        "| `spring` | 2 | 50.0% | 50.0% |",
+    ]
+    assert generate.references("xpbd").splitlines()[-1] == "| A1 fall | 1 of 2 | 0.25 |"
+    assert generate.references("spring").splitlines()[-1] == "| A2 fall | 1 of 1 | inf |"
+    assert generate.falls_short("xpbd") == "1 of 2"
+
+
+@pytest.mark.parametrize(
+    ("figure", "more", "said"),
+    [
+        (1.5, False, "excellent"),
+        (1.51, False, "good; 1 times off excellent"),
+        (3.0, False, "good; 2 times off excellent"),
+        (4.0, False, "good; 2.7 times off excellent"),
+        (6.0, False, "**missed** by 1.5 times"),
+        (6.0, True, "excellent"),
+        (3.0, True, "good; 2 times off excellent"),
+        (1.0, True, "**missed** by 2.5 times"),
+    ],
+)
+def test_a_goal_is_reached_or_missed_by_a_factor(figure: float, more: bool, said: str, results: Path) -> None:
+    from goals import Goal
+
+    bounds = (2.5, 6.0) if more else (4.0, 1.5)
+    assert Goal("what", "times", *bounds, lambda: figure, more_is_better=more).cells()[-1] == said
+
+
+def test_a_time_with_too_large_an_error_is_a_miss(results: Path) -> None:
+    from goals import Goal, sheet
+
+    found = {"name": "denim 64", "rms_error": 2e-3, "median_ms": 3.0}
+    goal = Goal("what", "ms", 25, 8, sheet("denim 64", 1e-3))
+    assert goal.cells()[-1] == "not measured"
+    write(results, "goals", {"machine": {}, "commands": [], "sheets": [found]})
+    assert goal.cells()[-2:] == ["0.2\N{NO-BREAK SPACE}% in 3.00\N{NO-BREAK SPACE}ms", "**missed**"]
+    write(results, "goals", {"machine": {}, "commands": [], "sheets": [found | {"rms_error": 1e-3}]})
+    assert goal.cells()[-2:] == ["3\N{NO-BREAK SPACE}ms", "excellent"]
+
+
+def test_times_of_a_busy_machine_are_told_as_such(results: Path) -> None:
+    import stored
+
+    quiet = {"median_ms": 1.0, "p95_ms": 1.6}
+    assert stored.disturbed([]) == ""
+    assert stored.disturbed([quiet, quiet, quiet | {"p95_ms": 9.0}, {"median_ms": None}]) == ""
+    assert "is 3.0 times its median" in stored.disturbed([quiet, quiet | {"p95_ms": 3.0}, quiet | {"p95_ms": 9.0}])
+
+
+def test_the_curtain_counts_with_its_largest_error(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import stored
+    from goals import Goal, curtain
+
+    head = "solver,cells,substeps,iterations,median_ms,rms_error,max_error\n"
+    monkeypatch.setattr(stored, "ERRORS", tmp_path / "error.csv")
+    stored.ERRORS.write_text(f"{head}spring,64,110,1,1.5,1e-7,2e-5\nlines,64,5,1,0.5,1e-7,3e-5\n", encoding="utf-8")
+    goal = Goal("what", "ms", 6, 1.5, curtain(64, 1e-5))
+    assert goal.cells()[-1] == "**missed**"
+    assert "`spring` 110 comes nearest: 0.002\N{NO-BREAK SPACE}%" in goal.cells()[-2]
+    assert Goal("what", "ms", 6, 0.4, curtain(64, 4e-5)).cells()[-1] == "good; 1.2 times off excellent"
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.014, "1.4"), (6.2e-6, "0.00062"), (0.32, "32"), (1.0, "100"), (0.1, "10")]
+)
+def test_errors_have_two_digits_however_small(share: float, text: str, results: Path) -> None:
+    import stored
+
+    assert stored.per_cent(share) == f"{text}\N{NO-BREAK SPACE}%"
