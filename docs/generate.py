@@ -1,7 +1,7 @@
 """Writes into the documents what they quote: `python docs/generate.py`, which `make docs` runs first.
 
 What stands between `<!-- generated: NAME -->` and `<!-- end -->` comes from the function NAME below: from the
-program, from the fabrics' files, or from the measured tables beside this file. `tests/test_documents.py` compares.
+program, from the fabrics' files, or from stored results (`stored.py`). `tests/test_documents.py` compares.
 """
 
 from __future__ import annotations
@@ -9,10 +9,16 @@ from __future__ import annotations
 import inspect
 import re
 import runpy
+import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))  # tests load this file by its path
+
+import stored
+from goals import GOALS
 
 import taichi_cloth as tc
 from taichi_cloth.measure.cloth import Measures
@@ -58,22 +64,6 @@ def scene_errors(solver: str) -> Iterator[tuple[str, list[str]]]:
                 yield scene, [setting, ms, error, largest, strain]
 
 
-def references(solver: str) -> list[tuple[str, str]]:
-    """Reference and largest error of a solver, in Markdown: **falls short**, pass, *excellent*."""
-    text = sections(read("validation.md"))["Largest errors"]
-    header = next(line for line in text.splitlines() if line.startswith("| reference"))
-    column = [cell.strip() for cell in header.strip("|").split("|")].index(solver)
-    return [(row[0], row[column]) for row in rows_of(text) if row[column]]
-
-
-def survived(solver: str) -> tuple[str, str]:
-    """How many hard cases a solver survives, and how many it does not."""
-    found = re.search(rf"\b{solver} (\d+) alive, (\d+) failed", read("stability.md"))
-    if found is None:
-        raise ValueError(f"docs/stability.md does not tell of {solver}")
-    return found[1], found[2]
-
-
 def usual_row(scene: str, solver: str) -> list[str]:
     """What is measured of a solver on a scene: its usual setting, or the one that is there."""
     rows = [row for name, row in scene_errors(solver) if name == scene]
@@ -90,52 +80,215 @@ def choosing() -> str:
     rows = []
     for solver in USUAL:
         measured = [usual_row(scene, solver) for scene in scenes]
-        short = [name for name, error in references(solver) if error.startswith("**")]
-        alive, failed = survived(solver)
         cells = [f"{row[0].removeprefix(solver).strip()}: {row[1]}\N{NO-BREAK SPACE}ms, {row[2]}" for row in measured]
-        count = f"{len(short)} of {len(references(solver))}"
-        rows.append([f"[`{solver}`](solvers/{solver}.md)", *cells, count, f"{alive} of {int(alive) + int(failed)}"])
+        rows.append([f"[`{solver}`](solvers/{solver}.md)", *cells, falls_short(solver), survives(solver)])
     return table(
         ["solver", *(f"`{scene}`" for scene in scenes), "references it falls short of", "hard cases alive"], rows
     )
 
 
+def falls_short(solver: str) -> str:
+    words = stored.load("validation")
+    if words is None:
+        return "no run is stored"
+    short, count = stored.shortfalls(words, solver)
+    return f"{len(short)} of {count}"
+
+
+def survives(setting: str) -> str:
+    words = stored.load("stability")
+    found = stored.survival(words).get(setting) if words is not None else None
+    return "no run is stored" if found is None else f"{found[stored.ALIVE]} of {found.total()}"
+
+
 def solver(name: str) -> str:
     rows = [[f"`{scene}`", *cells] for scene, cells in scene_errors(name)]
     errors = table(["scene", "setting", "ms a frame", "error rms", "largest", "strain"], rows)
-    whys = re.findall(r"^- (.+?) falls short with ([a-z0-9, ]+): (.+)$", read("validation.md"), re.MULTILINE)
-    largest = dict(references(name))
-    short = [[what, largest[what].strip("*"), why] for what, solvers, why in whys if name in solvers.split(", ")]
-    falls = table(["falls short of", "largest error", "because"], short) if short else "It falls short of none."
-    text = sections(read("stability.md"))["What fails, and why"]
-    dies = re.findall(rf"^- (\d+ .+?) fails with {name} \(.*?; (.+)$", text, re.MULTILINE)
-    alive, failed = survived(name)
-    if len(dies) != int(failed):
-        raise ValueError(f"docs/stability.md counts {failed} failures of {name} and tells of {len(dies)}")
-    reasons: dict[str, list[str]] = {}
-    for case, why in dies:
-        reasons.setdefault(why, []).append(case)
-    deaths = "\n".join(f"- {', '.join(cases)}: {why}" for why, cases in reasons.items())
     return f"""\
-On the shipped scenes, against `spring` with many times the substeps ([scene_errors.md](../scene_errors.md)); errors are
-in % of the side:
+On the shipped scenes, against the float64 reference ([scene_errors.md](../scene_errors.md)); errors are in % of the
+side:
 
 {errors}
 
-Of {len(largest)} references with known answers ([validation.md](../validation.md)):
+{references(name)}
 
-{falls}
+{hard_cases(name)}"""
 
-It survives {alive} of {int(alive) + len(dies)} cases that break cloth ([stability.md](../stability.md)) and fails in:
 
-{deaths}"""
+def references(name: str) -> str:
+    """Of a solver: which references with known answers it falls short of, and by how much."""
+    words = stored.load("validation")
+    if words is None:
+        return "References with known answers: no run is stored."
+    short, count = stored.shortfalls(words, name)
+    heading = f"Of {count} references with known answers ([validation](../validation.md)) it falls short of"
+    if not short:
+        return f"{heading} none."
+    rows = [[what, f"{missed} of {rows}", f"{worst:.2g}"] for what, missed, rows, worst in short]
+    return f"{heading} {len(short)}:\n\n" + table(["reference", "rows", "largest error"], rows)
+
+
+def hard_cases(setting: str) -> str:
+    """Of a setting: which cases that break cloth it does not survive, and what broke first."""
+    words = stored.load("stability")
+    found = [case for case in stored.hard_cases(words) if case.setting == setting] if words is not None else []
+    if not found:
+        return "Cases that break cloth: no run is stored."
+    alive = sum(case.state == stored.ALIVE for case in found)
+    lines = [f"It survives {alive} of {len(found)} cases that break cloth ([stability](../stability.md))."]
+    for case in found:
+        if case.state == stored.FAILED:
+            broken = case.failures[0]["failure"]
+            variants = ", ".join(row["variant"] for row in case.failures)
+            bounds = f"{broken['what']} {broken['value']:.3g}, not {broken['bound']:.3g}"
+            lines.append(f"- {case.number} {case.name} fails ({variants}): {bounds}")
+        elif case.state != stored.ALIVE:
+            lines.append(f"- {case.number} {case.name}: {case.state}")
+    return lines[0] + "\n\n" + "\n".join(lines[1:]) if len(lines) > 1 else lines[0]
 
 
 def nobody() -> str:
-    """The hard cases that no solver survives."""
-    rows = rows_of(sections(read("stability.md"))["Starts alive"])
-    lost = [f"- {case}: {what}" for case, what, *solvers, _ in rows if all(cell.startswith("**") for cell in solvers)]
-    return "\n".join(lost)
+    """The hard cases that no solver survives at its usual setting."""
+    words = stored.load("stability")
+    if words is None:
+        return "No run is stored."
+    cases: dict[str, list[str]] = {}
+    for case in stored.hard_cases(words):
+        if case.setting in USUAL:
+            cases.setdefault(f"{case.number} {case.name}", []).append(case.state)
+    lost = [f"- {name}" for name, states in cases.items() if stored.ALIVE not in states]
+    return "\n".join(lost) or "None."
+
+
+def stability_summary() -> str:
+    words = stored.load("stability")
+    if words is None:
+        return "Hard cases: no run is stored."
+    found = stored.survival(words)
+    states = [stored.ALIVE, stored.FAILED, stored.SLOW, stored.NOT_RUN]
+    order = sorted(found, key=lambda name: not name.startswith("robust"))
+    rows = [[f"`{name}`", *(f"{found[name][state]}" for state in states)] for name in order]
+    return table(["setting", *states], rows)
+
+
+def validation_summary() -> str:
+    words = stored.load("validation")
+    if words is None:
+        return "References with known answers: no run is stored."
+    rows = []
+    for name, found in stored.verdicts(words).items():
+        passed = sum(found[verdict] for verdict in stored.PASSED)
+        shares = [f"{passed / found.total():.1%}", f"{found['excellent'] / found.total():.1%}"]
+        rows.append([name if name == "all" else f"`{name}`", f"{found.total()}", *shares])
+    return table(["solver", "rows", "pass", "excellent"], rows)
+
+
+def validation_line() -> str:
+    words = stored.load("validation")
+    if words is None:
+        return "No run is stored."
+    found = stored.verdicts(words)["all"]
+    passed = sum(found[verdict] for verdict in stored.PASSED)
+    shares = f"{passed / found.total():.1%} pass, {found['excellent'] / found.total():.1%} are excellent"
+    states = ", ".join(f"{count} {verdict}" for verdict, count in found.most_common())
+    return f"{found.total()} rows: {shares} ({states})."
+
+
+def solvers() -> str:
+    """What each solver costs and how wrong it is on the swinging curtain of 64 × 64 cells."""
+    rows = []
+    for name, what in METHODS.items():
+        points = stored.errors(64, name)
+        best = min(points, key=lambda row: float(row["max_error"]))
+        cells = [at(stored.fastest(points, 0.01)), f"{at(best)}, {stored.per_cent(best['max_error'])}"]
+        rows.append([f"[`{name}`](docs/solvers/{name}.md)", what, *cells])
+    return table(
+        ["`--solver`", "method", "fastest that is 1 % wrong at most", "most accurate, and its largest error"], rows
+    )
+
+
+# As README puts them.
+METHODS = {
+    "verlet": "damped Verlet and position relaxation, stiffness 0…1: the demos' method",
+    "xpbd": "compliant constraints with SI constants (Macklin 2016)",
+    "spring": "explicit symplectic Verlet, as many substeps as stability needs",
+    "lines": "rows, columns and diagonals solved exactly as chains",
+    "rk4": "classical Runge–Kutta on the same forces",
+    "projective": "backward Euler by local and global steps (Liu 2013)",
+}
+
+
+def at(row: stored.Words | None) -> str:
+    """A setting of assets/error.csv with its time."""
+    return "none" if row is None else f"{stored.setting_of(row)}: {stored.milliseconds(row['median_ms'])}"
+
+
+def goals() -> str:
+    timed = [*(stored.load("bench") or {"rows": []})["rows"], *(stored.load("goals") or {"sheets": []})["sheets"]]
+    return stored.disturbed(timed) + table(
+        ["goal", "good", "excellent", "stored figure", "reached"], [goal.cells() for goal in GOALS]
+    )
+
+
+BENCH_COLUMNS = {
+    "median_ms": ("ms", ".2f"),
+    "p95_ms": ("p95", ".2f"),
+    "over_c": ("÷ C", ".1f"),
+    "under_javascript": ("JS ÷", ".1f"),
+    "cold_s": ("cold s", ".1f"),
+    "warm_s": ("warm s", ".1f"),
+    "peak_mb": ("MB", ".0f"),
+    "max_strain": ("strain", ".1%"),
+}
+
+
+def frames() -> str:
+    """The rows of `bench`."""
+    words = stored.load("bench")
+    if words is None:
+        return "No run is stored."
+    rows = []
+    for row in words["rows"]:
+        setting = f"{row['substeps']}×{row['iterations']}"
+        figures = ["" if row[name] is None else f"{row[name]:{form}}" for name, (_, form) in BENCH_COLUMNS.items()]
+        rows.append(
+            [row["scene"], f"`{row['solver']}`", row["path"], f"{row['columns']}×{row['rows']}", setting, *figures]
+        )
+    header = ["scene", "solver", "path", "grid", "n×m", *(title for title, _ in BENCH_COLUMNS.values())]
+    return f"{stored.machine_of(words)}\n\n{stored.disturbed(words['rows'])}{table(header, rows)}"
+
+
+def sheets() -> str:
+    """The sheets of `bench --goals`."""
+    words = stored.load("goals")
+    if words is None:
+        return "No run is stored."
+    rows = []
+    for row in words["sheets"]:
+        errors = [
+            f"{row['rms_error']:.3%}",
+            f"{row['max_error']:.2%}",
+            f"{row['doubt']:.3%}",
+            f"{row['max_strain']:.1%}",
+        ]
+        rows.append([row["name"], f"`{row['method']}`", f"{row['frames']}", f"{row['median_ms']:.1f}", *errors])
+    header = ["sheet", "method", "frames", "ms", "error rms", "largest", "in doubt by", "strain"]
+    return f"{stored.machine_of(words)}\n\n{stored.disturbed(words['sheets'])}{table(header, rows)}"
+
+
+def knee() -> str:
+    """The swinging curtain on every grid: the fastest settings for three errors."""
+    rows = []
+    for cells in (32, 64, 128, 256):
+        for name in USUAL:
+            points = stored.errors(cells, name)
+            if points:
+                best = min(points, key=lambda row: float(row["max_error"]))
+                found = [at(stored.fastest(points, error)) for error in (1e-2, 1e-3, 1e-5)]
+                rows.append(
+                    [f"{cells}×{cells}", f"`{name}`", *found, f"{at(best)}, {stored.per_cent(best['max_error'])}"]
+                )
+    return table(["cells", "solver", "1 %", "0.1 %", "0.001 %", "most accurate, and its largest error"], rows)
 
 
 def keys() -> str:
@@ -228,7 +381,23 @@ def described(member: Any) -> str:
 
 
 BLOCKS: dict[str, Callable[..., str]] = {
-    f.__name__: f for f in (choosing, solver, nobody, keys, presets, sources, parameters, api)
+    f.__name__: f
+    for f in (
+        *(
+            choosing,
+            solver,
+            nobody,
+            stability_summary,
+            validation_summary,
+            validation_line,
+            solvers,
+            goals,
+            frames,
+            sheets,
+            knee,
+        ),
+        *(keys, presets, sources, parameters, api),
+    )
 }
 
 
@@ -243,12 +412,12 @@ def brought_up_to_date(text: str) -> str:
 
 
 def main() -> None:
-    for path in sorted(DOCS.rglob("*.md")):
+    for path in [DOCS.parent / "README.md", *sorted(DOCS.rglob("*.md"))]:
         old = path.read_text(encoding="utf-8")
         new = brought_up_to_date(old)
         if new != old:
             path.write_text(new, encoding="utf-8")
-            print(f"{path.relative_to(DOCS)} is brought up to date")
+            print(f"{path.relative_to(DOCS.parent)} is brought up to date")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,135 @@
+"""The project's goals for speed, each held against the stored figure; `generate.py` writes the table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import stored
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Why a goal is not reached whatever the time, or why there is no figure."""
+
+    why: str
+    measured: bool = True
+
+
+NOT_STORED = Missed("no run is stored", measured=False)
+
+
+@dataclass(frozen=True)
+class Goal:
+    what: str
+    unit: str
+    good: float
+    excellent: float
+    figure: Callable[[], float | Missed]
+    more_is_better: bool = False
+
+    def cells(self) -> list[str]:
+        sign = "≥" if self.more_is_better else "≤"
+        bounds = [f"{sign} {bound:,g}\N{NO-BREAK SPACE}{self.unit}" for bound in (self.good, self.excellent)]
+        figure = self.figure()
+        if isinstance(figure, Missed):
+            return [self.what, *bounds, figure.why, "**missed**" if figure.measured else "not measured"]
+        return [self.what, *bounds, f"{figure:.3g}\N{NO-BREAK SPACE}{self.unit}".strip(), verdict(self, figure)]
+
+
+def verdict(goal: Goal, figure: float) -> str:
+    """Which goal a figure reaches, and by what factor it misses the next."""
+
+    def off(bound: float) -> float:
+        return bound / figure if goal.more_is_better else figure / bound
+
+    if off(goal.excellent) <= 1:
+        return "excellent"
+    if off(goal.good) <= 1:
+        return f"good; {off(goal.excellent):.2g} times off excellent"
+    return f"**missed** by {off(goal.good):.2g} times"
+
+
+def bench(solver: str, grid: tuple[int, int], column: str) -> Callable[[], float | Missed]:
+    def figure() -> float | Missed:
+        row = stored.bench_row(solver, grid)
+        if row is None:
+            return NOT_STORED
+        return NOT_STORED if row[column] is None else float(row[column])
+
+    return figure
+
+
+def curtain(cells: int, error: float) -> Callable[[], float | Missed]:
+    """Milliseconds of the fastest setting that is right enough on the swinging curtain, at every particle."""
+
+    def figure() -> float | Missed:
+        rows = stored.errors(cells)
+        found = stored.fastest(rows, error)
+        if found is not None:
+            return float(found["median_ms"])
+        best = min(rows, key=lambda row: float(row["max_error"]))
+        setting = f"`{best['solver']}` {stored.setting_of(best)}"
+        nearest, ms = stored.per_cent(best["max_error"]), stored.milliseconds(best["median_ms"])
+        return Missed(f"none; {setting} comes nearest: {nearest} in {ms}")
+
+    return figure
+
+
+def sheet(name: str, error: float) -> Callable[[], float | Missed]:
+    """Milliseconds of a frame of `bench --goals`, where its error is small enough."""
+
+    def figure() -> float | Missed:
+        row = stored.goal_figure("sheets", "name", name)
+        if row is None:
+            return NOT_STORED
+        if row["rms_error"] > error:
+            return Missed(f"{stored.per_cent(row['rms_error'])} in {stored.milliseconds(row['median_ms'])}")
+        return float(row["median_ms"])
+
+    return figure
+
+
+def command(what: str, column: str = "seconds") -> Callable[[], float | Missed]:
+    def figure() -> float | Missed:
+        row = stored.goal_figure("commands", "what", what)
+        return NOT_STORED if row is None or row[column] is None else float(row[column])
+
+    return figure
+
+
+def growth() -> float | Missed:
+    """Cost of `spring` for a particle and substep at 256 cells over that at 64."""
+
+    def cost(cells: int) -> float:
+        least = min(stored.errors(cells, "spring"), key=lambda row: float(row["substeps"]))
+        return float(least["median_ms"]) / (float(least["substeps"]) * (cells + 1) ** 2)
+
+    return cost(256) / cost(64)
+
+
+def gpu() -> Missed:
+    return Missed("no GPU was at hand", measured=False)
+
+
+SEED = (30, 24)
+GOALS = (
+    Goal("demos' frame, 30×24, 5×12, over C's", "times", 4, 1.5, bench("verlet", SEED, "over_c")),
+    Goal("JavaScript's time over it", "times", 2.5, 6, bench("verlet", SEED, "under_javascript"), more_is_better=True),
+    Goal("explicit step, 30×24, over C's", "times", 3, 1.2, bench("spring", SEED, "over_c")),
+    Goal("explicit step, 96×96, over C's", "times", 3, 1.2, bench("spring", (96, 96), "over_c")),
+    Goal("swinging curtain, 64×64 cells, within 0.001 %", "ms", 6, 1.5, curtain(64, 1e-5)),
+    Goal("swinging curtain, 128×128, within 0.001 %", "ms", 33, 9, curtain(128, 1e-5)),
+    Goal("swinging curtain, 256×256, within 0.01 %", "ms", 150, 33, curtain(256, 1e-4)),
+    Goal("whole fabric, wind, ball, 128×128, within 0.1 %", "ms", 33, 16.7, sheet("whole fabric 128", 1e-3)),
+    Goal("denim, 64×64, within 0.1 %", "ms", 25, 8, sheet("denim 64", 1e-3)),
+    Goal("pinned fabric, `lines` and tethers, 128×128, within 0.5 %", "ms", 8, 3.4, sheet("pinned fabric 128", 5e-3)),
+    Goal("pinned fabric, `lines` and tethers, 256×256, within 0.5 %", "ms", 60, 27, sheet("pinned fabric 256", 5e-3)),
+    Goal("a particle's substep, 256×256 over 64×64", "times", 1.5, 1.05, growth),
+    Goal("`render` to its first frame, kernels compiled before", "s", 3, 1.5, command("first frame, cache filled")),
+    Goal("`render` to its first frame, nothing compiled", "s", 10, 5, command("first frame, cache empty")),
+    Goal("`import taichi_cloth`", "s", 0.15, 0.08, command("import taichi_cloth")),
+    Goal("`taichi-cloth --help`", "s", 0.15, 0.08, command("taichi-cloth --help")),
+    Goal("memory of `render`, 30×24", "MB", 400, 250, command("first frame, cache filled", "peak_mb")),
+    Goal("particles in real time on a GPU, within 1 %", "thousand", 66, 1049, gpu, more_is_better=True),
+)
