@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene.model import Forces, Wind
+from ..scene.model import Forces, Scene, Wind
 from ..simulation import Simulation
+from ..view.clock import FrameClock
 from .exact import fall_in_air, sail_sag, sail_tension, terminal_speed
 from .row import Row, relative
 from .setups import ELASTIC, Timed, advance, base, center, strip, strip_constant
@@ -16,6 +17,7 @@ from .setups import ELASTIC, Timed, advance, base, center, strip, strip_constant
 STILL = Wind(turbulence=0.0)
 DENSITIES = (0.1, 0.15, 0.2, 0.5)  # [kg/m²]
 TIMES = (0.2, 1.0)  # [s]
+RATES = (30, 120, 240)  # pictures a second, beside the 60 of all other rows
 FALL = (1e-2, 1e-3)  # A6: 1 %, 0.1 %
 SAIL = (1e-2, 2e-3)  # A6: 1 %, 0.2 %
 SAIL_LINKS = 32
@@ -27,9 +29,8 @@ WIND = 2.0  # [m/s]
 def falling(solver: str) -> Iterator[Row]:
     """A level sheet in still air: its speed at the end, and on the way there."""
     for density in DENSITIES:
-        scene = replace(base(solver, rotation=(-90.0, 0.0, 0.0), area_density=density), wind=STILL)
         terminal = terminal_speed(density, STILL.air_density, STILL.drag)
-        with Timed(scene) as simulation:
+        with Timed(level(solver, density)) as simulation:
             done, start = 0.0, center(simulation)[1]
             for seconds in TIMES if density == 0.2 else ():
                 advance(simulation, seconds - done)
@@ -39,6 +40,23 @@ def falling(solver: str) -> Iterator[Row]:
                 yield relative(f"way after {seconds:g} s [m]", way, start - center(simulation)[1], *FALL)
             advance(simulation, 3.0 - done)
             yield relative(f"terminal speed of {density:g} kg/m² [m/s]", terminal, mean_speed(simulation), *FALL)
+    for rate in RATES:
+        yield with_pictures(solver, rate)
+
+
+def with_pictures(solver: str, rate: int) -> Row:
+    """A sheet falls flat for a second, in frames as a window makes them at so many pictures a second."""
+    with Timed(level(solver, 0.2)) as simulation:
+        clock, start = FrameClock(0.0), center(simulation)[1]
+        for picture in range(1, rate + 1):
+            for _ in range(clock.due(picture / rate)):
+                simulation.advance_frame()
+        way = fall_in_air(1.0, terminal_speed(0.2, STILL.air_density, STILL.drag))[1]
+        return relative(f"way after 1 s at {rate} pictures a second [m]", way, start - center(simulation)[1], *FALL)
+
+
+def level(solver: str, density: float) -> Scene:
+    return replace(base(solver, rotation=(-90.0, 0.0, 0.0), area_density=density), wind=STILL)
 
 
 def sail(solver: str) -> Iterator[Row]:

@@ -74,8 +74,11 @@ def hanging_drop(links: int, mass: float, constant: float) -> float:
     return mass * GRAVITY * links * (links + 1) / (2 * constant)
 
 
-def hammock_sag(span: float, links: int, length: float, mass: float, constant: float) -> float:
-    """Sag [m] of springs [N/m] of `length` in all with equal masses [kg] at their joints, held at both ends."""
+def hammock(span: float, links: int, length: float, mass: float, constant: float) -> tuple[float, float]:
+    """Sag [m] and tension of the last link [N] of a strip held at both ends.
+
+    It is `length` in all, of springs [N/m] with equal masses [kg] at their joints.
+    """
     vertical = (np.arange(links) - (links - 1) / 2) * mass * GRAVITY
     rest = length / links
 
@@ -85,7 +88,7 @@ def hammock_sag(span: float, links: int, length: float, mass: float, constant: f
         return float((long * horizontal / tension).sum()), float(-np.cumsum(long * vertical / tension).min())
 
     horizontal = root(lambda f: shape(f)[0] - span, 1e-12, constant * length + mass * GRAVITY * links)
-    return shape(horizontal)[1]
+    return shape(horizontal)[1], float(np.hypot(horizontal, vertical[-1]))
 
 
 def root(function: Callable[[float], float], low: float, high: float) -> float:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from ..measure.convergence import artificial_stretch, unfinished_share
 from ..scene.model import FRAME_SECONDS, Forces, Scene, Solver, Springs
-from .exact import GRAVITY, hammock_sag, hanging_drop, relaxed_chain
+from .exact import GRAVITY, hanging_drop, relaxed_chain
+from .exact import hammock as exact_hammock
 from .row import Row, in_time, relative
 from .setups import SETTLING, Timed, advance, base, damped, strip, strip_constant, structural, substep
 
@@ -19,10 +21,11 @@ CELLS = (16, 32, 64, 128)
 CONSTANT = 1000.0  # [N/m] of the base cloth
 SPANS = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99)
 SAG = (1e-2, 1e-3)  # A3: 1 %, 0.1 % of the discrete value
-FINER_SPAN = 0.8
+FINER_SPAN = TENSION_SPAN = 0.8
 HAMMOCK_LINKS = 16
 HAMMOCK_CONSTANT = 1000.0  # [N/m] of a spring
 LAW_LINKS = 32
+WITH_DIAGONALS = 0.338  # of a sheet of 33 × 33 particles, beside ½ without: 0.343 and 0.342 with 9 and 17, ⅓ with many
 LAW = (0.05, 0.01)
 INDEPENDENT = (1e-2, 1e-3)  # B3: within 1 % across iterations and h
 INDEPENDENT_CELLS = 64
@@ -98,20 +101,30 @@ def split(solver: str) -> Iterator[Row]:
 
 
 def stretch(solver: str) -> Iterator[Row]:
-    """Relaxation to a length leaves ½·N²·g·h²/iterations of stretch, whatever the fabric."""
-    scene = strip(solver, LAW_LINKS, constant=1e9)
-    with Timed(damped(replace(scene, springs=Springs(shear=0.0, bend=0.0)))) as simulation:
-        advance(simulation, 10.0)
-        measured = float((simulation.topology.start - simulation.positions())[-2, 1])
-        unit = 2 * artificial_stretch(LAW_LINKS, substep(simulation), scene.solver.iterations)
-        yield relative("stretch over N²·g·h²/iterations", 0.5, measured / unit, *LAW)
+    """Relaxation to a length leaves c·N²·g·h²/iterations of stretch, whatever the fabric: c is ½, with diagonals about ⅓."""
+    bare = strip(solver, LAW_LINKS, constant=1e9)
+    square = base(solver, LAW_LINKS + 1, LAW_LINKS + 1, lumping="equal", pins=("top",))
+    rigid = replace(square.fabric, warp=1e9, weft=1e9, shear=1e9, bend=0.0)
+    for name, scene, coefficient in (
+        ("threads", replace(bare, springs=Springs(shear=0.0, bend=0.0)), 0.5),
+        ("threads and diagonals", replace(square, springs=Springs(bend=0.0), fabric=rigid), WITH_DIAGONALS),
+    ):
+        with Timed(damped(scene)) as simulation:
+            advance(simulation, 10.0)
+            columns = simulation.scene.cloth.columns
+            measured = float((simulation.topology.start - simulation.positions())[-(columns // 2) - 1, 1])
+            unit = 2 * artificial_stretch(LAW_LINKS, substep(simulation), scene.solver.iterations)
+            yield relative(f"stretch over N²·g·h²/iterations, {name}", coefficient, measured / unit, *LAW)
 
 
 def hammock(solver: str) -> Iterator[Row]:
     """A strip held at two edges that are nearer than it is long."""
     for span in SPANS:
-        exact, sag = sags(solver, span, HAMMOCK_LINKS)
-        yield relative(f"sag at a span of {span:g} m [m]", exact, sag, *SAG)
+        exact, measured = hung(solver, span, HAMMOCK_LINKS)
+        yield relative(f"sag at a span of {span:g} m [m]", exact.sag, measured.sag, *SAG)
+        if span == TENSION_SPAN:
+            what = f"tension of the last links over the weight at {span:g} m"
+            yield relative(what, exact.tension, measured.tension, *SAG)
 
 
 def finer_hammock(solver: str) -> Iterator[Row]:
@@ -122,20 +135,30 @@ def finer_hammock(solver: str) -> Iterator[Row]:
 
 
 def against(what: str, solver: str, coarse: int, fine: int) -> Row:
-    return relative(what, sags(solver, FINER_SPAN, coarse)[1], sags(solver, FINER_SPAN, fine)[1], *SAG)
+    first, second = (hung(solver, FINER_SPAN, links)[1].sag for links in (coarse, fine))
+    return relative(what, first, second, *SAG)
 
 
-def sags(solver: str, span: float, links: int) -> tuple[float, float]:
-    """Exact and measured sag [m]. The strip begins as a V."""
+class Hung(NamedTuple):
+    sag: float  # [m]
+    tension: float  # of a last link, over the weight of all
+
+
+def hung(solver: str, span: float, links: int) -> tuple[Hung, Hung]:
+    """Exact and measured. The strip begins as a V."""
     scene = strip(solver, links, constant=HAMMOCK_CONSTANT, pins=("top", "bottom"))
     with Timed(damped(scene)) as simulation:
         topology = simulation.topology
-        mass = float(topology.mass.reshape(-1, 3)[1].sum())
+        mass, constant = float(topology.mass.reshape(-1, 3)[1].sum()), strip_constant(simulation)
+        weight = mass * GRAVITY * links
         along = np.linspace(-0.5, 0.5, links + 1)
         start = topology.start.reshape(links + 1, 3, 3).copy()
         start[:, :, 2] = (span * along)[:, None]
         start[:, :, 1] = (np.sqrt(1 - span**2) * (np.abs(along) - 0.5))[:, None]
         simulation.place(start.reshape(-1, 3))
         advance(simulation, 12.0)
-        exact = hammock_sag(span, links, 1.0, mass, strip_constant(simulation))
-        return exact, -float(simulation.positions()[:, 1].min())
+        sag, tension = exact_hammock(span, links, 1.0, mass, constant)
+        x = simulation.positions()
+        long = np.linalg.norm(np.diff(x.reshape(links + 1, 3, 3), axis=0)[[0, -1]], axis=2)
+        pulled = constant * (float(long.mean()) - 1.0 / links)
+        return Hung(sag, tension / weight), Hung(-float(x[:, 1].min()), pulled / weight)

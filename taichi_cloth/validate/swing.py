@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from math import pi, sqrt
 from typing import Any
 
 import numpy as np
 
+from ..accuracy.truth import Curtain, truth
 from ..mesh.from_scene import stiffness_of
 from ..scene.model import FRAME_SECONDS, Forces, Scene
 from ..simulation import Simulation
@@ -270,27 +271,40 @@ def curtain(solver: str, cells: int, **keys: Any) -> Scene:
 
 
 def swinging_curtain(solver: str) -> Iterator[Row]:
-    """Its bottom row against the motion of its columns."""
-    for cells, exact in CURTAIN.items():
-        what = f"{cells} cells: bottom row, error of the side"
-        yield in_time(what, *CURTAIN_ERROR, partial(curtain_error, what, solver, cells, exact))
+    """Its bottom row against the motion of its columns, and every particle."""
+    for cells, bottom in CURTAIN.items():
+
+        @cache
+        def seen(cells: int = cells) -> Floats:
+            return swung(solver, cells)
+
+        rows = truth(Curtain(cells))[[round(seconds / FRAME_SECONDS) - 1 for seconds in CURTAIN_SECONDS]]
+        for what, exact in (
+            (f"{cells} cells: bottom row", np.array(bottom)[:, None]),
+            (f"{cells} cells: every row", rows),
+        ):
+            what = f"{what}, error of the side"
+            yield in_time(what, *CURTAIN_ERROR, partial(curtain_error, what, seen, exact))
 
 
-def curtain_error(what: str, solver: str, cells: int, exact: tuple[tuple[float, float], ...]) -> Row:
-    """The largest of the three times."""
+def swung(solver: str, cells: int) -> Floats:
+    """Where rows are at the three times, forward and up from the top edge, (3, cells + 1, columns, 2) [m]."""
     with Timed(curtain(solver, cells)) as simulation:
-        pivot = simulation.topology.start[0]
-        errors = []
-        done = 0.0
-        for seconds, place in zip(CURTAIN_SECONDS, exact, strict=True):
+        pivot, done, places = simulation.topology.start[0], 0.0, []
+        for seconds in CURTAIN_SECONDS:
             advance(simulation, seconds - done)
             done = seconds
-            bottom = simulation.positions()[-(cells // 2)] - pivot
-            errors.append(np.hypot(bottom[2] - place[0], bottom[1] - place[1]))
-        k = int(np.argmax(errors))
-        length = float(np.hypot(*exact[k]))
-        what = f"{what} after {CURTAIN_SECONDS[k]:g} s"
-        return Row(what, length, length + float(errors[k]), float(errors[k]), *CURTAIN_ERROR)
+            x = (simulation.positions() - pivot).reshape(cells + 1, cells + 1, 3)
+            places.append(x[:, :, [2, 1]])
+        return np.array(places)
+
+
+def curtain_error(what: str, seen: Callable[[], Floats], exact: Floats) -> Row:
+    """The largest of the three times; `exact`, (3, rows, 2), are the last rows, or all."""
+    errors = np.linalg.norm(seen()[:, -exact.shape[1] :] - exact[:, :, None], axis=3).max(axis=(1, 2))
+    k = int(np.argmax(errors))
+    length, error = float(np.linalg.norm(exact[k, -1])), float(errors[k])
+    return Row(f"{what} after {CURTAIN_SECONDS[k]:g} s", length, length + error, error, *CURTAIN_ERROR)
 
 
 def finer_curtain(solver: str) -> Iterator[Row]:
