@@ -193,7 +193,7 @@ def run_gallery(args: argparse.Namespace) -> int:
 def run_validate(args: argparse.Namespace) -> int:
     from .bench.report import check_free
     from .progress import steps_progress
-    from .validate import report
+    from .validate import page, report
     from .validate.catalogue import chosen
     from .validate.running import measure_all
 
@@ -211,7 +211,7 @@ def run_validate(args: argparse.Namespace) -> int:
     if args.json:
         report.write_json(args.json, run)
     if args.markdown:
-        report.write_markdown(args.markdown, run)
+        page.write_pages(args.markdown, run)
     return 1 if any(result.row.broken for result in run.results) else 0
 
 

@@ -158,7 +158,15 @@ FIGURE = re.compile(
     r"(?:ms|µs|ns|%|[kMG]B|times|per cent|pictures a second|×)(?!\w|[\s\N{NO-BREAK SPACE}]?\d)"
 )
 # Pages that a command writes as a whole, and the page that says that its figures are nobody's results.
-WRITTEN = {"validation.md", "stability.md", "stability_rows.md", "scene_errors.md", "scenes.md", "trials.md"}
+WRITTEN = {
+    "validation.md",
+    "validation_rows.md",
+    "stability.md",
+    "stability_rows.md",
+    "scene_errors.md",
+    "scenes.md",
+    "trials.md",
+}
 # Figures that are no results: what the program is told or what it allows, and numbers of formulas.
 INPUTS = {
     "docs/performance.md": ["2 times"],  # √2, of a proof

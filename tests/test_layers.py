@@ -15,7 +15,7 @@ PACKAGE = Path(taichi_cloth.__file__).parent
 
 # A module may import from its own line and from those above it.
 FLOORS = [
-    {"errors", "files", "lock", "machine", "notes", "progress"},
+    {"errors", "files", "lock", "machine", "notes", "progress", "side_by_side"},
     {"scene", "mesh", "interact"},
     {"measure"},
     {"reference"},
@@ -40,6 +40,7 @@ NO_TAICHI = {
     "machine",
     "notes",
     "progress",
+    "side_by_side",
     "scene",
     "mesh",
     "interact",

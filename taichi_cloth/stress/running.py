@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from functools import partial
-from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import Any
 
 from .. import runtime
+from ..side_by_side import side_by_side
 from .unit import PROCESS_ENDED, Failure, Key, Result, Unit, result_of, run_unit
 
 CORES = os.cpu_count() or 1
@@ -22,24 +19,6 @@ Starts = Sequence[tuple[int, int]]  # number and seed of each
 
 # One thread: frames of such cloths are no faster with more, and the order of sums is the same everywhere.
 begin = partial(runtime.start, "cpu", cpu_max_num_threads=1)
-
-
-def begin_child() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # also in one that replaces another later
-    begin()
-
-
-@contextmanager
-def deaf_children() -> Iterator[None]:
-    """Processes that begin meanwhile do not hear Ctrl-C, nor print what it broke off: it is for us, who end them."""
-    before = None
-    with suppress(ValueError):  # not in the main thread, which alone is interrupted
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
 
 
 def dearest_first(units: Sequence[Unit], seconds: Mapping[Key, float]) -> list[Unit]:
@@ -74,7 +53,7 @@ def run_all(
     def run(some: Sequence[int], processes: int) -> list[int]:
         """Those that are not done when a process has ended."""
         jobs = {k: (units[k], starts(units[k]), pictures) for k in some}
-        with suppress(BrokenProcessPool), closing(in_processes(jobs, processes)) as results:
+        with suppress(BrokenProcessPool), closing(side_by_side(run_unit, jobs, processes, begin)) as results:
             for k, result in results:
                 done(k, result)
         return [k for k in some if k not in found]
@@ -85,21 +64,6 @@ def run_all(
             for lost in run([k], 1):
                 done(lost, process_ended(units[lost], starts(units[lost])))
         left = run([k for k in left if k not in found], CORES)
-
-
-def in_processes(jobs: Mapping[int, tuple[Any, ...]], processes: int) -> Generator[tuple[int, Result], None, None]:
-    """Results of `run_unit` with these arguments as they come. Raises BrokenProcessPool."""
-    with ProcessPoolExecutor(processes, get_context("spawn"), begin_child) as pool:
-        try:
-            with deaf_children():
-                waiting = {pool.submit(run_unit, *job): k for k, job in jobs.items()}
-            for future in as_completed(waiting):
-                yield waiting[future], future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in active_children():  # a unit may have minutes to go
-                child.terminate()
-            raise
 
 
 def process_ended(unit: Unit, starts: Starts) -> Result:

@@ -101,7 +101,7 @@ def split(solver: str) -> Iterator[Row]:
 
 
 def stretch(solver: str) -> Iterator[Row]:
-    """Relaxation to a length leaves c·N²·g·h²/iterations of stretch, whatever the fabric: c is ½, with diagonals about ⅓."""
+    """Relaxation to a length leaves c·N²·g·h²/iterations, whatever the fabric: c is ½, with diagonals about ⅓."""
     bare = strip(solver, LAW_LINKS, constant=1e9)
     square = base(solver, LAW_LINKS + 1, LAW_LINKS + 1, lumping="equal", pins=("top",))
     rigid = replace(square.fabric, warp=1e9, weft=1e9, shear=1e9, bend=0.0)

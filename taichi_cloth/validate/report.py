@@ -1,4 +1,4 @@
-"""The rows as a table, as JSON and as Markdown; and the rows of an earlier run, read from its JSON."""
+"""The rows as a table and as JSON; and the rows of an earlier run, read from its JSON."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..bench.report import machine, markdown_table, print_table
+from ..bench.report import machine, print_table
 from ..errors import WrongUse, why
 from ..files import whole_file
 from .row import EXCELLENT, PASS, SHORT, TOO_SLOW, Limit, Result, Row
 
 HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
-MARKS = {EXCELLENT: "*", PASS: "", SHORT: "**", TOO_SLOW: "**"}
 UNEXPLAINED = "no law explains it"
 BROKEN = "more than its law explains"
-GOAL = (90.0, 60.0)  # [%] of rows that should pass, and be excellent
 
 
 class Measured(NamedTuple):
@@ -92,34 +90,6 @@ def by_solver(results: Sequence[Result]) -> dict[str, dict[str, float]]:
     return {solver: tally([result for result in results if result.solver == solver]) for solver in solvers}
 
 
-def summary(results: Sequence[Result]) -> list[list[str]]:
-    """A table: all solvers, then each."""
-    lines = [["solver", "rows", "excellent", "pass", "falls short", "too slow", "pass or excellent", "excellent"]]
-    for name, n in {"all": tally(results), **by_solver(results)}.items():
-        counts = [f"{n[key]:g}" for key in ("rows", "excellent", "pass", "falls short", "too slow")]
-        lines.append([name, *counts, f"{n['pass or excellent [%]']:.1f} %", f"{n['excellent [%]']:.1f} %"])
-    return lines
-
-
-def matrix(results: Sequence[Result]) -> list[list[str]]:
-    """A line for each reference: the largest error with each solver, in bold where it falls short."""
-    solvers = list(dict.fromkeys(result.solver for result in results))
-    order = (EXCELLENT, PASS, TOO_SLOW, SHORT)
-    lines = [["reference", *solvers]]
-    for reference in dict.fromkeys(result.reference for result in results):
-        line = [reference]
-        for solver in solvers:
-            rows = [result for result in results if (result.reference, result.solver) == (reference, solver)]
-            worst = max(rows, key=lambda r: (order.index(r.verdict), r.row.error), default=None)
-            if worst is None:
-                line.append("")
-            else:
-                mark = MARKS[worst.verdict]
-                line.append(f"{mark}{'too slow' if worst.verdict == TOO_SLOW else f'{worst.row.error:.1e}'}{mark}")
-        lines.append(line)
-    return lines
-
-
 def print_report(run: Measured) -> None:
     notes = (*reasons(run.results), " · ".join(run.machine.values()), count(run.results))
     print_table(HEADINGS, map(cells, run.results), slice(3, 6), notes)
@@ -188,30 +158,3 @@ def result_of(row: Mapping[str, Any]) -> Result:
 
 def this_machine(results: Sequence[Result]) -> Measured:
     return Measured(machine(), results)
-
-
-def markdown(run: Measured) -> str:
-    """Tables that documents can hold: how many rows pass, the largest errors, why some fall short, and every row."""
-    results = run.results
-    n = tally(results)
-    lines = ["# Validation", "", count(results), ""]
-    lines += [
-        f"{n['pass or excellent [%]']:.1f} % pass (goal: {GOAL[0]:g} %), {n['excellent [%]']:.1f} % are excellent"
-        f" (goal: {GOAL[1]:g} %).",
-        "",
-        *markdown_table(summary(results)),
-        "",
-        " · ".join(run.machine.values()),
-        "",
-    ]
-    lines += ["## Largest errors", "", "*Excellent* · pass · **falls short or too slow**", ""]
-    lines += markdown_table(matrix(results))
-    lines += ["", "## Why", "", *(f"- {line}" for line in reasons(results)), "", "## All rows", ""]
-    lines += markdown_table([[*HEADINGS, "source"], *([*cells(result), result.source] for result in results)])
-    return "\n".join([*lines, ""])
-
-
-def write_markdown(path: Path, run: Measured) -> None:
-    """Raises OSError."""
-    with whole_file(path) as file:
-        file.write(markdown(run).encode())

@@ -1,16 +1,13 @@
 """Units run side by side: dearest first, and one that ends its process takes no other with it."""
 
 import importlib
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from taichi_cloth.stress.case import Case, Variant
-from taichi_cloth.stress.running import deaf_children, dearest_first, run_all
+from taichi_cloth.stress.running import dearest_first, run_all
 from taichi_cloth.stress.setting import SETTINGS
 from taichi_cloth.stress.unit import Result, Unit
 
@@ -22,16 +19,6 @@ def test_the_dearest_run_first() -> None:
     assert dearest_first([cheap, dear], {}) == [dear, cheap]
     assert dearest_first([dear, cheap], {cheap.key: 9.0, dear.key: 1.0}) == [cheap, dear]
     assert dearest_first([dear, cheap], {dear.key: 1.0}) == [cheap, dear]  # what is not known may be dear
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows passes no signals on")
-def test_processes_that_run_cases_do_not_hear_ctrl_c() -> None:
-    ask = [sys.executable, "-c", "import signal; print(signal.getsignal(signal.SIGINT) is signal.SIG_IGN)"]
-    before = signal.getsignal(signal.SIGINT)
-    with deaf_children():
-        assert subprocess.check_output(ask, text=True) == "True\n"
-    assert signal.getsignal(signal.SIGINT) is before
-    assert subprocess.check_output(ask, text=True) == "False\n"
 
 
 def test_what_ends_its_process_is_told_and_takes_no_other_with_it(

@@ -1,10 +1,10 @@
-"""The page of documents about validation, beside the run that it is made from."""
+"""The pages of documents about validation, beside the run that they are made from."""
 
 from pathlib import Path
 
 import pytest
 
-from taichi_cloth.validate import catalogue, report
+from taichi_cloth.validate import catalogue, page, report
 
 TOP = Path(__file__).parents[2]
 RESULTS = TOP / "benchmarks" / "results"
@@ -16,8 +16,10 @@ def run() -> report.Measured:
     return report.read_json(stored)
 
 
-def test_the_page_is_the_run(run: report.Measured) -> None:
-    assert (TOP / "docs" / "validation.md").read_text(encoding="utf-8") == report.markdown(run)
+def test_the_pages_are_the_run(run: report.Measured, tmp_path: Path) -> None:
+    page.write_pages(tmp_path / "validation.md", run)
+    for name in ("validation.md", "validation_rows.md"):
+        assert (TOP / "docs" / name).read_text(encoding="utf-8") == (tmp_path / name).read_text(encoding="utf-8")
 
 
 def test_the_run_has_every_reference_with_every_solver(run: report.Measured) -> None:
