@@ -63,6 +63,12 @@ def _sheet(cells: int) -> tuple[Floats, NDArray[np.int64]]:
     return points, np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
 
 
+def plain(cells: int) -> Path:
+    """Without a fault."""
+    points, index = _sheet(cells)
+    return obj_file("plain.obj", points, _triangles(cells, index))
+
+
 def doubled_points(cells: int) -> Path:
     """A slit of half the sheet's height down the middle: two points at every place of it, on either side one."""
     points, index = _sheet(cells)
@@ -103,9 +109,10 @@ def slivers(cells: int) -> Path:
     return obj_file("slivers.obj", points, _triangles(cells, index))
 
 
+SLIVERS = "1:1e4 triangles"
 MESHES: dict[str, Callable[[int], Path]] = {
     "doubled points": doubled_points,
     "zero-length springs": zero_length,
     "zero-area triangles": zero_area,
-    "1:1e4 triangles": slivers,
+    SLIVERS: slivers,
 }

@@ -40,7 +40,7 @@ def slope(trial: Trial, mu: float, degrees: float) -> None:
         planes=(plane,),
         center=(float(middle[0]), float(middle[1]), 0.0),
     )
-    x = trial.open(scene)
+    x = trial.open(scene, rest=sheet(CELLS))  # it lies
     along, across = trial.random.uniform(-SHIFT, SHIFT, 2)
     before = x + along * down + across * np.array([0.0, 0.0, 1.0])
     start_there(trial, before, up)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..scene import load_scene
 from ..scene.model import FRAME_SECONDS, Forces, Ground, Limit, Wind
-from .rest import static_strain
+from .rest import static_strain, taut_strain
 from .scenes import CONSTANT, DAMPING, DENSITY, FLAT, sheet
 from .setting import CELLS
 from .trial import CALM_STRAIN, Trial
@@ -89,7 +89,7 @@ def edge_on_wind(trial: Trial, cross: float) -> None:
     """
     speed, pull = 2.0, 0.01  # [m/s], strain
     scene = sheet(CELLS, pins=("left", "right"), forces=Forces(gravity=0.0), wind=Wind(x=speed, turbulence=0.0))
-    x = trial.open(scene, rest_strain=pull + CALM_STRAIN)
+    x = trial.open(scene, rest_strain=taut_strain(trial.setting.of(scene), pull) + CALM_STRAIN)
     trial.start(x * [1 + pull, 1, 1])
     for k in range(120):
         trial.simulation.set("wind_z", cross * speed * np.sin(k / 10))

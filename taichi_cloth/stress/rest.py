@@ -9,9 +9,13 @@ import numpy as np
 
 from .. import reference
 from ..accuracy.kept import kept
-from ..scene.model import Fabric, Maps, Scene
+from ..reference.rest import rest_positions
+from ..reference.springs import spring_model
+from ..scene.model import Fabric, Forces, Maps, Scene
 
 HUNG_BY = ("top-left", "top-right")
+CODE = Path(reference.__file__).parent
+ALMOST_NONE = 1e-3  # [m/s²] of gravity: forces at rest are judged beside a particle's weight, so there must be some
 
 
 def static_strain(scene: Scene) -> float:
@@ -28,8 +32,23 @@ def static_strain(scene: Scene) -> float:
         fabric = softened(fabric, min(maps.stiffness_lo, maps.stiffness_hi))
         maps = replace(maps, stiffness=Maps().stiffness)
     still = Scene(cloth=cloth, regions=scene.regions, maps=maps, fabric=fabric, forces=scene.forces)
-    code = Path(reference.__file__).parent
-    return float(kept(f"rest strain {still}", code, lambda: np.array(reference.rest_strain(still))))
+    return float(kept(f"rest strain {still}", CODE, lambda: np.array(reference.rest_strain(still))))
+
+
+def taut_strain(scene: Scene, pull: float) -> float:
+    """The same of a sheet without weight that is held by its left and right edges, `pull` [share] farther apart.
+
+    More than `pull`: it grows narrower in its middle, and threads from the corners of what is held carry that.
+    """
+    still = Scene(cloth=scene.cloth, fabric=scene.fabric, forces=Forces(gravity=ALMOST_NONE))
+
+    def strain() -> float:
+        model = spring_model(still)
+        drawn = replace(model.topology, start=model.topology.start * [1 + pull, 1.0, 1.0])
+        model = replace(model, topology=drawn)
+        return float(model.strains(rest_positions(model))[drawn.family("structural")].max())
+
+    return float(kept(f"taut strain {pull} {still}", CODE, lambda: np.array(strain())))
 
 
 def softened(fabric: Fabric, share: float) -> Fabric:

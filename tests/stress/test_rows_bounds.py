@@ -376,9 +376,9 @@ def test_a_refusal_has_a_name_in_it(text: str, monkeypatch: pytest.MonkeyPatch) 
     trial = Trial(SETTING, 0)
     if text == "no":
         with pytest.raises(Broken, match="name nothing"):
-            sizes.open_or_refused(trial, sheet(2), "mesh.obj")
+            sizes.open_or_refused(trial, sheet(2), "mesh.obj", None)
     else:
-        sizes.open_or_refused(trial, sheet(2), "mesh.obj")
+        sizes.open_or_refused(trial, sheet(2), "mesh.obj", None)
 
 
 def test_stretch_by_a_heavy_corner_is_told() -> None:

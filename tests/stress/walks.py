@@ -93,12 +93,17 @@ class Walk(Trial):
 
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sheets of few cells, whose static strain is not computed."""
+    few_cells(monkeypatch)
+    for module in (trial, *ROWS):
+        for name in ("static_strain", "taut_strain"):
+            if hasattr(module, name):
+                monkeypatch.setattr(module, name, lambda *scene: STATIC)
+
+
+def few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ROWS:
         if hasattr(module, "CELLS"):
             monkeypatch.setattr(module, "CELLS", CELLS)
-        if hasattr(module, "static_strain"):
-            monkeypatch.setattr(module, "static_strain", lambda scene: STATIC)
-    monkeypatch.setattr(trial, "static_strain", lambda scene: STATIC)
     monkeypatch.setattr(friction, "TABLE_CELLS", 4)
     for cells in ("LAYER_CELLS", "MANY_CELLS"):
         monkeypatch.setattr(layers, cells, 2)
