@@ -86,9 +86,10 @@ validate: .venv/ready
 	$(BIN)/taichi-cloth validate --json $(RESULTS)/validation.json --markdown docs/validation.md --force
 	$(BIN)/taichi-cloth ablate $(SCENES) round --markdown docs/scenes.md --force
 
-# What is stored of the same program is not run again: a run that was broken off goes on.
+# What is stored of the same program is not run again: a run that was broken off goes on, on another machine too, and
+# each result says where it was made.
 stress: .venv/ready
-	$(BIN)/taichi-cloth stress --json $(RESULTS)/stability.json --resume --markdown docs/stability.md --force
+	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --markdown docs/stability.md --force
 
 # Scenes that the float64 reference does not cover; docs/scene_errors.md says why.
 NO_REFERENCE := fold poles stack tear twist

@@ -1,4 +1,6 @@
-"""Results that lie in the repository: benchmarks/results/MACHINE/*.json, written by the commands, and assets/error.csv.
+"""Results that lie in the repository, written by the commands: benchmarks/results/*.json, and assets/error.csv.
+
+Those of one machine are in a folder with its name.
 
 Everything returns None or nothing where no run is stored, and documents then say so.
 """
@@ -26,7 +28,7 @@ Words = dict[str, Any]
 
 def load(name: str) -> Words | None:
     """What a command wrote. Where several machines have such a file, that of the first by name."""
-    for path in sorted(RESULTS.glob(f"*/{name}.json")):
+    for path in sorted(RESULTS.rglob(f"{name}.json")):
         words: Words = json.loads(path.read_text(encoding="utf-8"))
         return words
     return None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 from .cli_options import Command
-from .scene import key_table, load_scene, scene_names
-from .scene.model import PRESET_NAMES
+from .scene import Scene, key_table, load_scene, scene_names
+from .scene.model import FRAME_SECONDS, PRESET_NAMES
 from .scene.presets import load_preset
 
 
@@ -31,8 +31,19 @@ def list_scenes(args: argparse.Namespace) -> int:
     names = scene_names()
     width = max(map(len, names))
     for name in names:
-        print(f"{name:{width}}  {load_scene(name).title}")
+        scene = load_scene(name)
+        print(" · ".join(filter(None, [f"{name:{width}}  {scene.title}", left_unfinished(scene)])))
     return 0
+
+
+def left_unfinished(scene: Scene) -> str:
+    """What the first lines of a run say of iterations that end too early, if anything; nothing is simulated."""
+    from .measure.convergence import unfinished
+    from .mesh.from_scene import topology_of
+
+    solver = scene.solver
+    topology = topology_of(scene, "springs" if solver.name == "verlet" else "fabric")
+    return unfinished(scene, topology, FRAME_SECONDS / solver.substeps, solver.iterations)
 
 
 def check_file(args: argparse.Namespace) -> int:
@@ -53,4 +64,6 @@ def check_file(args: argparse.Namespace) -> int:
     scene = load_scene(args.file)
     particles = f"{count_of(scene)} particles" + (f" in {pieces} pieces" if (pieces := pieces_of(scene)) > 1 else "")
     print(f"{args.file}: fine ({particles}, solver {scene.solver.name})")
+    if left := left_unfinished(scene):
+        print(left)
     return 0

@@ -86,13 +86,20 @@ def test_list_has_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) -> 
     lines = capsys.readouterr().out.splitlines()
     assert {"curtain", "drape15", "table"} <= {line.split()[0] for line in lines}
     assert all(len(line.split()) > 3 for line in lines)
+    [drape, curtain] = (next(line for line in lines if line.startswith(name)) for name in ("drape15", "curtain"))
+    assert drape.endswith(" · unfinished: stretches 2.0 % beyond its constants")  # ⅓·16·g·h²/5 over 1/7 m, h = 1/60 s
+    assert "unfinished" not in curtain
 
 
 def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[cloth]\nrows = 7\ncolumns = 9\n")
     assert cli.main(["check", str(path)]) == 0
-    assert "fine (9×7 particles" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "fine (9×7 particles" in told
+    assert "unfinished" not in told
+    assert cli.main(["check", "twist"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].startswith("unfinished: its elongation is ")
     path.write_text("[cloth]\nrow = 7\n")
     assert "cloth.row: unknown key (did you mean 'rows'?)" in mistake(capsys, "check", str(path))
     assert cli.main(["check", "--keys"]) == 0
