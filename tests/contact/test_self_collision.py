@@ -128,9 +128,11 @@ def folded(contacts: str, solver: str = "verlet") -> Scene:
 def test_a_path_gives_the_folds_of_the_list(path: str, contacts: str) -> None:
     scene = folded(contacts)
     with Simulation(scene, "list") as plain, Simulation(scene, path) as other:
-        for _ in range(40):
+        start = plain.topology.start
+        plain.place(start, np.tile([0.0, -3.0, 0.0], (len(start), 1)))  # fast: with checked indices a frame takes 5 s
+        for _ in range(12):
             plain.advance_frame()
-        for _ in range(4):
+        for _ in range(2):
             for name in ("x", "x_prev"):
                 getattr(other.cloth, name).copy_from(getattr(plain.cloth, name))
             for simulation in (plain, other):
