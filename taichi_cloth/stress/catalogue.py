@@ -7,22 +7,9 @@ from math import inf, nan
 from . import changes, friction, layers, loads, overlaps, rates, shots, sizes, springs, starts
 from .case import Case, Variant, variants
 from .files import MESHES
-from .trial import Trial
 
 GRIDS = ((2, 2), (2, 3), (3, 2), (3, 3), (2, 8), (8, 2), (2, 1000), (1000, 2))  # rows and columns of particles
 TOO_SMALL = ((1, 1), (1, 2), (2, 1), (1, 8), (8, 1))
-
-
-def _grid(trial: Trial, shape: tuple[int, int]) -> None:
-    sizes.tiny(trial, *shape)
-
-
-def _no_grid(trial: Trial, shape: tuple[int, int]) -> None:
-    sizes.too_small(trial, *shape)
-
-
-def _slope(trial: Trial, slope: tuple[float, float]) -> None:
-    friction.slope(trial, *slope)
 
 
 def long_run(hanging: int, swinging: int) -> Case:
@@ -213,8 +200,8 @@ CASES = (
         "tiny grids",
         "1×1 to 1×8 and 8×1 (refused), 2×2 to 2×1000 and 1000×2",
         (
-            *variants(_no_grid, {f"{rows}×{columns}": (rows, columns) for rows, columns in TOO_SMALL}),
-            *variants(_grid, {f"{rows}×{columns}": (rows, columns) for rows, columns in GRIDS}),
+            *variants(sizes.too_small, {f"{rows}×{columns}": (rows, columns) for rows, columns in TOO_SMALL}),
+            *variants(sizes.tiny, {f"{rows}×{columns}": (rows, columns) for rows, columns in GRIDS}),
         ),
     ),
     Case(
@@ -283,7 +270,9 @@ CASES = (
         35,
         "friction",
         "0, 1, 10, 1e6 on 30° and 89°; creep < 1 mm in a minute where it holds",
-        variants(_slope, {f"μ = {mu:g}, {slope:g}°": (mu, slope) for slope in (30.0, 89.0) for mu in (0, 1, 10, 1e6)}),
+        variants(
+            friction.slope, {f"μ = {mu:g}, {slope:g}°": (mu, slope) for slope in (30.0, 89.0) for mu in (0, 1, 10, 1e6)}
+        ),
         note="a sheet that slides is never at rest: its speed is bounded by what damping leaves of its weight",
     ),
     Case(

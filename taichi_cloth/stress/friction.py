@@ -24,11 +24,12 @@ TWO_SHEETS_MS = 400.0
 HEAVIER = 0.01  # by how much friction may be more than μ times the weight, as a share
 
 
-def slope(trial: Trial, mu: float, degrees: float) -> None:
-    """A sheet lies on a slope. Where μ > tan it stays for a minute; else it slides for ten seconds.
+def slope(trial: Trial, how: tuple[float, float]) -> None:
+    """A sheet lies on a slope: μ, and its degrees. Where μ > tan it stays for a minute; else it slides for ten seconds.
 
     One that slides is never at rest: with damping it comes to g(sin − μ·cos) over the rate of damping.
     """
+    mu, degrees = how
     plane = Plane(center=(0.0, 0.0, 0.0), rotation=(0.0, 0.0, -degrees), margin=MARGIN, friction=mu)
     angle = radians(degrees)
     up, down = np.array([sin(angle), cos(angle), 0.0]), np.array([cos(angle), -sin(angle), 0.0])

@@ -135,11 +135,8 @@ def origin_lines(store: Store) -> list[str]:
     results = store.ordered()
     missing = len(store.planned) - len(results)
     lines = [f"{missing} of {len(store.planned)} units not run."] if missing else []
-    origins = list(dict.fromkeys(result.origin for result in results))
-    if len(origins) > 1:
-        last = max(results, key=lambda result: result.date).origin
-        older = sum(result.origin != last for result in results)
-        lines.append(f"Of mixed origin: {older} of {len(results)} results are of an older program.")
+    if store.older:
+        lines.append(f"Of mixed origin: {store.older} of {len(results)} results are of an older program.")
     if fewest := {result.starts for result in results}:
         starts = f"{min(fewest)} to {max(fewest)}" if len(fewest) > 1 else f"{min(fewest)}"
         days = sorted({result.date[:10] for result in results})

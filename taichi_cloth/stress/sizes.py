@@ -54,11 +54,14 @@ def of_mesh(path: Path) -> Scene:
 
 
 def open_or_refused(trial: Trial, scene: Scene, name: str, rest: Scene | None) -> None:
-    """Alive; or refused with a line that has this name in it, or the substeps that the springs would take."""
+    """Alive; or refused with a line that has this name in it, the substeps that the springs would take, or that the
+    method needs another cloth.
+    """
     try:
         trial.open(scene, rest=rest)
     except (SceneError, ObjError, WrongUse) as error:
-        named = any(word in str(error) for word in (name, "substeps"))
+        words = name, "substeps", f"{trial.setting.solver.name} needs"
+        named = any(word in str(error) for word in words)
         trial.demand("refusals that name nothing", not named, 0)
         trial.tell("refused", 1)
         return
@@ -78,8 +81,9 @@ def flat_cells(trial: Trial) -> None:
     open_or_refused(trial, flat, "width", rest=sheet(CELLS, pins=("top",)))
 
 
-def tiny(trial: Trial, rows: int, columns: int) -> None:
-    """Cells of the usual size, hung by the top edge."""
+def tiny(trial: Trial, shape: tuple[int, int]) -> None:
+    """So many rows and columns of particles, in cells of the usual size, hung by the top edge."""
+    rows, columns = shape
     size = (CELL * (columns - 1), CELL * (rows - 1))
     trial.open(sheet((rows - 1, columns - 1), pins=("top",), size=size), far=2.0)
     trial.start()
@@ -87,8 +91,9 @@ def tiny(trial: Trial, rows: int, columns: int) -> None:
     trial.settle()
 
 
-def too_small(trial: Trial, rows: int, columns: int) -> None:
+def too_small(trial: Trial, shape: tuple[int, int]) -> None:
     """Less than two particles a side are refused by name."""
+    rows, columns = shape
     short = "rows" if rows < 2 else "columns"
     trial.refuses(short, lambda: load_scene("curtain", rows=rows, columns=columns))
     trial.tell("refused", 1)
