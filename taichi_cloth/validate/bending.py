@@ -17,6 +17,7 @@ CUBIC = "springs to the particle after the next bend with the cube of the angle:
 DROOP = (5e-2, 1e-2)  # A4: 5 %, 1 %
 BUCKLED = (2e-2, 5e-3)  # A3: 2 %, 0.5 %
 GAMMAS = (0.1, 1.0, 3.0, 8.0, 10.0, 30.0, 100.0, 1000.0, 10000.0)
+LINKS_A_BEND = 4.5  # in the bend beside the clamp, which is Γ^(−1/3) of the length: fewer are no elastica any more
 LOADS = (0.25, 1.0, 2.0, 5.0, 10.0)  # α = PL²/EI at the tip
 LIGHT = 0.02  # [kg/m²] of a strip that carries ten times its own weight
 WIDTH = 0.1  # [m] of all strips
@@ -75,7 +76,8 @@ def doubling_by_springs(solver: str) -> Iterator[Row]:
 def droop(solver: str) -> Iterator[Row]:
     """A strip of any stiffness droops as the elastica."""
     for gamma in GAMMAS:
-        yield from drooped(f"Γ = {gamma:g}", beam(solver, LINKS, 0.2 * GRAVITY / gamma), cantilever(gamma))
+        links = max(LINKS, round(LINKS_A_BEND * gamma ** (1 / 3)))
+        yield from drooped(f"Γ = {gamma:g}", beam(solver, links, 0.2 * GRAVITY / gamma), cantilever(gamma))
 
 
 def tip_load(solver: str) -> Iterator[Row]:

@@ -14,7 +14,7 @@ from ..scene.model import FRAME_SECONDS, Forces, Scene, Solver, Springs
 from .exact import GRAVITY, hanging_drop, relaxed_chain
 from .exact import hammock as exact_hammock
 from .row import Row, in_time, relative
-from .setups import SETTLING, Timed, advance, base, damped, strip, strip_constant, structural, substep
+from .setups import SETTLING, Timed, advance, base, bottom_middle, damped, strip, strip_constant, structural, substep
 
 ELONGATION = (2e-2, 1e-3)  # A3: 2 %, 0.1 % of the elongation
 CELLS = (16, 32, 64, 128)
@@ -64,7 +64,7 @@ def longer(what: str, scene: Scene, cells: int, bounds: tuple[float, float]) -> 
     with Timed(scene) as simulation:
         mass = float(simulation.topology.mass[0])
         advance(simulation, 10.0)
-        measured = float((simulation.topology.start - simulation.positions())[-(cells // 2), 1])
+        measured = float(bottom_middle(simulation.topology.start - simulation.positions())[1])
         row = relative(what, hanging_drop(cells, mass, CONSTANT), measured, *bounds)
         if scene.solver.name != "xpbd":
             return row

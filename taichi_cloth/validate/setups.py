@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import pi
+from math import isqrt, pi
 from time import process_time
 from typing import Any
 
@@ -82,6 +82,13 @@ def center(simulation: Simulation) -> Floats:
     """Centre of mass [m]."""
     mean: Floats = np.average(simulation.positions(), axis=0, weights=simulation.topology.mass)
     return mean
+
+
+def bottom_middle(x: Floats) -> Floats:
+    """The particle in the middle of the last row of a square sheet (N, 3)."""
+    side = isqrt(len(x))
+    place: Floats = x[-1 - side // 2]
+    return place
 
 
 def substep(simulation: Simulation) -> float:

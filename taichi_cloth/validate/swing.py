@@ -32,6 +32,7 @@ from .setups import (
     Timed,
     advance,
     base,
+    bottom_middle,
     crossings,
     frequency,
     strip,
@@ -315,7 +316,7 @@ def finer_curtain(solver: str) -> Iterator[Row]:
         if cells not in bottoms:
             with Timed(curtain(solver, cells, lumping="area")) as simulation:
                 advance(simulation, 1.0)
-                bottoms[cells] = simulation.positions()[-(cells // 2)]
+                bottoms[cells] = bottom_middle(simulation.positions())
         return bottoms[cells]
 
     for coarse, fine in FINER:

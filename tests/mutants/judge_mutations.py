@@ -10,6 +10,7 @@ BOUNDS = "stress/test_rows_bounds.py::"
 VARIANTS = "stress/test_rows_variants.py::"
 UNIT = "stress/test_unit.py::"
 REPORT = "stress/test_report.py::"
+VALIDATED = "validate/test_validate.py::"
 
 STRESS_ROWS = [
     Mutation(
@@ -226,4 +227,73 @@ KEPT = [
     ),
 ]
 
-JUDGES: list[Mutation] = [*STRESS_ROWS, *STRESS_JUDGE, *STRESS_VARIANTS, *KEPT]
+VALIDATE = [
+    Mutation(
+        "verdict-ten-times-as-wide",
+        "validate/row.py",
+        "self.error > self.good:",
+        "self.error > 10 * self.good:",
+        (VALIDATED + "test_verdicts",),
+    ),
+    Mutation(
+        "law-explains-ten-times-as-much",
+        "validate/row.py",
+        "Limit(law, error + self.good)",
+        "Limit(law, 10 * error + self.good)",
+        ("validate/test_bounds.py::test_a_law_explains_its_own_error_and_what_passes",),
+    ),
+    Mutation(
+        "broken-never-told",
+        "validate/row.py",
+        "self.limit is not None and not self.explained",
+        "False",
+        (VALIDATED + "test_reasons_and_the_last_line", VALIDATED + "test_the_command"),
+    ),
+    Mutation(
+        "beside-the-middle",
+        "validate/setups.py",
+        "x[-1 - side // 2]",
+        "x[-(side // 2)]",
+        (VALIDATED + "test_the_middle_of_the_bottom_is_at_the_same_place_whatever_the_cells",),
+    ),
+    Mutation(
+        "best-row-of-the-curtain",
+        "validate/swing.py",
+        ".max(axis=(1, 2))",
+        ".min(axis=(1, 2))",
+        (VALIDATED + "test_every_row_of_the_curtain_is_judged",),
+    ),
+]
+
+RUNNING = [
+    Mutation(
+        "case-changed-and-not-run-again",
+        "stress/origin.py",
+        "imported({*JUDGES, *rows})",
+        "imported(JUDGES)",
+        ("stress/test_origin.py::test_which_results_a_changed_file_is_about",),
+    ),
+    Mutation(
+        "method-changed-and-not-run-again",
+        "stress/origin.py",
+        "for name in SOLVER_NAMES if name != solver}",
+        "for name in SOLVER_NAMES}",
+        ("stress/test_origin.py::test_which_results_a_changed_file_is_about",),
+    ),
+    Mutation(
+        "older-results-not-told",
+        "stress/store.py",
+        "self.older = sum(not self._is_new(result) for result in self.results.values())",
+        "self.older = 0",
+        ("stress/test_store.py::test_older_results_stay_until_they_are_run_again",),
+    ),
+    Mutation(
+        "jobs-outlive-their-parent",
+        "side_by_side.py",
+        "os._exit(1)",
+        "pass",
+        ("test_side_by_side.py::test_jobs_end_with_the_process_that_began_them",),
+    ),
+]
+
+JUDGES: list[Mutation] = [*STRESS_ROWS, *STRESS_JUDGE, *STRESS_VARIANTS, *KEPT, *VALIDATE, *RUNNING]

@@ -13,6 +13,7 @@ from taichi_cloth import cli
 from taichi_cloth.accuracy.truth import Curtain, truth
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.mesh import from_scene
+from taichi_cloth.mesh.from_scene import topology_of
 from taichi_cloth.scene.model import SOLVER_NAMES, USUAL
 from taichi_cloth.validate import catalogue, page, report, running, setups, strand, swing
 from taichi_cloth.validate.row import (
@@ -82,6 +83,12 @@ def test_a_curtain_of_long_steps_falls_short(monkeypatch: pytest.MonkeyPatch) ->
     for row in islice(swing.swinging_curtain("xpbd"), 2):
         assert row.verdict == SHORT
         assert row.limit is None
+
+
+def test_the_middle_of_the_bottom_is_at_the_same_place_whatever_the_cells() -> None:
+    for cells in (2, 16, 32):
+        start = topology_of(swing.curtain("xpbd", cells), "fabric").start
+        assert setups.bottom_middle(start) == pytest.approx([0.0, -0.5 * np.sqrt(0.5), 0.5 * np.sqrt(0.5)], abs=1e-6)
 
 
 def test_every_row_of_the_curtain_is_judged() -> None:
