@@ -28,8 +28,7 @@ def side_by_side(
             for future in as_completed(waiting):
                 yield waiting[future], future.result()
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in active_children():  # a job may have minutes to go
+            for child in active_children():  # a job may have minutes to go; the pool sees that they ended, and does too
                 child.terminate()
             raise
 
