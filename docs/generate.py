@@ -98,7 +98,11 @@ def falls_short(solver: str) -> str:
 def survives(setting: str) -> str:
     words = stored.load("stability")
     found = stored.survival(words).get(setting) if words is not None else None
-    return "no run is stored" if found is None else f"{found[stored.ALIVE]} of {found.total()}"
+    if found is None:
+        return "no run is stored"
+    ran = found.total() - found[stored.NOT_RUN]
+    told = f"{found[stored.ALIVE]} of {ran}" if ran else "not run"
+    return f"{told}, {found[stored.NOT_RUN]} not run" if ran and found[stored.NOT_RUN] else told
 
 
 def solver(name: str) -> str:
@@ -134,21 +138,20 @@ def hard_cases(setting: str) -> str:
     found = [case for case in stored.hard_cases(words) if case.setting == setting] if words is not None else []
     if not found:
         return "Cases that break cloth: no run is stored."
-    alive = sum(case.state == stored.ALIVE for case in found)
-    lines = [f"It survives {alive} of {len(found)} cases that break cloth ([stability](../stability.md))."]
+    lines = [f"Cases that break cloth ([stability](../stability.md)) and that it survives: {survives(setting)}."]
     for case in found:
         if case.state == stored.FAILED:
             broken = case.failures[0]["failure"]
             variants = ", ".join(row["variant"] for row in case.failures)
-            bounds = f"{broken['what']} {broken['value']:.3g}, not {broken['bound']:.3g}"
+            bounds = f"{broken['what']} {broken['value']:.4g}, not {broken['bound']:.4g}"
             lines.append(f"- {case.number} {case.name} fails ({variants}): {bounds}")
-        elif case.state != stored.ALIVE:
+        elif case.state == stored.SLOW:
             lines.append(f"- {case.number} {case.name}: {case.state}")
     return lines[0] + "\n\n" + "\n".join(lines[1:]) if len(lines) > 1 else lines[0]
 
 
 def nobody() -> str:
-    """The hard cases that no solver survives at its usual setting."""
+    """The hard cases that no solver survives at its usual setting, as far as all have run them."""
     words = stored.load("stability")
     if words is None:
         return "No run is stored."
@@ -156,7 +159,10 @@ def nobody() -> str:
     for case in stored.hard_cases(words):
         if case.setting in USUAL:
             cases.setdefault(f"{case.number} {case.name}", []).append(case.state)
-    lost = [f"- {name}" for name, states in cases.items() if stored.ALIVE not in states]
+    known = {name: states for name, states in cases.items() if stored.ALIVE in states or stored.NOT_RUN not in states}
+    lost = [f"- {name}" for name, states in known.items() if stored.ALIVE not in states]
+    if missing := len(cases) - len(known):
+        lost.append(f"- Not known of {missing} cases: no solver that ran them survives them, and not all have.")
     return "\n".join(lost) or "None."
 
 

@@ -100,13 +100,16 @@ def test_a_case_fails_with_one_variant_and_has_to_have_run(results: Path, genera
         "| `spring` | 0 | 0 | 0 | 1 |",
     ]
     assert generate.hard_cases("xpbd").splitlines() == [
-        "It survives 0 of 2 cases that break cloth ([stability](../stability.md)).",
+        "Cases that break cloth ([stability](../stability.md)) and that it survives: 0 of 2.",
         "",
         "- 1 stiffness fails (10 N/m): strain 0.175, not 0.013",
         "- 2 gap: too slow",
     ]
-    assert generate.survives("robust") == "1 of 2"
-    assert generate.nobody().splitlines() == ["- 1 stiffness", "- 2 gap"]
+    assert generate.survives("robust") == "1 of 1, 1 not run"
+    assert generate.survives("xpbd") == "0 of 2"
+    assert generate.survives("spring") == "not run"
+    unknown = "- Not known of 1 cases: no solver that ran them survives them, and not all have."
+    assert generate.nobody().splitlines() == ["- 1 stiffness", unknown]
 
 
 def test_rows_of_references_are_counted_by_verdict(results: Path, generate: ModuleType) -> None:

@@ -79,8 +79,8 @@ def case_lines(setting: str, results: Sequence[Result]) -> list[str]:
         names = ", ".join(result.variant for result in failed)
         reasons = dict.fromkeys(reason_of(result) or "unexplained" for result in failed)
         lines.append(
-            f"- {first.case} {first.name} fails with {setting} ({names}): {broken.what} {broken.value:.3g}, not"
-            f" {broken.bound:.3g}, in frame {broken.frame}; {'; '.join(reasons)}"
+            f"- {first.case} {first.name} fails with {setting} ({names}): {broken.what} {broken.value:.4g}, not"
+            f" {broken.bound:.4g}, in frame {broken.frame}; {'; '.join(reasons)}"
         )
     if slow:
         names = ", ".join(f"{result.variant}: {result.slow_ms:.0f} ms" for result in slow)

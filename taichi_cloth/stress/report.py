@@ -106,7 +106,7 @@ def failure_line(result: Result, *, picture: bool = True) -> str:
     assert failure is not None
     return (
         f"{result.case} {result.name}, {result.variant}, fails with {result.setting}: {failure.what}"
-        f" {failure.value:.3g}, not {failure.bound:.3g}, in frame {failure.frame} of start {failure.start}"
+        f" {failure.value:.4g}, not {failure.bound:.4g}, in frame {failure.frame} of start {failure.start}"
         f" (seed {failure.seed}); {reason_of(result) or 'unexplained'}"
         + (f"; {result.picture}" if result.picture and picture else "")
     )
