@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,8 @@ from ..scene.model import SOLVER_NAMES
 from .unit import Unit
 
 PACKAGE = Path(__file__).parents[1]
-PHYSICS = ("scene", "mesh", "kernels", "state", "contact", "solvers", "measure", "reference")  # folders
-FILES = ("simulation", "controls_row", "given", "hand", "hands", "scene_solver", "scene_stages", "runtime")
-JUDGES = ("case", "setting", "trial", "unit", "watch")  # of this folder, and what they and a case's module import
-PICTURE = "picture"  # it draws, and changes no result
-IMPORTED = re.compile(r"^from \.(\w+) import", re.MULTILINE)
+JUDGES = ("case", "setting", "trial", "unit", "watch")  # of this folder
+DRAWING = ("view/", "interact/", "stress/picture.py")  # changes no result
 OTHER_METHODS = "changes"  # the module of cases that go on with other methods
 
 
@@ -49,24 +46,34 @@ def called(run: Any) -> Iterator[str]:
 
 @cache
 def sources(solver: str, rows: frozenset[str]) -> list[tuple[str, str]]:
-    """Files, from the package's folder, with the digests of what they hold."""
+    """Files, from the package's folder, with the digests of what they hold.
+
+    Those of the judges, of the modules in which the case stands, and all that they import; what only another method
+    imports is no part of it.
+    """
     others = set() if OTHER_METHODS in rows else {f"solvers/{name}.py" for name in SOLVER_NAMES if name != solver}
-    paths = [path for folder in PHYSICS for path in (PACKAGE / folder).rglob("*.py")]
-    paths += [PACKAGE / f"{name}.py" for name in FILES]
-    paths += [PACKAGE / "stress" / f"{name}.py" for name in imported({*JUDGES, *rows})]
-    named = {path.relative_to(PACKAGE).as_posix(): path for path in paths}
-    return [(name, digest(path)) for name, path in sorted(named.items()) if name not in others]
-
-
-def imported(names: Iterable[str]) -> set[str]:
-    """These modules of this folder, and all those that they import."""
     found: set[str] = set()
-    left = set(names)
+    left = {f"stress/{name}.py" for name in {*JUDGES, *rows}}
     while left:
         found |= left
-        texts = [(PACKAGE / "stress" / f"{name}.py").read_text(encoding="utf-8") for name in left]
-        left = {name for text in texts for name in IMPORTED.findall(text)} - found - {PICTURE}
-    return found
+        names = {path.relative_to(PACKAGE).as_posix() for name in left for path in imported(PACKAGE / name)}
+        left = {name for name in names - found - others if not name.startswith(DRAWING)}
+    return [(name, digest(PACKAGE / name)) for name in sorted(found)]
+
+
+def imported(path: Path) -> Iterator[Path]:
+    """The modules of the package that a file names in its relative imports."""
+    for level, module, names in relative_imports(path.read_bytes()):
+        folder = path.parents[level - 1].joinpath(*module.split("."))
+        inside = [folder / f"{name}.py" for name in ("__init__", *names)]
+        yield from (one for one in (folder.with_suffix(".py"), *inside) if one.is_file())
+
+
+@cache
+def relative_imports(source: bytes) -> list[tuple[int, str, list[str]]]:
+    """Dots, module and names of each, wherever in the file it stands."""
+    lines = [line for line in ast.walk(ast.parse(source)) if isinstance(line, ast.ImportFrom)]
+    return [(line.level, line.module or "", [name.name for name in line.names]) for line in lines if line.level]
 
 
 def digest(path: Path) -> str:

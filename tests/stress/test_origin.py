@@ -42,6 +42,9 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("solvers/lines.py", {"yank", "method"}),
         ("solvers/spring.py", {"slope", "method"}),
         ("solvers/base.py", {"yank", "slope", "method"}),
+        ("solvers/__init__.py", {"yank", "slope", "method"}),
+        ("kernels/chains.py", {"yank", "method"}),  # only `lines` has it
+        ("kernels/conjugate.py", {"method"}),  # only `projective`
         ("stress/page.py", set()),
         ("stress/known.py", set()),
         ("stress/catalogue.py", set()),
