@@ -2,7 +2,9 @@
 
 L is the Laplacian of springs and bonds, weighted by their constants. A particle that is not free takes no part: its
 residual is 0. The search begins at δ = 0 with the right side in `residual`, and ends when the residual is `TOLERANCE`
-of the first, or after `MOST_PRODUCTS`: the next round sees what is left.
+of the first, or after `MOST_PRODUCTS`: the next round sees what is left. Preconditioned with M: springs push two ends
+by as much, so the residuals of a free cloth add up to 0 from first to last, and its momentum stays wherever the search
+ends.
 """
 
 import taichi as ti
@@ -13,9 +15,9 @@ from .places import choose, dot, times
 from .springs import sum_links
 from .strips import Share
 
-TOLERANCE = 1e-4
+TOLERANCE = 0.01  # smaller ones cost products in places that the next round moves: docs/trials.md
 MOST_PRODUCTS = 304  # of the matrix and a direction
-LEAST_SQUARES = 1e-30  # sum of squares below which a product with a mass would leave float32
+LEAST_SQUARES = 1e-30  # [kg·m²] squared residuals over mass, below which products would leave float32
 PARTIAL_SUMS = 256  # of a sum over all particles by many threads, always the same ones: equal bits every time
 
 
@@ -23,8 +25,9 @@ PARTIAL_SUMS = 256  # of a sum over all particles by many threads, always the sa
 
 
 @ti.func
-def set_out(search: ti.template(), i: int):
-    search.direction[i] = search.residual[i]
+def set_out(cloth: ti.template(), search: ti.template(), i: int):
+    search.scaled[i] = times(search.residual[i], cloth.inverse_mass[i])
+    search.direction[i] = search.scaled[i]
     search.way[i] = search.residual[i] * 0.0
 
 
@@ -39,11 +42,12 @@ def go_on(cloth: ti.template(), search: ti.template(), i: int, ahead: float):
     search.way[i] = search.way[i] + search.direction[i] * ahead
     left = search.residual[i] - search.product[i] * ahead
     search.residual[i] = choose(cloth.inverse_mass[i] > 0.0, left, left * 0.0)
+    search.scaled[i] = times(search.residual[i], cloth.inverse_mass[i])
 
 
 @ti.func
 def turn(search: ti.template(), i: int, share: float):
-    search.direction[i] = search.residual[i] + search.direction[i] * share
+    search.direction[i] = search.scaled[i] + search.direction[i] * share
 
 
 # -- all in one serial search --------------------------------------------------------------------------------------
@@ -85,8 +89,8 @@ def add_products(cloth: ti.template(), stages: ti.template(), controls: ti.templ
 def find_way(cloth: ti.template(), search: ti.template(), stages: ti.template(), controls: ti.template(), h: float):
     """From the right side in `residual` to δ in `way`."""
     for i in range(cloth.slot_count[None]):
-        set_out(search, i)
-    squares = inner(cloth, search.residual, search.residual)
+        set_out(cloth, search, i)
+    squares = inner(cloth, search.residual, search.scaled)
     goal = ti.max(squares * TOLERANCE**2, LEAST_SQUARES)
     products = 0
     while squares > goal and products < MOST_PRODUCTS:
@@ -98,7 +102,7 @@ def find_way(cloth: ti.template(), search: ti.template(), stages: ti.template(),
         for i in range(cloth.slot_count[None]):
             go_on(cloth, search, i, ahead)
         before = squares
-        squares = inner(cloth, search.residual, search.residual)
+        squares = inner(cloth, search.residual, search.scaled)
         for i in range(cloth.slot_count[None]):
             turn(search, i, squares / before)
 
@@ -125,8 +129,8 @@ def inner_of_many(cloth: ti.template(), a: ti.template(), b: ti.template(), resu
 @ti.func
 def begin_search(cloth: ti.template(), search: ti.template()):
     for i in range(cloth.slot_count[None]):
-        set_out(search, i)
-    inner_of_many(cloth, search.residual, search.residual, search.squares)
+        set_out(cloth, search, i)
+    inner_of_many(cloth, search.residual, search.scaled, search.squares)
     for _ in range(1):
         search.goal[None] = ti.max(search.squares[None] * TOLERANCE**2, LEAST_SQUARES)
 
@@ -143,7 +147,7 @@ def search_on(cloth: ti.template(), search: ti.template(), stages: ti.template()
             go_on(cloth, search, i, search.squares[None] / search.slope[None])
     for _ in range(1):
         search.before[None] = search.squares[None]
-    inner_of_many(cloth, search.residual, search.residual, search.squares)
+    inner_of_many(cloth, search.residual, search.scaled, search.squares)
     for i in range(cloth.slot_count[None]):
         if search.squares[None] > search.goal[None]:
             turn(search, i, search.squares[None] / search.before[None])

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import taichi as ti
 
 from ..errors import WrongUse
+from ..kernels.places import LANES
 from ..kernels.probe_simd import simd_works
 from .base import FrameInput, Solver, Stages
 from .lines import Lines
@@ -54,7 +55,8 @@ def path_for(kind: type[Solver], shape: tuple[int, int], asked: str | None = Non
         raise WrongUse("path lanes does not work with this release of Taichi: take list or gather")
     if asked or unfit.strips:
         return asked or "list"
-    return next(path for path in kind.paths if path != "lanes" or (shape[1] >= kind.narrowest and simd_works()))
+    # Strips of one column or less are mostly empty: springs one by one are as fast.
+    return next(path for path in kind.paths if path != "lanes" or (shape[1] >= LANES and simd_works()))
 
 
 __all__ = ["SOLVERS", "FrameInput", "Solver", "Stages", "Unfit", "path_for"]

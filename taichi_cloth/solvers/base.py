@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ..kernels.controls import Substep, row, table
 from ..kernels.forces import forget_forces
 from ..kernels.layout import load, store
-from ..kernels.places import LANES
 from ..kernels.whole import kept_whole
 from ..mesh.frequency import highest_frequency, longest_dashpot
 from ..mesh.topology import Topology
@@ -149,24 +148,6 @@ def run_frame(
 
 
 @ti.kernel
-def run_serially(
-    part: ti.template(),
-    cloth: ti.template(),
-    stages: ti.template(),
-    s: int,
-    substeps: int,
-    h: float,
-    held: int,
-    controls: row,
-    bodies: table,
-):
-    """One part of a substep, serial, for a method that goes back to Python in between."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        part(cloth, stages, ti.static(Substep(s, substeps, h, held, controls, bodies)))
-
-
-@ti.kernel
 def start_without_forces(cloth: ti.template()):
     forget_forces(cloth)
 
@@ -185,8 +166,6 @@ class Solver:
     sweep: ClassVar[Any] = staticmethod(nothing)
     after: ClassVar[Any] = staticmethod(nothing)
     paths: ClassVar[tuple[str, ...]] = ("lanes", "list", "gather")  # the first that fits a grid is taken
-    # Columns from which strips are worth it: those of one column or less are mostly empty, springs one by one as fast.
-    narrowest: ClassVar[int] = LANES
     needs_rows: ClassVar[bool] = False  # whole ones, of a grid
     own_velocity: ClassVar[bool] = True
     coloured: ClassVar[bool] = True  # a sweep moves particles as it goes

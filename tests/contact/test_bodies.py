@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from serially import run_serially
 
 from taichi_cloth import state
 from taichi_cloth.contact.bodies import (
@@ -30,7 +31,6 @@ from taichi_cloth.mesh.solid import distances_of
 from taichi_cloth.mesh.topology import Topology, sheet
 from taichi_cloth.scene.model import Box, Capsule, Collider, Ground, Mesh, Plane, Sphere, Vec3, keys_of
 from taichi_cloth.solvers import Stages
-from taichi_cloth.solvers.base import run_serially
 from taichi_cloth.state import distances
 
 ORIGIN = (0.0, 0.0, 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import taichi as ti
 import taichi.math as tm
+from serially import run_serially
 
 from taichi_cloth import state
 from taichi_cloth.contact.bodies import body_table
@@ -18,7 +19,6 @@ from taichi_cloth.mesh.topology import Topology, sheet
 from taichi_cloth.scene.model import Capsule, Cloth, Scene, Solver, Sphere
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import Stages
-from taichi_cloth.solvers.base import run_serially
 from taichi_cloth.state.patches import patch
 
 KINDS = tuple(NEAREST)

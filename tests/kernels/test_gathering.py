@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import taichi as ti
+from serially import run_serially
 
 from taichi_cloth import state
 from taichi_cloth.contact.bodies import body_table
@@ -16,7 +17,6 @@ from taichi_cloth.mesh.topology import Topology, sheet
 from taichi_cloth.scene.model import Box, Cloth, Ground, Scene, Solver, Sphere, Wind
 from taichi_cloth.simulation import Simulation
 from taichi_cloth.solvers import Stages
-from taichi_cloth.solvers.base import run_serially
 from taichi_cloth.view.fill import particle_normals
 
 row = ti.types.ndarray(dtype=ti.f32, ndim=1)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import taichi as ti
+from serially import run_serially
 
 from taichi_cloth import state
 from taichi_cloth.kernels import controls as c
@@ -16,7 +17,6 @@ from taichi_cloth.kernels import springs
 from taichi_cloth.kernels.strips import Treatment
 from taichi_cloth.mesh.topology import Topology, sheet
 from taichi_cloth.solvers import Stages
-from taichi_cloth.solvers.base import run_serially
 from taichi_cloth.solvers.launches import run_part
 from taichi_cloth.state.gather import gathering
 

@@ -6,7 +6,7 @@ import pytest
 from taichi_cloth.mesh.from_scene import stiffness_of
 from taichi_cloth.scene.model import Cloth, Fabric, Scene, Solver
 from taichi_cloth.simulation import Simulation
-from taichi_cloth.solvers import SOLVERS, projective
+from taichi_cloth.solvers import SOLVERS
 
 PATHS = SOLVERS["projective"].paths
 
@@ -72,14 +72,6 @@ def test_with_many_rounds_a_substep_is_that_of_backward_euler(path: str, grabbed
         assert simulation.positions() == pytest.approx(expected, abs=1e-4 * simulation.scene.cloth.width)
 
 
-def hanging(iterations: int) -> Scene:
-    return Scene(
-        cloth=Cloth(rows=9, columns=4, width=0.3, height=0.8, center=(0.0, 1.0, 0.0), pins=("top",)),
-        fabric=Fabric(warp=20.0, weft=20.0, shear=0.0, bend=0.0),
-        solver=Solver(name="projective", substeps=5, iterations=iterations, damping=3.0),
-    )
-
-
 @pytest.mark.parametrize("path", PATHS)
 def test_ten_rounds_are_nearer_to_backward_euler_than_one(path: str) -> None:
     distances = []
@@ -92,29 +84,3 @@ def test_ten_rounds_are_nearer_to_backward_euler_than_one(path: str) -> None:
             simulation.advance_frame()
             distances.append(np.abs(simulation.positions() - backward_euler(simulation, x0, v0, {})).mean())
     assert distances[1] < 0.25 * distances[0]
-
-
-def test_the_factor_is_made_once_until_the_equation_changes_or_who_is_led(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
-
-    class Counted(projective.Factor):
-        def __init__(self, *arguments: object) -> None:
-            made.append(1)
-            super().__init__(*arguments)
-
-    monkeypatch.setattr(projective, "Factor", Counted)
-    with Simulation(hanging(2), "list") as simulation:
-        for frame in range(100):
-            if frame == 50:
-                simulation.grab(30, simulation.positions()[30], radius=0.1)
-            simulation.advance_frame()
-            assert len(made) == (1 if frame < 50 else 2)
-        made.pop()
-        simulation.set("substeps", 6)
-        simulation.advance_frame()
-        assert len(made) == 2
-        simulation.set("stiffness", 0.5)
-        simulation.set("gravity", 3.0)
-        simulation.advance_frame()
-        simulation.advance_frame()
-        assert len(made) == 3
