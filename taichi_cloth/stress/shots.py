@@ -70,12 +70,11 @@ def fast_ball(trial: Trial, speed: float) -> None:
 
 def small_ball(trial: Trial, against: str) -> None:
     """A ball smaller than a cell, against particles alone or against triangles. It is told whether it went through."""
-    trial.open(replace(hung(), spheres=(shot(20.0, 0.01, against),)), far=1.0, rest=hung())
+    x = trial.open(replace(hung(), spheres=(shot(20.0, 0.01, against),)), far=1.0, rest=hung())
+    near = np.linalg.norm(x[:, :2], axis=1) < 2 / CELLS
     trial.start()
     trial.run((BEFORE + BEHIND) / 20 + 0.05)
-    x = trial.simulation.positions()
-    near = np.linalg.norm(x[:, :2], axis=1) < 2 / CELLS
-    behind = float(x[near, 2].max()) < trial.simulation.bodies()[0].center[2]
+    behind = float(trial.simulation.positions()[near, 2].max()) < trial.simulation.bodies()[0].center[2]
     trial.tell("whether the ball went through", float(behind))
     trial.run(2.6)
     trial.settle()

@@ -42,6 +42,13 @@ STRESS_ROWS = [
         (BOUNDS + "test_creep_is_seen",),
     ),
     Mutation(
+        "slide-unbounded",
+        "stress/friction.py",
+        'float(trial.simulation.get("damping")) + CALM_SPEED)',
+        'float(trial.simulation.get("damping")) + 1e9)',
+        (BOUNDS + "test_a_sheet_that_slides_may_be_as_much_faster_than_a_block_as_any_cloth_at_rest",),
+    ),
+    Mutation(
         "turning-rate-unbounded",
         "stress/friction.py",
         "rate / radians(SPIN), 1 + FASTER)",

@@ -97,6 +97,23 @@ def test_what_goes_through_a_ball() -> None:
     assert shots.went_through(slanting[0] + [0.11, 0, 0], slanting[1] + [0.11, 0, 0], radius) == 0
 
 
+@pytest.mark.parametrize("against", ["particles", "triangles"])
+def test_a_sheet_that_is_far_off_is_told_not_to_be_behind_the_small_ball(against: str) -> None:
+    class Leaving(Walk):
+        def one_frame(self, **how: object) -> None:
+            super().one_frame(**how)
+            if self.frames == 1:
+                self.simulation.place(self.simulation.positions() + [3.0, 0.0, 3.0], np.zeros(3))
+
+    trial = Leaving()
+    try:
+        VARIANTS[18, f"against {against}"](trial)
+        [figure] = trial.figures
+        assert (figure.what, figure.value) == ("whether the ball went through", 0.0)
+    finally:
+        close()
+
+
 def hung(velocity: tuple[float, float, float], radius: float = 0.1) -> Trial:
     """A free sheet that goes this way towards a ball in front of it that lets all through."""
     trial = Trial(SETTING, 0)
@@ -232,6 +249,13 @@ def test_a_sheet_that_friction_holds_is_watched_for_a_minute() -> None:
         assert one.frames == 3600
         assert [figure.bound for figure in one.figures] == [1e-3]
     assert walk(VARIANTS[35, "μ = 10, 89°"]).figures == []
+
+
+def test_a_sheet_that_slides_may_be_as_much_faster_than_a_block_as_any_cloth_at_rest() -> None:
+    for mu, slope in ((0, 30), (0, 89), (1, 89), (10, 89)):
+        angle = np.radians(slope)
+        block = 9.81 * (np.sin(angle) - mu * np.cos(angle)) / 2.0  # [m/s] damped at 2/s
+        assert walk(VARIANTS[35, f"μ = {mu:g}, {slope}°"]).rest_speeds == [pytest.approx(block + 0.1)]
 
 
 @pytest.mark.parametrize("slope", [30.0, 89.0])

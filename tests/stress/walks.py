@@ -42,6 +42,7 @@ class Walk(Trial):
         self.grabs: list[np.ndarray] = []
         self.far: list[float] = []
         self.rest: list[float | None] = []
+        self.rest_speeds: list[float | None] = []
         self.settled = self.frames = 0
         self.broken: list[str] = []
         last = (strains[-1], speeds[-1])
@@ -83,6 +84,7 @@ class Walk(Trial):
 
     def settle(self, **how: Any) -> None:
         self.settled += 1
+        self.rest_speeds.append(how.get("most_speed"))
         self.watch.strain, self.watch.speed = next(self._seen)
         self._unjudged = False
 
