@@ -89,7 +89,7 @@ validate: .venv/ready
 # What is stored of the same program is not run again: a run that was broken off goes on, on another machine too, and
 # each result says where it was made.
 stress: .venv/ready
-	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --markdown docs/stability.md --force
+	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --explain --markdown docs/stability.md --force
 
 # Scenes that the float64 reference does not cover; docs/scene_errors.md says why.
 NO_REFERENCE := fold poles stack tear twist

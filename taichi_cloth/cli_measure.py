@@ -13,6 +13,7 @@ from .scene import load_scene
 from .scene.model import SOLVER_NAMES
 
 if TYPE_CHECKING:
+    from .stress.causes import Cause
     from .stress.store import Store
     from .stress.unit import Result, Unit
 
@@ -67,6 +68,9 @@ def declare(command: Command) -> None:
     stress.add_argument("--long", action="store_true", help="with --only 32: a million frames")
     stress.add_argument("--json", type=Path, metavar="FILE", help="write every result, after each variant")
     stress.add_argument("--resume", action="store_true", help="with --json: go on with what FILE has")
+    stress.add_argument(
+        "--explain", action="store_true", help="with --json: look for causes of failures by experiments, after the run"
+    )
     stress.add_argument("--from", type=Path, dest="source", metavar="FILE", help="run nothing: report what FILE has")
     stress.add_argument("--markdown", type=Path, metavar="FILE", help="write the page for a document")
     stress.add_argument(
@@ -218,15 +222,14 @@ def run_validate(args: argparse.Namespace) -> int:
 def run_stress(args: argparse.Namespace) -> int:
     from .bench.report import check_free
     from .stress import page, report, store
-    from .stress.known import unexplained
 
     if args.markdown:
         check_free(args.markdown, force=args.force)
     if args.tear is not None and args.markdown:
         raise WrongUse("--markdown writes the page about sheets that stay whole: --tear has no part in it")
     if args.source:
-        if args.json or args.resume:
-            raise WrongUse("--from runs nothing: it goes without --json and --resume")
+        if args.json or args.resume or args.explain:
+            raise WrongUse("--from runs nothing: it goes without --json, --resume and --explain")
         kept = store.load(args.source)
         results = kept.ordered()
     else:
@@ -234,7 +237,7 @@ def run_stress(args: argparse.Namespace) -> int:
     report.print_report(kept, results)
     if args.markdown:
         page.write_pages(args.markdown, kept)
-    return 1 if unexplained(results) else 0
+    return 1 if kept.unexplained(results) else 0
 
 
 def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
@@ -244,8 +247,9 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     from .stress import running, store
     from .stress.choose import chosen
 
-    if args.resume and not args.json:
-        raise WrongUse("--resume goes on with a file: give it with --json")
+    for flag in ("resume", "explain"):
+        if getattr(args, flag) and not args.json:
+            raise WrongUse(f"--{flag} goes on with a file: give it with --json")
     if args.json and not (args.resume and args.json.is_file()):
         check_free(args.json, force=args.force)
     if args.pictures.exists() and not args.pictures.is_dir():
@@ -274,7 +278,24 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
 
         if left:
             running.run_all(running.dearest_first(left, seconds), starts, args.pictures, keep)
+    if args.explain:
+        explain(kept, units)
     return kept, kept.of(units)
+
+
+def explain(kept: Store, units: list[Unit]) -> None:
+    """Makes experiments on the failures of these units, where that was not done yet."""
+    from .progress import steps_progress
+    from .stress import running
+
+    failed = kept.untried(units)
+    with steps_progress(len(failed)) as on_step:
+
+        def keep(unit: Unit, cause: Cause) -> None:
+            kept.explain(unit.key, cause)
+            on_step(f"{unit.name}: {cause.shown or 'unexplained'}")
+
+        running.explain_all(failed, keep)
 
 
 def run_ablate(args: argparse.Namespace) -> int:

@@ -7,8 +7,20 @@ from pathlib import Path
 
 from ..bench.report import markdown_table
 from ..files import whole_file
-from .known import reason_of, unexplained
-from .report import HEADINGS, LEGEND, NOT_RUN, Cells, cells_of, counts, failure_line, origin_lines, row, settings_of
+from .causes import FINER
+from .report import (
+    HEADINGS,
+    LEGEND,
+    NOT_RUN,
+    UNEXPLAINED,
+    Cells,
+    cells_of,
+    counts,
+    failure_line,
+    origin_lines,
+    row,
+    settings_of,
+)
 from .setting import CELLS, ROBUST, ROBUST_SLACK
 from .store import Store
 from .trial import SLOW_MS
@@ -32,11 +44,11 @@ def main_page(store: Store, rows: str) -> list[str]:
     lines += [line for told in origin_lines(store) for line in (told, "")]
     lines += PAGE.format(
         robust=robust_words(), cells=CELLS, compression=ROBUST_SLACK.compression, damping=ROBUST_SLACK.solver.damping,
-        cases=len({case for case, _ in cells}), rows=rows, slow=SLOW_MS,
+        cases=len({case for case, _ in cells}), rows=rows, slow=SLOW_MS, finer=FINER,
     ).splitlines()  # fmt: skip
     notes = dict.fromkeys(f"- {r.case} {r.name}: {r.about}." for r in store.ordered() if r.about)
     lines += ["", "## Variants alive", "", *markdown_table(matrix(store, cells)), "", "## What fails, and why", ""]
-    failures = [line for key, cell in cells.items() for line in case_lines(key[1], cell.results)]
+    failures = [line for key, cell in cells.items() for line in case_lines(store, key[1], cell.results)]
     return [*lines, *(failures or ["Nothing."]), "", "## Where a case differs from its list", "", *notes]
 
 
@@ -45,7 +57,7 @@ def summary(store: Store, cells: Cells) -> list[str]:
     found = counts(cells)
     states = [ALIVE, FAILED, SLOW]
     states += [NOT_RUN] if any(one[NOT_RUN] for one in found.values()) else []
-    open_ones = unexplained(store.ordered())
+    open_ones = store.unexplained(store.ordered())
     lines = [["setting", *(f"cases {state}" for state in states), "failures unexplained"]]
     for setting in sorted(found, key=lambda name: name not in RECOMMENDED):
         mine = sum(result.setting == setting for result in open_ones)
@@ -64,7 +76,7 @@ def matrix(store: Store, cells: Cells) -> list[list[str]]:
     return lines
 
 
-def case_lines(setting: str, results: Sequence[Result]) -> list[str]:
+def case_lines(store: Store, setting: str, results: Sequence[Result]) -> list[str]:
     """One line for a case that fails with a setting, one for a case that is too slow; all failures of those that are
     recommended.
     """
@@ -72,12 +84,12 @@ def case_lines(setting: str, results: Sequence[Result]) -> list[str]:
     slow = [result for result in results if result.state == SLOW]
     lines = []
     if failed and setting in RECOMMENDED:
-        lines += [f"- {failure_line(result, picture=False)}" for result in failed]
+        lines += [f"- {failure_line(result, store.reason(result), picture=False)}" for result in failed]
     elif failed:
         first, broken = failed[0], failed[0].failure
         assert broken is not None
         names = ", ".join(result.variant for result in failed)
-        reasons = dict.fromkeys(reason_of(result) or "unexplained" for result in failed)
+        reasons = dict.fromkeys(store.reason(result) or UNEXPLAINED for result in failed)
         lines.append(
             f"- {first.case} {first.name} fails with {setting} ({names}): {broken.what} {broken.value:.4g}, not"
             f" {broken.bound:.4g}, in frame {broken.frame}; {'; '.join(reasons)}"
@@ -100,7 +112,7 @@ def rows_page(store: Store, main: str) -> list[str]:
         "",
     ]
     lines += markdown_table([HEADINGS, *(row(result) for result in results)])
-    failures = [f"- {failure_line(result, picture=False)}" for result in results if result.failure]
+    failures = [f"- {failure_line(r, store.reason(r), picture=False)}" for r in results if r.failure]
     return [*lines, "", "## Failures", "", *(failures or ["None."])]
 
 
@@ -146,6 +158,11 @@ particle that a collider may touch to be hit by it in every frame.
 
 **Too slow** is a variant whose frames take more than {slow:.0f} ms (30 frames a second), by the median of the first
 five after compiling, unless its row says otherwise. It counts neither as alive nor as failed.
+
+**Causes** come from experiments on the start that failed, and each changes one thing: the cloth goes on by Newton's
+method in float64 from where it came to rest; colliders are swept; a substep has {finer} times the iterations, a frame
+{finer} times the substeps, or both. A failure that no experiment mends is unexplained, and so is one that later breaks
+another bound, or breaks it by more.
 
 `taichi-cloth stress --tear 0.5` runs the cases with sheets whose threads give way at that strain: without bending,
 which cannot be cut, and without `lines`, whose rows must be whole. Alive is the same there, but that a sheet that has

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..bench.report import print_table
-from .known import reason_of, unexplained, unused
 from .store import Store
 from .unit import ALIVE, FAILED, SLOW, Key, Result
 
 NOT_RUN = "not run"
+UNEXPLAINED = "unexplained"
 HEADINGS = (
     "case", "variant", "setting", "state", "starts", "energy", "strain", "speed", "in body", "frames", "ms", "besides",
 )  # fmt: skip
@@ -100,14 +100,14 @@ def row(result: Result) -> tuple[str, ...]:
     )
 
 
-def failure_line(result: Result, *, picture: bool = True) -> str:
+def failure_line(result: Result, reason: str, *, picture: bool = True) -> str:
     """Which start broke which bound, how to repeat it, and why."""
     failure = result.failure
     assert failure is not None
     return (
         f"{result.case} {result.name}, {result.variant}, fails with {result.setting}: {failure.what}"
         f" {failure.value:.4g}, not {failure.bound:.4g}, in frame {failure.frame} of start {failure.start}"
-        f" (seed {failure.seed}); {reason_of(result) or 'unexplained'}"
+        f" (seed {failure.seed}); {reason or UNEXPLAINED}"
         + (f"; {result.picture}" if result.picture and picture else "")
     )
 
@@ -119,10 +119,10 @@ def slow_line(result: Result) -> str:
 
 def print_report(store: Store, results: Sequence[Result]) -> None:
     """Of these results."""
-    open_ones = unexplained(results)
+    open_ones = store.unexplained(results)
     notes = [
         LEGEND,
-        *(failure_line(r) for r in results if r.failure),
+        *(failure_line(r, store.reason(r)) for r in results if r.failure),
         *(slow_line(r) for r in results if r.state == SLOW),
     ]
     notes += [f"{len(open_ones)} of {sum(r.state == FAILED for r in results)} failures are unexplained"]
@@ -142,6 +142,4 @@ def origin_lines(store: Store) -> list[str]:
         days = sorted({result.date[:10] for result in results})
         lines.append(f"{starts} starts a variant; run {' to '.join(dict.fromkeys((days[0], days[-1])))}.")
     lines += [f"Run on {one}." for one in dict.fromkeys(result.machine for result in results if result.machine)]
-    return lines + [
-        f"Reason without a failure: {k.case}, {', '.join(k.variants)}: {k.reason}." for k in unused(results)
-    ]
+    return lines

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from .. import runtime
 from ..side_by_side import side_by_side
+from .causes import Cause, cause_of
 from .unit import PROCESS_ENDED, Failure, Key, Result, Unit, result_of, run_unit
 
 CORES = os.cpu_count() or 1
@@ -19,6 +20,11 @@ Starts = Sequence[tuple[int, int]]  # number and seed of each
 
 # One thread: frames of such cloths are no faster with more, and the order of sums is the same everywhere.
 begin = partial(runtime.start, "cpu", cpu_max_num_threads=1)
+
+
+def one_thread_each() -> None:
+    """NumPy's threads would take each other's cores."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def dearest_first(units: Sequence[Unit], seconds: Mapping[Key, float]) -> list[Unit]:
@@ -39,7 +45,7 @@ def run_all(
     Where a process ends before its time, what was done stays done. Those that may have ended it run again, each in a
     process of its own; one that ends that too has failed.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy's threads would take each other's cores
+    one_thread_each()
     if len(units) == 1:
         begin()
         on_result(run_unit(units[0], starts(units[0]), pictures))
@@ -64,6 +70,14 @@ def run_all(
             for lost in run([k], 1):
                 done(lost, process_ended(units[lost], starts(units[lost])))
         left = run([k for k in left if k not in found], CORES)
+
+
+def explain_all(failed: Sequence[tuple[Unit, Failure]], on_cause: Callable[[Unit, Cause], None]) -> None:
+    """Hands over what experiments show about each, as it comes. One that ends its process ends them all."""
+    one_thread_each()
+    with closing(side_by_side(cause_of, dict(enumerate(failed)), CORES, begin)) as causes:
+        for k, cause in causes:
+            on_cause(failed[k][0], cause)
 
 
 def process_ended(unit: Unit, starts: Starts) -> Result:

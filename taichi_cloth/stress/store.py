@@ -12,6 +12,7 @@ from typing import Any
 from ..bench.report import machine
 from ..errors import WrongUse
 from ..files import whole_file
+from .causes import EXPERIMENTS, Cause
 from .origin import origin
 from .trial import Figure
 from .unit import ALIVE, Failure, Key, Result, Unit
@@ -25,6 +26,7 @@ class Store:
     planned: list[Key] = field(default_factory=list)
     results: dict[Key, Result] = field(default_factory=dict)
     machine: str = ""
+    causes: dict[Key, Cause] = field(default_factory=dict)  # of failures
     older: int = 0  # results of an older program, when it was written
     origins: dict[Key, str] = field(default_factory=dict, compare=False)  # that a result has if it is run now
 
@@ -53,9 +55,40 @@ class Store:
         return result.origin == self.origins[result.key]
 
     def continued(self, older: Store) -> Store:
-        """This plan, with the results of an older file that are still of it, whatever their origin."""
+        """This plan, with what an older file has of it, whatever its origin."""
         kept = {key: older.results[key] for key in self.planned if key in older.results}
-        return replace(self, results=kept, older=sum(not self._is_new(result) for result in kept.values()))
+        count = sum(not self._is_new(result) for result in kept.values())
+        return replace(self, results=kept, causes=older.causes, older=count)
+
+    def explain(self, key: Key, cause: Cause) -> None:
+        """Keeps what experiments showed about a failure. Raises OSError."""
+        self.causes[key] = cause
+        self.save()
+
+    def cause(self, result: Result) -> Cause | None:
+        """What experiments showed, if it is still about this failure: the same bound, and no more beyond it."""
+        cause = self.causes.get(result.key)
+        return cause if cause is not None and cause.is_of(result.failure) else None
+
+    def reason(self, result: Result) -> str:
+        """Why it failed, as an experiment showed; empty where none did."""
+        cause = self.cause(result)
+        return cause.shown if cause else ""
+
+    def unexplained(self, results: Iterable[Result]) -> list[Result]:
+        return [result for result in results if result.failure and not self.reason(result)]
+
+    def untried(self, units: Iterable[Unit]) -> list[tuple[Unit, Failure]]:
+        """Those that failed, and on which not all experiments were made."""
+        found = []
+        for unit in units:
+            result = self.results.get(unit.key)
+            if result is None or result.failure is None:
+                continue
+            cause = self.cause(result)
+            if cause is None or not (cause.shown or cause.experiments == len(EXPERIMENTS)):
+                found.append((unit, result.failure))
+        return found
 
     def ordered(self) -> list[Result]:
         """As planned."""
@@ -70,6 +103,7 @@ class Store:
         self.older = sum(not self._is_new(result) for result in self.results.values())
         words: dict[str, Any] = {"machine": self.machine, "older": self.older, "planned": self.planned}
         words["results"] = [asdict(result) for result in self.ordered()]
+        words["causes"] = [[*result.key, asdict(cause)] for result in self.ordered() if (cause := self.cause(result))]
         with whole_file(self.path) as file:
             file.write(json.dumps(words, indent=1, ensure_ascii=False).encode())
 
@@ -81,7 +115,8 @@ def load(path: Path) -> Store:
         planned = [(int(case), str(variant), str(setting)) for case, variant, setting in words["planned"]]
         results = [read_result(row) for row in words["results"]]
         by_key = {result.key: result for result in results}
-        return Store(path, planned, by_key, str(words["machine"]), int(words["older"]))
+        causes = {(case, variant, setting): Cause(**row) for case, variant, setting, row in words["causes"]}
+        return Store(path, planned, by_key, str(words["machine"]), causes, int(words["older"]))
     except OSError as error:
         raise WrongUse(f"{path}: {error.strerror}") from None
     except (ValueError, KeyError, TypeError) as error:

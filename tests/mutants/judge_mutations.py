@@ -9,6 +9,7 @@ TRIAL = "stress/test_trial.py::"
 BOUNDS = "stress/test_rows_bounds.py::"
 VARIANTS = "stress/test_rows_variants.py::"
 UNIT = "stress/test_unit.py::"
+CAUSES = "stress/test_causes.py::"
 REPORT = "stress/test_report.py::"
 VALIDATED = "validate/test_validate.py::"
 
@@ -185,11 +186,25 @@ STRESS_JUDGE = [
         (UNIT + "test_too_slow_is_neither_alive_nor_failed",),
     ),
     Mutation(
-        "reason-without-bound",
-        "stress/known.py",
-        "            and failure.value <= self.most\n",
-        "",
-        (REPORT + "test_a_reason_explains_its_bound_alone",),
+        "cause-without-bound",
+        "stress/causes.py",
+        " and failure.what == self.what and failure.value <= self.most",
+        " and failure.what == self.what",
+        (REPORT + "test_a_cause_explains_its_bound_alone",),
+    ),
+    Mutation(
+        "experiment-believes-itself",
+        "stress/causes.py",
+        "    except Exception:  # it breaks a bound too, or cannot be run so\n        return False\n",
+        "    except Exception:  # it breaks a bound too, or cannot be run so\n        return True\n",
+        (CAUSES + "test_what_an_experiment_shows",),
+    ),
+    Mutation(
+        "any-strain-is-at-rest",
+        "stress/causes.py",
+        "    stays = there > end.failure.bound and np.isclose(here, there, rtol=STAYS)\n",
+        "    stays = True\n",
+        (CAUSES + "test_a_strain_that_float64_loses_is_not_at_rest",),
     ),
 ]
 
@@ -276,8 +291,8 @@ RUNNING = [
     Mutation(
         "case-changed-and-not-run-again",
         "stress/origin.py",
-        "imported({*JUDGES, *rows})",
-        "imported(JUDGES)",
+        "for name in {*JUDGES, *rows}}",
+        "for name in JUDGES}",
         ("stress/test_origin.py::test_which_results_a_changed_file_is_about",),
     ),
     Mutation(

@@ -1,5 +1,7 @@
 """`projective` against backward Euler solved by Newton's method in float64, and against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -84,3 +86,38 @@ def test_ten_rounds_are_nearer_to_backward_euler_than_one(path: str) -> None:
             simulation.advance_frame()
             distances.append(np.abs(simulation.positions() - backward_euler(simulation, x0, v0, {})).mean())
     assert distances[1] < 0.25 * distances[0]
+
+
+@pytest.mark.parametrize("pins", [("top-left", "top-right"), ()])
+@pytest.mark.parametrize("path", PATHS)
+def test_a_round_solves_its_equation_to_a_hundredth_and_keeps_momentum(path: str, pins: tuple[str, ...]) -> None:
+    """(M + h²L)·δ = h²·f(y), in the norm in which the search measures what is left: squares over mass."""
+    scene = soft(1)
+    with Simulation(replace(scene, cloth=replace(scene.cloth, pins=pins)), path) as simulation:
+        topology, h = simulation.topology, 1 / 60
+        a, b = topology.ends.T
+        x0, free = simulation.positions(), ~topology.pinned
+        v0 = np.random.default_rng(2).normal(0.0, 0.5, x0.shape) * free[:, None]
+        simulation.solver.set_velocities(v0, h)
+        simulation.advance_frame()
+        stiffness = stiffness_of(simulation.scene, "fabric", topology)
+        y = x0 + (h * v0 + h**2 * np.array([0, -9.81, 0])) * free[:, None]
+        gap = y[b] - y[a]
+        long = np.linalg.norm(gap, axis=1)
+        pull = (stiffness * (long - topology.rest) / long)[:, None] * gap
+        right = np.zeros_like(y)
+        np.add.at(right, a, h**2 * pull)
+        np.add.at(right, b, -(h**2) * pull)
+        matrix = np.diag(topology.mass)
+        for i, j, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
+            np.add.at(matrix, (i, j), sign * h**2 * stiffness)
+        way = simulation.positions() - y
+        left = (right - matrix @ way)[free]
+
+        def norm(residual: np.ndarray) -> float:
+            return float(np.sqrt((residual**2 / topology.mass[free, None]).sum()))
+
+        assert norm(left) < 0.011 * norm(right[free])
+        if not pins:
+            moved = topology.mass @ way
+            assert np.abs(moved).max() < 1e-6 * (topology.mass @ np.abs(way)).max()

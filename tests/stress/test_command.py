@@ -9,11 +9,11 @@ import pytest
 
 from taichi_cloth import cli
 from taichi_cloth.errors import WrongUse
-from taichi_cloth.stress import catalogue, choose, known, running
+from taichi_cloth.stress import catalogue, choose, running
+from taichi_cloth.stress.causes import Cause
 from taichi_cloth.stress.choose import chosen
-from taichi_cloth.stress.known import Known
 from taichi_cloth.stress.setting import SETTINGS
-from taichi_cloth.stress.unit import Unit, run_unit, seed_of
+from taichi_cloth.stress.unit import Failure, Unit, run_unit, seed_of
 
 from .conftest import CASE, SMALL
 
@@ -40,10 +40,10 @@ def without_times(path: str) -> list[dict[str, object]]:
     return [{key: row[key] for key in row if key not in ("ms", "seconds", "date")} for row in rows]
 
 
-def test_a_failure_without_a_reason_ends_with_1(
+def test_a_failure_without_a_cause_ends_with_1(
     ran: list[Unit], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ["stress", "--starts", "2"]
+    words = ["stress", "--starts", "2", "--json", "o.json", "--resume"]
     seed = seed_of(1, "breaks", 0)
     assert cli.main(words) == 1
     told = capsys.readouterr().out
@@ -52,11 +52,31 @@ def test_a_failure_without_a_reason_ends_with_1(
     assert "1 of 1 failures are unexplained" in told
     assert told.rstrip().endswith("xpbd 0 alive, 1 failed, 0 too slow")
     assert list(Path("out/stress").iterdir())
-    monkeypatch.setattr(known, "KNOWN", (Known(1, ("breaks",), ("xpbd",), "something", 1.9, "it is made to"),))
-    assert cli.main(words) == 1  # it breaks by more
-    monkeypatch.setattr(known, "KNOWN", (Known(1, ("breaks",), ("xpbd",), "something", 2.0, "it is made to"),))
-    assert cli.main(words) == 0
+    asked = []
+    for most, code in ((1.9, 1), (2.0, 0)):  # it breaks by more than the first
+
+        def showing(failed, on_cause, most=most):  # type: ignore[no-untyped-def]
+            for unit, _ in failed:
+                asked.append(unit.variant.name)
+                on_cause(unit, Cause("something", most, "it is made to"))
+
+        monkeypatch.setattr(running, "explain_all", showing)
+        assert cli.main([*words, "--explain"]) == code
     assert f"{line}it is made to; " in capsys.readouterr().out
+    assert cli.main([*words, "--explain"]) == cli.main(words) == 0
+    assert asked == ["breaks", "breaks"]  # what is explained is not looked at again
+    assert cli.main(["stress", "--from", "o.json", "--markdown", "page.md"]) == 0
+    assert "in frame 6; it is made to\n" in Path("page.md").read_text(encoding="utf-8")
+
+
+def test_experiments_run_in_processes_of_their_own() -> None:
+    """With a real variant: the sheet of one row that is refused is alive, so its start does not fail again."""
+    [unit] = chosen("30", "nan", "xpbd")
+    found = []
+    running.explain_all([(unit, Failure(0, 1, 0, "something", 2.0, 1.0))], lambda *pair: found.append(pair))
+    [(of, cause)] = found
+    assert of == unit
+    assert (cause.what, cause.shown) == ("something", "")
 
 
 def test_a_resumed_run_equals_one_that_was_not_broken_off(
@@ -118,6 +138,7 @@ def test_one_variant_says_how_much_was_not_run(ran: list[Unit]) -> None:
         (["--variant", "10 m"], "--variant is one of a case's: it goes with --only"),
         (["--long"], "--long is about the long run: it goes with --only 32"),
         (["--resume"], "--resume goes on with a file"),
+        (["--explain"], "--explain goes on with a file"),
         (["--from", "none.json"], "none.json: No such file"),
         (["--from", "o.json", "--json", "p.json"], "--from runs nothing"),
         (["--markdown", "no/where.md"], "no is no folder to write where.md into"),

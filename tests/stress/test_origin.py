@@ -46,7 +46,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("kernels/chains.py", {"yank", "method"}),  # only `lines` has it
         ("kernels/conjugate.py", {"method"}),  # only `projective`
         ("stress/page.py", set()),
-        ("stress/known.py", set()),
+        ("stress/causes.py", set()),
         ("stress/catalogue.py", set()),
         ("web/hub.py", set()),
         ("validate/swing.py", set()),

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from taichi_cloth.stress import known, page, report
-from taichi_cloth.stress.known import Known
+from taichi_cloth.stress import page, report
+from taichi_cloth.stress.causes import Cause
 from taichi_cloth.stress.store import Store
 from taichi_cloth.stress.trial import Figure
 from taichi_cloth.stress.unit import Result
@@ -58,13 +58,13 @@ def test_a_row() -> None:
 
 
 def test_a_failure_tells_how_to_repeat_it() -> None:
-    assert report.failure_line(failed(picture="p.png")) == (
+    assert report.failure_line(failed(picture="p.png"), "") == (
         "1 test, a, fails with xpbd: something 2, not 1, in frame 6 of start 0 (seed 17); unexplained; p.png"
     )
     assert report.slow_line(slow()) == "1 test, a, is too slow with xpbd: 250 ms a frame"
 
 
-KNOWN = Known(1, ("a", "b"), ("xpbd",), "something", 3.0, "it is made to")
+CAUSE = Cause("something", 3.0, "it is made to")
 
 
 @pytest.mark.parametrize(
@@ -80,15 +80,13 @@ KNOWN = Known(1, ("a", "b"), ("xpbd",), "something", 3.0, "it is made to")
         (result(), ""),
     ],
 )
-def test_a_reason_explains_its_bound_alone(monkeypatch: pytest.MonkeyPatch, one: Result, why: str) -> None:
-    monkeypatch.setattr(known, "KNOWN", (KNOWN,))
-    assert known.reason_of(one) == why
-    assert (one in known.unexplained([one])) == (one.state == "failed" and not why)
-    assert known.unused([one]) == ([] if why else [KNOWN])
+def test_a_cause_explains_its_bound_alone(one: Result, why: str) -> None:
+    some = replace(store_of(one), causes={failed().key: CAUSE})
+    assert some.reason(one) == why
+    assert (one in some.unexplained([one])) == (one.state == "failed" and not why)
 
 
-def test_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(known, "KNOWN", (KNOWN,))
+def test_the_pages(tmp_path: Path) -> None:
     some = store_of(
         replace(result(1, "a", "robust"), about="it is small"),
         failed(2.0, setting="xpbd"),
@@ -96,6 +94,7 @@ def test_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         failed(2.0, setting="robust", case=2),
         slow(setting="xpbd", case=2, variant="b"),
     )
+    some.causes = {(1, "a", "xpbd"): CAUSE}
     page.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
     assert "| setting | cases alive | cases failed | cases too slow | failures unexplained |" in text
@@ -118,8 +117,3 @@ def test_the_page_tells_where_it_comes_from() -> None:
         "Of mixed origin: 1 of 2 results are of an older program.",
         "1 to 10 starts a variant; run 2026-01-01 to 2026-01-02.",
     ]
-
-
-def test_a_reason_that_explains_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(known, "KNOWN", (KNOWN,))
-    assert report.origin_lines(store_of(result()))[-1] == "Reason without a failure: 1, a, b: it is made to."

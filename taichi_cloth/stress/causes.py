@@ -1,0 +1,152 @@
+"""Why a variant fails: experiments on the start that failed. Each changes one thing, and finds a cause or does not.
+
+A failure that stays whatever is changed is unexplained.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..reference.rest import rest_positions
+from ..reference.springs import spring_model
+from ..scene import Scene
+from ..scene.model import COLLIDERS, Solver
+from ..solvers import SOLVERS
+from .setting import Setting
+from .trial import Trial, close
+from .unit import Failure, Unit
+from .watch import Broken, Floats
+
+FINER = 8  # times as many iterations, or substeps
+SLACK = 0.01  # by how much another run may be worse and have the same cause, as a share
+STAYS = 0.05  # by how much the largest strain may change where float64 takes a cloth to be at rest, as a share
+OUTSIDE = (*COLLIDERS, "ground", "wind", "limit", "self_collision")  # what the reference at rest has not
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What experiments showed about a failure."""
+
+    what: str  # the bound that broke
+    most: float  # the value that breaks it, at most
+    shown: str  # empty where no experiment found anything
+    experiments: int = 0  # how many there were
+
+    def is_of(self, failure: Failure | None) -> bool:
+        return failure is not None and failure.what == self.what and failure.value <= self.most
+
+
+class Patient(Trial):
+    """However long a frame takes."""
+
+    def _check_time(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a start failed."""
+
+    unit: Unit
+    failure: Failure
+    scene: Scene
+    places: Floats  # [m] (N, 3)
+    substeps: int  # that were taken, which may be more than were asked for
+
+
+def cause_of(unit: Unit, failure: Failure) -> Cause:
+    """The first cause that an experiment finds."""
+    end = end_of(unit, failure)
+    found = (experiment(end) for experiment in EXPERIMENTS) if end else iter(())
+    most = failure.value + SLACK * abs(failure.value)
+    return Cause(failure.what, most, next(filter(None, found), ""), len(EXPERIMENTS))
+
+
+def end_of(unit: Unit, failure: Failure) -> End | None:
+    """Runs the start that failed once more, up to there. None where it does not fail alike, or has no cloth."""
+    trial = Patient(unit.setting, failure.seed)
+    try:
+        unit.variant.run(trial)
+    except Broken as broken:
+        simulation = trial.simulation
+        end = End(unit, failure, simulation.scene, simulation.positions(), simulation.substeps)
+        return end if broken.what == failure.what else None
+    except Exception:  # of the program: no experiment is about that
+        return None
+    finally:
+        close()
+    return None
+
+
+# -- experiments: what each shows, or nothing ----------------------------------------------------------------------
+
+
+def another_rest(end: End) -> str:
+    """Springs that resist compression have more than one state of rest. Was the cloth in one of them?
+
+    Newton's method in float64 goes on from there.
+    """
+    if "strain" not in end.failure.what or any(getattr(end.scene, kind) for kind in OUTSIDE):
+        return ""
+    model = spring_model(end.scene)
+    model = replace(model, topology=replace(model.topology, start=end.places))
+    threads = model.topology.family("structural")
+    try:
+        here, there = (float(model.strains(x)[threads].max()) for x in (model.start, rest_positions(model)))
+    except ArithmeticError:
+        return ""
+    stays = there > end.failure.bound and np.isclose(here, there, rtol=STAYS)
+    return f"its springs are at rest so too: in float64 they stay at a strain of {there:.3g}" if stays else ""
+
+
+def too_few_iterations(end: End) -> str:
+    solver = end.unit.setting.solver
+    if not SOLVERS[solver.name].iterates:
+        return ""
+    more = replace(solver, iterations=FINER * solver.iterations)
+    return alive_with(end, more, "its iterations end too early")
+
+
+def too_long_substeps(end: End) -> str:
+    more = replace(end.unit.setting.solver, substeps=FINER * end.substeps)
+    return alive_with(end, more, "its substeps are too long")
+
+
+def both(end: End) -> str:
+    """Shorter substeps that are solved better."""
+    solver = end.unit.setting.solver
+    if not SOLVERS[solver.name].iterates:
+        return ""
+    more = replace(solver, substeps=FINER * end.substeps, iterations=FINER * solver.iterations)
+    return alive_with(end, more, "its substeps are too long, and their iterations end too early")
+
+
+def not_swept(end: End) -> str:
+    """Fast colliders go past particles in one substep."""
+    setting = end.unit.setting
+    if setting.swept or not any(getattr(end.scene, kind) for kind in COLLIDERS):
+        return ""
+    return "its colliders are not swept: alive where they are" if alive(end, replace(setting, swept=True)) else ""
+
+
+EXPERIMENTS = (another_rest, not_swept, too_few_iterations, too_long_substeps, both)
+
+
+def alive_with(end: End, solver: Solver, why: str) -> str:
+    shown = f"{why}: alive with {solver.substeps}×{solver.iterations}"
+    return shown if alive(end, replace(end.unit.setting, solver=solver)) else ""
+
+
+def alive(end: End, setting: Setting) -> bool:
+    """Whether the same start is, with another setting."""
+    trial = Patient(setting, end.failure.seed)
+    try:
+        end.unit.variant.run(trial)
+        trial.check_judged()
+    except Exception:  # it breaks a bound too, or cannot be run so
+        return False
+    finally:
+        close()
+    return True
