@@ -9,20 +9,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..reference.dynamics import Motion
 from ..reference.rest import rest_positions
 from ..reference.springs import spring_model
 from ..scene import Scene
-from ..scene.model import COLLIDERS, Solver
+from ..scene.model import COLLIDERS, FRAME_SECONDS, Solver
 from ..solvers import SOLVERS
+from ..solvers.base import ExplicitSolver
 from .setting import Setting
-from .trial import Trial, close
+from .trial import CALM_SECONDS, Trial, close
 from .unit import Failure, Unit
 from .watch import Broken, Floats
 
 FINER = 8  # times as many iterations, or substeps
 SLACK = 0.01  # by how much another run may be worse and have the same cause, as a share
 STAYS = 0.05  # by how much the largest strain may change where float64 takes a cloth to be at rest, as a share
-OUTSIDE = (*COLLIDERS, "ground", "wind", "limit", "self_collision")  # what the reference at rest has not
+OUTSIDE = (*COLLIDERS, "ground", "wind", "limit", "self_collision")
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ class End:
     failure: Failure
     scene: Scene
     places: Floats  # [m] (N, 3)
+    velocities: Floats  # [m/s] (N, 3)
     substeps: int  # that were taken, which may be more than were asked for
 
 
@@ -71,7 +74,8 @@ def end_of(unit: Unit, failure: Failure) -> End | None:
         unit.variant.run(trial)
     except Broken as broken:
         simulation = trial.simulation
-        end = End(unit, failure, simulation.scene, simulation.positions(), simulation.substeps)
+        x, v = simulation.positions(), simulation.velocities()
+        end = End(unit, failure, simulation.scene, x, v, simulation.substeps)
         return end if broken.what == failure.what else None
     except Exception:  # of the program: no experiment is about that
         return None
@@ -88,7 +92,7 @@ def another_rest(end: End) -> str:
 
     Newton's method in float64 goes on from there.
     """
-    if "strain" not in end.failure.what or any(getattr(end.scene, kind) for kind in OUTSIDE):
+    if "strain" not in end.failure.what or outside(end.scene):
         return ""
     model = spring_model(end.scene)
     model = replace(model, topology=replace(model.topology, start=end.places))
@@ -101,12 +105,35 @@ def another_rest(end: End) -> str:
     return f"its springs are at rest so too: in float64 they stay at a strain of {there:.3g}" if stays else ""
 
 
+def rounded(end: End) -> str:
+    """Substeps of explicit methods are as short as stiff springs ask for, and places are rounded in each.
+
+    The same substeps in float64 go on from there.
+    """
+    solver = SOLVERS[end.unit.setting.solver.name]
+    if "speed" not in end.failure.what or not issubclass(solver, ExplicitSolver) or outside(end.scene):
+        return ""
+    motion = Motion(end.scene, end.substeps)
+    motion.x, motion.v = end.places.T.copy(), end.velocities.T.copy()
+    for _ in range(round(CALM_SECONDS / FRAME_SECONDS)):
+        motion.frame()
+        speed = float(np.sqrt((motion.v**2).sum(axis=0).max()))
+        if speed <= end.failure.bound / 2:
+            return f"its places are rounded to float32: in float64 it comes to rest from there, {speed:.2g} m/s"
+    return ""
+
+
 def too_few_iterations(end: End) -> str:
     solver = end.unit.setting.solver
     if not SOLVERS[solver.name].iterates:
         return ""
     more = replace(solver, iterations=FINER * solver.iterations)
     return alive_with(end, more, "its iterations end too early")
+
+
+def outside(scene: Scene) -> bool:
+    """Whether more than springs, bending and weight act on its cloth."""
+    return any(getattr(scene, kind) for kind in OUTSIDE)
 
 
 def too_long_substeps(end: End) -> str:
@@ -131,7 +158,7 @@ def not_swept(end: End) -> str:
     return "its colliders are not swept: alive where they are" if alive(end, replace(setting, swept=True)) else ""
 
 
-EXPERIMENTS = (another_rest, not_swept, too_few_iterations, too_long_substeps, both)
+EXPERIMENTS = (another_rest, rounded, not_swept, too_few_iterations, too_long_substeps, both)
 
 
 def alive_with(end: End, solver: Solver, why: str) -> str:

@@ -170,6 +170,27 @@ def test_a_sheet_that_was_put_at_one_point_comes_to_rest_in_a_knot() -> None:
     assert shown.startswith("its springs are at rest so too")
 
 
+# -- float32 -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "damping", "shown"), [("spring", 2.0, True), ("spring", 0.0, False), ("verlet", 2.0, False)]
+)
+def test_what_float64_brings_to_rest_was_rounded(name: str, damping: float, shown: bool) -> None:
+    """A sheet that swings is at rest in five seconds if it is damped; only explicit methods take the same steps."""
+
+    def run(trial: Trial) -> None:
+        trial.open(sheet(4, pins=("top",), damping=damping), rest_strain=1.0)
+        trial.start(velocity=(0.0, 0.0, 0.2))
+        trial.one_frame()
+        trial.only_frames("a test")
+        trial.demand("speed 5 s after [m/s]", trial.watch.speed, 0.1)
+
+    setting = Setting(name, Solver(name, 10, 1, damping=0.0))
+    cause = explained(unit_of(run, setting))
+    assert cause.shown.startswith("its places are rounded to float32: in float64 it comes to rest") == shown
+
+
 # -- kept ----------------------------------------------------------------------------------------------
 
 
