@@ -151,7 +151,8 @@ class Watch:
         constants = self._constants() * np.where(errors < 0, self._compression, 1.0)
         self._elastic = 0.5 * float(constants @ errors**2)
         self._elastic += 0.5 * float(topology.bonds.constant @ np.einsum("ij,ij->i", bent, bent))
-        self._rounding = 2 * float(constants.sum()) * (ROUNDING * float(np.abs(x).max(initial=0.0))) ** 2
+        near = float(np.abs(x - topology.origin).max(initial=0.0))
+        self._rounding = 2 * float(constants.sum()) * (ROUNDING * near) ** 2
         return self._motion + height + self._elastic
 
     def _constants(self) -> Floats:

@@ -13,7 +13,7 @@ from taichi_cloth.scene import SceneError
 from taichi_cloth.scene.model import FRAME_SECONDS, Plane
 from taichi_cloth.stress import catalogue, friction, gaps, layers, loads, overlaps, rates, shots, sizes, springs
 from taichi_cloth.stress.scenes import sheet
-from taichi_cloth.stress.trial import Trial, close
+from taichi_cloth.stress.trial import TooSlow, Trial, close
 from taichi_cloth.stress.watch import Broken
 from taichi_cloth.view.session import Session
 
@@ -248,7 +248,7 @@ def test_a_sheet_that_friction_holds_is_watched_for_a_minute() -> None:
         one = walk(VARIANTS[35, f"μ = {mu:g}, {slope}°"])
         assert one.frames == 3600
         assert [figure.bound for figure in one.figures] == [1e-3]
-    assert walk(VARIANTS[35, "μ = 10, 89°"]).figures == []
+    assert "creep [m]" not in [figure.what for figure in walk(VARIANTS[35, "μ = 10, 89°"]).figures]
 
 
 def test_a_sheet_that_slides_may_be_as_much_faster_than_a_block_as_any_cloth_at_rest() -> None:
@@ -256,6 +256,45 @@ def test_a_sheet_that_slides_may_be_as_much_faster_than_a_block_as_any_cloth_at_
         angle = np.radians(slope)
         block = 9.81 * (np.sin(angle) - mu * np.cos(angle)) / 2.0  # [m/s] damped at 2/s
         assert walk(VARIANTS[35, f"μ = {mu:g}, {slope}°"]).rest_speeds == [pytest.approx(block + 0.1)]
+
+
+@pytest.mark.parametrize(("speed", "broken"), [(4.9 / 2, False), (4.9 / 2 - 0.11, True), (0.0, True)])
+def test_a_sheet_without_friction_slides(speed: float, broken: bool) -> None:
+    class Sliding(Walk):
+        def settle(self, **how: object) -> None:
+            super().settle(**how)
+            down = np.array([np.cos(np.pi / 6), -0.5, 0.0])
+            x = self.simulation.positions()
+            self.simulation.place(x, speed * down + np.zeros_like(x))
+
+    trial = Sliding()
+    try:
+        VARIANTS[35, "μ = 0, 30°"](trial)
+        assert trial.broken == (["how much slower than a block [m/s]"] if broken else [])
+    finally:
+        close()
+
+
+def test_many_layers_may_not_take_longer_once_they_lie_on_each_other() -> None:
+    class Slowing(Walk):
+        meet = 0  # in this frame
+
+        def one_frame(self, **how: object) -> None:
+            super().one_frame(**how)
+            self.times[-1] = 1.0 if self.frames < self.meet else 600.0
+
+    for meet, slow in ((170, False), (130, True)):  # of 300
+        trial = Slowing()
+        trial.meet = meet
+        try:
+            VARIANTS[16, "50 sheets"](trial)
+        except TooSlow as found:
+            assert slow
+            assert (found.ms, found.limit) == (600.0, 550.0)
+        else:
+            assert not slow
+        finally:
+            close()
 
 
 @pytest.mark.parametrize("slope", [30.0, 89.0])

@@ -75,6 +75,7 @@ class Walk(Trial):
 
     def one_frame(self, **how: Any) -> None:
         self.frames += 1
+        self.times.append(0.0)
         self.simulation.frame += 1
         self.watch.strain, self.watch.speed = next(self._seen)
 
