@@ -18,11 +18,12 @@ from ..solvers import SOLVERS
 from ..solvers.base import ExplicitSolver
 from .setting import Setting
 from .trial import CALM_SECONDS, Trial, close
-from .unit import Failure, Unit
+from .unit import Failure, Result, Unit
 from .watch import Broken, Floats
 
 FINER = 8  # times as many iterations, or substeps
 SLACK = 0.01  # by how much another run may be worse and have the same cause, as a share
+STARTS = 3  # from which a mended variant must be alive
 STAYS = 0.05  # by how much the largest strain may change where float64 takes a cloth to be at rest, as a share
 OUTSIDE = (*COLLIDERS, "ground", "wind", "limit", "self_collision")
 
@@ -35,9 +36,12 @@ class Cause:
     most: float  # the value that breaks it, at most
     shown: str  # empty where no experiment found anything
     experiments: int = 0  # how many there were
+    origin: str = ""  # of the result that failed: another program may fail for another reason
 
-    def is_of(self, failure: Failure | None) -> bool:
-        return failure is not None and failure.what == self.what and failure.value <= self.most
+    def is_of(self, result: Result) -> bool:
+        failure = result.failure
+        alike = failure is not None and failure.what == self.what and failure.value <= self.most
+        return alike and result.origin == self.origin
 
 
 class Patient(Trial):
@@ -167,10 +171,15 @@ def alive_with(end: End, solver: Solver, why: str) -> str:
 
 
 def alive(end: End, setting: Setting) -> bool:
-    """Whether the same start is, with another setting."""
-    trial = Patient(setting, end.failure.seed)
+    """Whether the same start is, with another setting, and others are too: one alone may survive by chance."""
+    others = [seed for _, seed in end.unit.starts(STARTS) if seed != end.failure.seed]
+    return all(survives(end.unit, setting, seed) for seed in (end.failure.seed, *others[: STARTS - 1]))
+
+
+def survives(unit: Unit, setting: Setting, seed: int) -> bool:
+    trial = Patient(setting, seed)
     try:
-        end.unit.variant.run(trial)
+        unit.variant.run(trial)
         trial.check_judged()
     except Exception:  # it breaks a bound too, or cannot be run so
         return False

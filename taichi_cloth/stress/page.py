@@ -163,8 +163,8 @@ five after compiling, unless its row says otherwise. It counts neither as alive 
 
 **Causes** come from experiments on the start that failed, and each changes one thing: the cloth goes on by Newton's
 method in float64 from where it came to rest, or by the same substeps in float64; colliders are swept; a substep has
-{finer} times the iterations, a frame {finer} times the substeps, or both. A failure that no experiment mends is
-unexplained, and so is one that later breaks another bound, or breaks it by more.
+{finer} times the iterations, a frame {finer} times the substeps, or both, and that start and two others are alive. A
+failure that no experiment mends is unexplained, and so is one that later breaks another bound, or breaks it by more.
 
 `taichi-cloth stress --tear 0.5` runs the cases with sheets whose threads give way at that strain: without bending,
 which cannot be cut, and without `lines`, whose rows must be whole. Alive is the same there, but that a sheet that has

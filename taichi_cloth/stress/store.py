@@ -62,13 +62,13 @@ class Store:
 
     def explain(self, key: Key, cause: Cause) -> None:
         """Keeps what experiments showed about a failure. Raises OSError."""
-        self.causes[key] = cause
+        self.causes[key] = replace(cause, origin=self.results[key].origin)
         self.save()
 
     def cause(self, result: Result) -> Cause | None:
-        """What experiments showed, if it is still about this failure: the same bound, and no more beyond it."""
+        """What experiments showed, if it is still about this failure."""
         cause = self.causes.get(result.key)
-        return cause if cause is not None and cause.is_of(result.failure) else None
+        return cause if cause is not None and cause.is_of(result) else None
 
     def reason(self, result: Result) -> str:
         """Why it failed, as an experiment showed; empty where none did."""

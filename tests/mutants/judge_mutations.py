@@ -45,8 +45,8 @@ STRESS_ROWS = [
     Mutation(
         "slide-unbounded",
         "stress/friction.py",
-        'float(trial.simulation.get("damping")) + CALM_SPEED)',
-        'float(trial.simulation.get("damping")) + 1e9)',
+        "trial.settle(most_speed=speed + CALM_SPEED)",
+        "trial.settle(most_speed=speed + 1e9)",
         (BOUNDS + "test_a_sheet_that_slides_may_be_as_much_faster_than_a_block_as_any_cloth_at_rest",),
     ),
     Mutation(
@@ -188,9 +188,37 @@ STRESS_JUDGE = [
     Mutation(
         "cause-without-bound",
         "stress/causes.py",
-        " and failure.what == self.what and failure.value <= self.most",
-        " and failure.what == self.what",
+        "failure.what == self.what and failure.value <= self.most",
+        "failure.what == self.what",
         (REPORT + "test_a_cause_explains_its_bound_alone",),
+    ),
+    Mutation(
+        "cause-of-another-program",
+        "stress/causes.py",
+        "return alike and result.origin == self.origin",
+        "return alike",
+        (REPORT + "test_a_cause_explains_its_bound_alone",),
+    ),
+    Mutation(
+        "mended-by-chance",
+        "stress/causes.py",
+        "for seed in (end.failure.seed, *others[: STARTS - 1])",
+        "for seed in (end.failure.seed,)",
+        (CAUSES + "test_the_start_that_failed_and_two_others_must_be_alive",),
+    ),
+    Mutation(
+        "layers-timed-in-the-air",
+        "stress/layers.py",
+        "    if ms > MANY_MS:\n",
+        "    if ms > 1e9:\n",
+        (BOUNDS + "test_many_layers_may_not_take_longer_once_they_lie_on_each_other",),
+    ),
+    Mutation(
+        "slide-may-stick",
+        "stress/friction.py",
+        'trial.tell("how much slower than a block [m/s]", behind, CALM_SPEED)',
+        'trial.tell("how much slower than a block [m/s]", behind, 1e9)',
+        (BOUNDS + "test_a_sheet_without_friction_slides",),
     ),
     Mutation(
         "experiment-believes-itself",

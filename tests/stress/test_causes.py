@@ -63,9 +63,10 @@ def explained(unit: Unit) -> Cause:
 def test_what_an_experiment_shows(holds: Callable[[Trial], bool], shown: str) -> None:
     cause = explained(unit_of(demands(holds)))
     assert (cause.what, cause.shown, cause.experiments) == ("something", shown, len(EXPERIMENTS))
-    assert cause.is_of(failed(2.0).failure)
-    assert cause.is_of(failed(2.01).failure)
-    assert not cause.is_of(failed(2.03).failure)
+    cause = replace(cause, origin="abc")
+    assert cause.is_of(failed(2.0))
+    assert cause.is_of(failed(2.01))
+    assert not cause.is_of(failed(2.03))
 
 
 def test_explicit_substeps_count_as_they_are_taken() -> None:
@@ -216,19 +217,21 @@ def test_causes_are_kept_as_long_as_they_are_of_what_failed(tmp_path: Path) -> N
     assert store.untried([unit]) == []
 
 
-def test_an_experiment_is_on_the_start_that_failed() -> None:
+@pytest.mark.parametrize(("mended", "found"), [(0, False), (1, False), (2, False), (3, True)])
+def test_the_start_that_failed_and_two_others_must_be_alive(mended: int, found: bool) -> None:
     seeds = []
+    unit = unit_of(demands(lambda trial: False))
+    failing = 7
 
     def run(trial: Trial) -> None:
-        seeds.append(trial.seed)
-        demands(lambda trial: trial.seed % 2 == 0)(trial)
+        if trial.setting.swept:
+            seeds.append(trial.seed)
+        demands(lambda trial: trial.setting.swept and len(seeds) <= mended)(trial)
 
     unit = unit_of(run)
-    failure = run_unit(unit, [(0, 4), (1, 6), (2, 7), (3, 8)], None).failure
+    failure = run_unit(unit, [(0, failing)], None).failure
     assert failure is not None
-    assert failure.seed == 7
-    seeds.clear()
     end = end_of(unit, failure)
     assert end is not None
-    assert not alive(end, replace(ONE, swept=True))
-    assert seeds == [7, 7]
+    assert alive(end, replace(ONE, swept=True)) == found
+    assert seeds == [failing, *(seed for _, seed in unit.starts(2))][: mended + 1]

@@ -64,7 +64,7 @@ def test_a_failure_tells_how_to_repeat_it() -> None:
     assert report.slow_line(slow()) == "1 test, a, is too slow with xpbd: 250 ms a frame"
 
 
-CAUSE = Cause("something", 3.0, "it is made to")
+CAUSE = Cause("something", 3.0, "it is made to", origin="abc")
 
 
 @pytest.mark.parametrize(
@@ -77,6 +77,7 @@ CAUSE = Cause("something", 3.0, "it is made to")
         (failed(2.0, variant="c"), ""),
         (failed(2.0, setting="lines"), ""),
         (failed(2.0, case=2), ""),
+        (failed(2.0, origin="another program"), ""),
         (result(), ""),
     ],
 )
