@@ -83,8 +83,8 @@ results: .venv/tools
 	$(BIN)/python docs/generate.py
 
 validate: .venv/ready
-	$(BIN)/taichi-cloth validate --json $(RESULTS)/validation.json --markdown docs/validation.md --force
 	$(BIN)/taichi-cloth ablate $(SCENES) round --markdown docs/scenes.md --force
+	$(BIN)/taichi-cloth validate --json $(RESULTS)/validation.json --markdown docs/validation.md --force
 
 # What is stored of the same program is not run again: a run that was broken off goes on, on another machine too, and
 # each result says where it was made.

@@ -216,7 +216,7 @@ def run_validate(args: argparse.Namespace) -> int:
         report.write_json(args.json, run)
     if args.markdown:
         page.write_pages(args.markdown, run)
-    return 1 if any(result.row.broken for result in run.results) else 0
+    return 1 if any(result.row.unexplained for result in run.results) else 0
 
 
 def run_stress(args: argparse.Namespace) -> int:

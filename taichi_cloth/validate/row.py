@@ -44,6 +44,11 @@ class Row:
         return self.verdict == SHORT and self.limit is not None and self.error <= self.limit.most
 
     @property
+    def unexplained(self) -> bool:
+        """Whether it falls short, and no theory says by how much it must."""
+        return self.verdict == SHORT and not self.explained
+
+    @property
     def broken(self) -> bool:
         """Whether it falls short by more than theory says."""
         return self.verdict == SHORT and self.limit is not None and not self.explained
