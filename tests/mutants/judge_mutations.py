@@ -214,6 +214,13 @@ STRESS_JUDGE = [
         (BOUNDS + "test_many_layers_may_not_take_longer_once_they_lie_on_each_other",),
     ),
     Mutation(
+        "rounding-of-world-coordinates",
+        "stress/watch.py",
+        "np.abs(x - topology.origin).max(initial=0.0)",
+        "np.abs(x).max(initial=0.0)",
+        (WATCH + "test_energy_out_of_nothing_is_seen_ten_kilometres_away",),
+    ),
+    Mutation(
         "slide-may-stick",
         "stress/friction.py",
         'trial.tell("how much slower than a block [m/s]", behind, CALM_SPEED)',

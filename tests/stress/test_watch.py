@@ -61,6 +61,15 @@ def test_energy_out_of_nothing() -> None:
     assert 0.04 < found.value.value < 0.1
 
 
+def test_energy_out_of_nothing_is_seen_ten_kilometres_away() -> None:
+    """Kernels keep places from a point near the sheet, so they are rounded as they are anywhere."""
+    trial = running(center=(1e4, 1e4, 0.0))
+    without_telling(trial, faster)
+    with pytest.raises(Broken, match="energy") as found:
+        trial.one_frame()
+    assert 0.04 < found.value.value < 0.1
+
+
 def far_ball() -> Sphere:
     return Sphere(center=(0.0, 0.0, -3.0), radius=0.3, margin=0.01, path=PUSHED)
 
