@@ -40,11 +40,12 @@ def places(scene: Scene, path: str = "list", frames: int = 20) -> np.ndarray:
 
 # Relaxation that is not at its end depends on the order of springs, which is another one.
 APART = {"verlet": 0.02, "xpbd": 1e-3, "spring": 2e-5, "rk4": 2e-5, "projective": 2e-5}
+SOLVED = USUAL | {"projective": (20, 60)}  # a round that ends its search early is such a relaxation
 
 
 @pytest.mark.parametrize("solver", [name for name, kind in SOLVERS.items() if not kind.needs_rows])
 def test_a_grid_from_a_file_moves_as_the_grid(mesh: Scene, solver: str) -> None:
-    grid, mesh = (replace(scene, solver=Solver(solver, *USUAL[solver])) for scene in (GRID, mesh))
+    grid, mesh = (replace(scene, solver=Solver(solver, *SOLVED[solver])) for scene in (GRID, mesh))
     expected = places(grid)
     assert np.abs(expected - places(grid, frames=0)).max() > 0.1
     assert places(mesh) == pytest.approx(expected, abs=APART[solver])
