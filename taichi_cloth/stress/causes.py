@@ -6,6 +6,7 @@ A failure that stays whatever is changed is unexplained.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from .watch import Broken, Floats
 
 FINER = 8  # times as many iterations, or substeps
 SLACK = 0.01  # by how much another run may be worse and have the same cause, as a share
+AT_REST = "speed 5 s after"  # the bound of `Trial.settle`
 STARTS = 3  # from which a mended variant must be alive
 STAYS = 0.05  # by how much the largest strain may change where float64 takes a cloth to be at rest, as a share
 OUTSIDE = (*COLLIDERS, "ground", "wind", "limit", "self_collision")
@@ -61,6 +63,7 @@ class End:
     places: Floats  # [m] (N, 3)
     velocities: Floats  # [m/s] (N, 3)
     substeps: int  # that were taken, which may be more than were asked for
+    later: float  # [m/s] fastest particle, five seconds after, where it was too fast at rest
 
 
 def cause_of(unit: Unit, failure: Failure) -> Cause:
@@ -78,14 +81,24 @@ def end_of(unit: Unit, failure: Failure) -> End | None:
         unit.variant.run(trial)
     except Broken as broken:
         simulation = trial.simulation
+        if broken.what != failure.what:
+            return None
         x, v = simulation.positions(), simulation.velocities()
-        end = End(unit, failure, simulation.scene, x, v, simulation.substeps)
-        return end if broken.what == failure.what else None
+        later = speed_later(trial) if AT_REST in failure.what else inf
+        return End(unit, failure, simulation.scene, x, v, simulation.substeps, later)
     except Exception:  # of the program: no experiment is about that
         return None
     finally:
         close()
     return None
+
+
+def speed_later(trial: Trial) -> float:
+    """Of the fastest particle [m/s], as the same cloth goes on by itself."""
+    for _ in range(round(CALM_SECONDS / FRAME_SECONDS)):
+        trial.simulation.advance_frame()
+    v = trial.simulation.velocities()[~trial.simulation.topology.pinned]
+    return float(np.linalg.norm(v, axis=1).max(initial=0.0))
 
 
 # -- experiments: what each shows, or nothing ----------------------------------------------------------------------
@@ -109,13 +122,21 @@ def another_rest(end: End) -> str:
     return f"its springs are at rest so too: in float64 they stay at a strain of {there:.3g}" if stays else ""
 
 
+def rests_later(end: End) -> str:
+    """What damps the motion may need longer."""
+    if end.later > end.failure.bound / 2:
+        return ""
+    damping = end.scene.solver.damping
+    return f"a damping of {damping:g}/s needs longer: {end.later:.2g} m/s after five more seconds"
+
+
 def rounded(end: End) -> str:
     """Substeps of explicit methods are as short as stiff springs ask for, and places are rounded in each.
 
-    The same substeps in float64 go on from there.
+    The same substeps in float64 go on from there, and come to rest where float32 does not.
     """
     solver = SOLVERS[end.unit.setting.solver.name]
-    if "speed" not in end.failure.what or not issubclass(solver, ExplicitSolver) or outside(end.scene):
+    if AT_REST not in end.failure.what or not issubclass(solver, ExplicitSolver) or outside(end.scene):
         return ""
     motion = Motion(end.scene, end.substeps)
     motion.x, motion.v = end.places.T.copy(), end.velocities.T.copy()
@@ -162,7 +183,7 @@ def not_swept(end: End) -> str:
     return "its colliders are not swept: alive where they are" if alive(end, replace(setting, swept=True)) else ""
 
 
-EXPERIMENTS = (another_rest, rounded, not_swept, too_few_iterations, too_long_substeps, both)
+EXPERIMENTS = (another_rest, rests_later, rounded, not_swept, too_few_iterations, too_long_substeps, both)
 
 
 def alive_with(end: End, solver: Solver, why: str) -> str:

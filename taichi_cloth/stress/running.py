@@ -73,9 +73,11 @@ def run_all(
 
 
 def explain_all(failed: Sequence[tuple[Unit, Failure]], on_cause: Callable[[Unit, Cause], None]) -> None:
-    """Hands over what experiments show about each, as it comes. One that ends its process ends them all."""
+    """Hands over what experiments show about each, as it comes. One that ends its process ends them all: those that are
+    left stay unexplained.
+    """
     one_thread_each()
-    with closing(side_by_side(cause_of, dict(enumerate(failed)), CORES, begin)) as causes:
+    with suppress(BrokenProcessPool), closing(side_by_side(cause_of, dict(enumerate(failed)), CORES, begin)) as causes:
         for k, cause in causes:
             on_cause(failed[k][0], cause)
 
