@@ -80,9 +80,9 @@ def end_of(unit: Unit, failure: Failure) -> End | None:
     try:
         unit.variant.run(trial)
     except Broken as broken:
-        simulation = trial.simulation
-        if broken.what != failure.what:
+        if broken.what != failure.what or not hasattr(trial, "simulation"):
             return None
+        simulation = trial.simulation
         x, v = simulation.positions(), simulation.velocities()
         later = speed_later(trial) if AT_REST in failure.what else inf
         return End(unit, failure, simulation.scene, x, v, simulation.substeps, later)

@@ -110,6 +110,11 @@ def test_an_error_of_the_program_is_no_cause_and_not_alive() -> None:
     assert failure is not None
     assert cause_of(unit, failure).shown == ""
 
+    def unopened(trial: Trial) -> None:
+        raise Broken("something", 2.0, 1.0)
+
+    assert explained(unit_of(unopened)).shown == ""
+
     def later(trial: Trial) -> None:
         if trial.setting != ONE:
             raise ZeroDivisionError("of a case")
