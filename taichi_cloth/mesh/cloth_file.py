@@ -95,6 +95,7 @@ def read_cloth(path: Path) -> ClothFile:
     _check_points(obj, faces)
     _check_twins(obj, faces)
     _check_edges(obj, faces)
+    _check_diagonals(obj, faces)
     _check_areas(obj, faces)
     low, high = obj.points.min(axis=0), obj.points.max(axis=0)
     return ClothFile(obj.points - (low + high) / 2, faces, _groups(obj), _spots(obj))
@@ -137,6 +138,21 @@ def _check_edges(obj: Obj, faces: Whole) -> None:
         line = obj.lines[owner[first[same[side]]]]
         reason = f"the face passes the edge from point {a} to {b} in the same direction as that on line {line}"
         raise obj.error(int(owner[side]), f"{reason}: make all normals look to one side")
+
+
+def _check_diagonals(obj: Obj, faces: Whole) -> None:
+    """Whichever way a quad is cut, no other face has an edge from the one corner to the other, and no quad a cut."""
+    count = len(obj.points)
+    quads = np.flatnonzero(faces[:, 3] >= 0)
+    ends = np.concatenate([faces[quads][:, [0, 2]], faces[quads][:, [1, 3]]])
+    cuts = _keys(np.sort(ends, axis=1), count)
+    edges = _keys(np.sort(_sides(faces)[0], axis=1), count)
+    _, first, same = np.unique(cuts, return_index=True, return_inverse=True)
+    taken = np.flatnonzero(np.isin(cuts, edges) | (first[same] != np.arange(len(cuts))))
+    if len(taken):
+        a, b = ends[taken[0]] + 1
+        reason = f"another face has points {a} and {b} of the quad, which are across from each other"
+        raise obj.error(int(np.tile(quads, 2)[taken[0]]), f"{reason}: cut it into triangles, and delete what is double")
 
 
 def _check_areas(obj: Obj, faces: Whole) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from meshes import quads, write_obj
 
@@ -83,6 +83,8 @@ def test_quads_are_cut_as_a_grid_is(tmp_path: Path) -> None:
         ),
         ("f 1 2 5 4\nf 2 5 6 3\n", 8, "passes the edge from point 2 to 5 in the same direction as that on line 7"),
         ("f 1 2 3\nf 4 5 2 1\nf 5 6 3 2\n", 7, "the face of points 1, 2, 3 has a corner without area"),
+        ("f 1 5 2\nf 1 2 5 4\nf 1 6 3\n", 8, "another face has points 1 and 5 of the quad, which are across from"),
+        ("v 0 0 1\nv 0 1 1\nf 1 2 5 4\nf 1 7 5 8\nf 2 3 6\n", 10, "another face has points 1 and 5 of the quad"),
         ("v 0.3 0.2 0\nf 1 2 7 4\nf 2 3 6 5\n", 8, "the quad has a corner that looks inwards"),
         ("v 1 1 nan\nf 1 2 7\n", 7, "'nan' is out of range"),
         ("v inf 1 0\nf 1 2 7\n", 7, "'inf' is out of range"),
@@ -109,6 +111,7 @@ rows = st.tuples(st.just("f"), corners) | st.tuples(
 
 
 @given(st.lists(rows, max_size=8))
+@example([("f", "1 5 2"), ("f", "1 2 5 4"), ("f", "1 6 3")])
 def test_nothing_makes_a_traceback(write: Write, content: list[tuple[str, str]]) -> None:
     try:
         file = read_cloth(write(SIX + "\n".join(map(" ".join, content))))

@@ -6,6 +6,7 @@ import pytest
 
 from taichi_cloth.stress import page
 from taichi_cloth.stress.choose import chosen
+from taichi_cloth.stress.origin import origin
 from taichi_cloth.stress.store import Store, load
 
 ROOT = Path(__file__).parents[2]
@@ -25,9 +26,15 @@ def test_the_pages_are_those_of_the_stored_results(stored: Store, tmp_path: Path
 def test_what_is_stored_is_of_these_cases(stored: Store) -> None:
     units = {unit.key: unit for unit in chosen()}
     assert stored.planned == list(units)
+    older = 0
     for result in stored.ordered():
-        case = units[result.key].case
-        assert (result.name, result.parameters, result.about) == (case.name, case.parameters, case.note)
+        unit = units[result.key]
+        if result.origin != origin(unit):
+            older += 1  # and told as such
+        else:
+            assert (result.name, result.parameters) == (unit.case.name, unit.case.parameters)
+            assert result.about == unit.case.note
+    assert stored.older == older
 
 
 def test_every_cause_is_of_a_failure(stored: Store) -> None:
