@@ -69,7 +69,7 @@ def declare(command: Command) -> None:
     stress.add_argument("--json", type=Path, metavar="FILE", help="write every result, after each variant")
     stress.add_argument("--resume", action="store_true", help="with --json: go on with what FILE has")
     stress.add_argument(
-        "--explain", action="store_true", help="with --json: look for causes of failures by experiments, after the run"
+        "--explain", action="store_true", help="with --json: find causes of failures by experiments, after the run"
     )
     stress.add_argument("--from", type=Path, dest="source", metavar="FILE", help="run nothing: report what FILE has")
     stress.add_argument("--markdown", type=Path, metavar="FILE", help="write the page for a document")
@@ -296,6 +296,8 @@ def explain(kept: Store, units: list[Unit]) -> None:
             on_step(f"{unit.name}: {cause.shown or 'unexplained'}")
 
         running.explain_all(failed, keep)
+    if left := len(kept.untried(units)):
+        print(f"{left} failures were not examined: a process ended before its time")
 
 
 def run_ablate(args: argparse.Namespace) -> int:

@@ -2,9 +2,9 @@
 
 L is the Laplacian of springs and bonds, weighted by their constants. A particle that is not free takes no part: its
 residual is 0. The search begins at δ = 0 with the right side in `residual`, and ends when the residual is `TOLERANCE`
-of the first, or after `MOST_PRODUCTS`: the next round sees what is left. Preconditioned with M: springs push two ends
-by as much, so the residuals of a free cloth add up to 0 from first to last, and its momentum stays wherever the search
-ends.
+of the first, or after `MOST_PRODUCTS`: the next round sees what is left. The mass matrix is the preconditioner. Spring
+forces are equal and opposite, so the residuals of a cloth that nothing holds always sum to 0, and the search conserves
+its momentum wherever it stops.
 """
 
 import taichi as ti
@@ -15,7 +15,7 @@ from .places import choose, dot, times
 from .springs import sum_links
 from .strips import Share
 
-TOLERANCE = 0.01  # smaller ones cost products in places that the next round moves: docs/trials.md
+TOLERANCE = 0.01  # a smaller one costs products and gains little, since the next round starts anew: docs/trials.md
 MOST_PRODUCTS = 304  # of the matrix and a direction
 LEAST_SQUARES = 1e-30  # [kg·m²] squared residuals over mass, below which products would leave float32
 PARTIAL_SUMS = 256  # of a sum over all particles by many threads, always the same ones: equal bits every time

@@ -141,7 +141,7 @@ def _check_edges(obj: Obj, faces: Whole) -> None:
 
 
 def _check_diagonals(obj: Obj, faces: Whole) -> None:
-    """Whichever way a quad is cut, no other face has an edge from the one corner to the other, and no quad a cut."""
+    """No face has an edge along a diagonal of a quad, and no two quads share a diagonal: either may be cut there."""
     count = len(obj.points)
     quads = np.flatnonzero(faces[:, 3] >= 0)
     ends = np.concatenate([faces[quads][:, [0, 2]], faces[quads][:, [1, 3]]])
@@ -151,8 +151,8 @@ def _check_diagonals(obj: Obj, faces: Whole) -> None:
     taken = np.flatnonzero(np.isin(cuts, edges) | (first[same] != np.arange(len(cuts))))
     if len(taken):
         a, b = ends[taken[0]] + 1
-        reason = f"another face has points {a} and {b} of the quad, which are across from each other"
-        raise obj.error(int(np.tile(quads, 2)[taken[0]]), f"{reason}: cut it into triangles, and delete what is double")
+        reason = f"points {a} and {b} are opposite corners of the quad, and another face joins them"
+        raise obj.error(int(np.tile(quads, 2)[taken[0]]), f"{reason}: triangulate the quad, or delete that face")
 
 
 def _check_areas(obj: Obj, faces: Whole) -> None:

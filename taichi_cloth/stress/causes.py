@@ -105,9 +105,9 @@ def speed_later(trial: Trial) -> float:
 
 
 def another_rest(end: End) -> str:
-    """Springs that resist compression have more than one state of rest. Was the cloth in one of them?
+    """Springs that resist compression have more than one equilibrium. Was the cloth in one of them?
 
-    Newton's method in float64 goes on from there.
+    Newton's method in float64 relaxes it from there: its strain must stay.
     """
     if "strain" not in end.failure.what or outside(end.scene):
         return ""
@@ -119,21 +119,20 @@ def another_rest(end: End) -> str:
     except ArithmeticError:
         return ""
     stays = there > end.failure.bound and np.isclose(here, there, rtol=STAYS)
-    return f"its springs are at rest so too: in float64 they stay at a strain of {there:.3g}" if stays else ""
+    return (
+        f"another equilibrium of the same springs: relaxed in float64 from there, strain {there:.3g}" if stays else ""
+    )
 
 
 def rests_later(end: End) -> str:
-    """What damps the motion may need longer."""
-    if end.later > end.failure.bound / 2:
-        return ""
-    damping = end.scene.solver.damping
-    return f"a damping of {damping:g}/s needs longer: {end.later:.2g} m/s after five more seconds"
+    """Light damping may need more time than five seconds."""
+    return "" if end.later > end.failure.bound / 2 else f"at rest later: {end.later:.2g} m/s after five more seconds"
 
 
 def rounded(end: End) -> str:
-    """Substeps of explicit methods are as short as stiff springs ask for, and places are rounded in each.
+    """Stiff springs make explicit methods take short substeps, and every substep rounds positions to float32.
 
-    The same substeps in float64 go on from there, and come to rest where float32 does not.
+    The same substeps in float64 must come to rest from there.
     """
     solver = SOLVERS[end.unit.setting.solver.name]
     if AT_REST not in end.failure.what or not issubclass(solver, ExplicitSolver) or outside(end.scene):
@@ -144,7 +143,7 @@ def rounded(end: End) -> str:
         motion.frame()
         speed = float(np.sqrt((motion.v**2).sum(axis=0).max()))
         if speed <= end.failure.bound / 2:
-            return f"its places are rounded to float32: in float64 it comes to rest from there, {speed:.2g} m/s"
+            return f"rounding to float32: the same substeps in float64 come to rest, {speed:.2g} m/s"
     return ""
 
 
@@ -153,37 +152,36 @@ def too_few_iterations(end: End) -> str:
     if not SOLVERS[solver.name].iterates:
         return ""
     more = replace(solver, iterations=FINER * solver.iterations)
-    return alive_with(end, more, "its iterations end too early")
+    return alive_with(end, more, "too few iterations")
+
+
+def too_few_substeps(end: End) -> str:
+    more = replace(end.unit.setting.solver, substeps=FINER * end.substeps)
+    return alive_with(end, more, "too few substeps")
+
+
+def too_few_of_both(end: End) -> str:
+    solver = end.unit.setting.solver
+    if not SOLVERS[solver.name].iterates:
+        return ""
+    more = replace(solver, substeps=FINER * end.substeps, iterations=FINER * solver.iterations)
+    return alive_with(end, more, "too few substeps and iterations")
+
+
+def not_swept(end: End) -> str:
+    """A fast collider may pass particles within one substep."""
+    setting = end.unit.setting
+    if setting.swept or not any(getattr(end.scene, kind) for kind in COLLIDERS):
+        return ""
+    return "colliders are not swept: alive with `swept`" if alive(end, replace(setting, swept=True)) else ""
+
+
+EXPERIMENTS = (another_rest, rests_later, rounded, not_swept, too_few_iterations, too_few_substeps, too_few_of_both)
 
 
 def outside(scene: Scene) -> bool:
     """Whether more than springs, bending and weight act on its cloth."""
     return any(getattr(scene, kind) for kind in OUTSIDE)
-
-
-def too_long_substeps(end: End) -> str:
-    more = replace(end.unit.setting.solver, substeps=FINER * end.substeps)
-    return alive_with(end, more, "its substeps are too long")
-
-
-def both(end: End) -> str:
-    """Shorter substeps that are solved better."""
-    solver = end.unit.setting.solver
-    if not SOLVERS[solver.name].iterates:
-        return ""
-    more = replace(solver, substeps=FINER * end.substeps, iterations=FINER * solver.iterations)
-    return alive_with(end, more, "its substeps are too long, and their iterations end too early")
-
-
-def not_swept(end: End) -> str:
-    """Fast colliders go past particles in one substep."""
-    setting = end.unit.setting
-    if setting.swept or not any(getattr(end.scene, kind) for kind in COLLIDERS):
-        return ""
-    return "its colliders are not swept: alive where they are" if alive(end, replace(setting, swept=True)) else ""
-
-
-EXPERIMENTS = (another_rest, rests_later, rounded, not_swept, too_few_iterations, too_long_substeps, both)
 
 
 def alive_with(end: End, solver: Solver, why: str) -> str:

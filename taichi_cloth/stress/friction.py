@@ -58,7 +58,7 @@ def slope(trial: Trial, how: tuple[float, float]) -> None:
         speed = pull / float(trial.simulation.get("damping"))
         trial.settle(most_speed=speed + CALM_SPEED)
         behind = speed - float((trial.simulation.velocities() @ down).mean())
-        trial.tell("how much slower than a block [m/s]", behind, CALM_SPEED)
+        trial.tell("slower than a sliding block by [m/s]", behind, CALM_SPEED)
 
 
 def start_there(trial: Trial, places: Floats, up: Floats) -> None:

@@ -161,11 +161,11 @@ particle that a collider may touch to be hit by it in every frame.
 **Too slow** is a variant whose frames take more than {slow:.0f} ms (30 frames a second), by the median of the first
 five after compiling, unless its row says otherwise. It counts neither as alive nor as failed.
 
-**Causes** come from experiments on the start that failed. The cloth goes on from where it came to rest, by Newton's
-method in float64; or for five seconds more, by itself and by the same substeps in float64. Or one thing is changed, and
-that start and two others are alive: colliders are swept; a substep has {finer} times the iterations, a frame {finer}
-times the substeps, or both. A failure that no experiment mends is unexplained, and so is one that later breaks another
-bound, or breaks it by more.
+**Causes** come from experiments on the start that failed. Three continue it from where it failed: Newton's method in
+float64, five more seconds of the same run, and the same substeps in float64. The others repeat it and two more starts
+with one change: swept colliders, {finer} times the iterations, {finer} times the substeps, or both. The first
+experiment that ends well is the cause. A failure without one is unexplained, and so is one that later breaks another
+bound, or breaks the same one by more.
 
 `taichi-cloth stress --tear 0.5` runs the cases with sheets whose threads give way at that strain: without bending,
 which cannot be cut, and without `lines`, whose rows must be whole. Alive is the same there, but that a sheet that has

@@ -223,8 +223,8 @@ STRESS_JUDGE = [
     Mutation(
         "slide-may-stick",
         "stress/friction.py",
-        'trial.tell("how much slower than a block [m/s]", behind, CALM_SPEED)',
-        'trial.tell("how much slower than a block [m/s]", behind, 1e9)',
+        'trial.tell("slower than a sliding block by [m/s]", behind, CALM_SPEED)',
+        'trial.tell("slower than a sliding block by [m/s]", behind, 1e9)',
         (BOUNDS + "test_a_sheet_without_friction_slides",),
     ),
     Mutation(

@@ -50,13 +50,13 @@ def explained(unit: Unit) -> Cause:
 @pytest.mark.parametrize(
     ("holds", "shown"),
     [
-        (lambda trial: trial.setting.solver.iterations >= 8, "its iterations end too early: alive with 1×8"),
-        (lambda trial: trial.simulation.substeps >= 8, "its substeps are too long: alive with 8×1"),
+        (lambda trial: trial.setting.solver.iterations >= 8, "too few iterations: alive with 1×8"),
+        (lambda trial: trial.simulation.substeps >= 8, "too few substeps: alive with 8×1"),
         (
             lambda trial: trial.setting.solver.iterations * trial.simulation.substeps >= 64,
-            "its substeps are too long, and their iterations end too early: alive with 8×8",
+            "too few substeps and iterations: alive with 8×8",
         ),
-        (lambda trial: trial.setting.swept, "its colliders are not swept: alive where they are"),
+        (lambda trial: trial.setting.swept, "colliders are not swept: alive with `swept`"),
         (lambda trial: False, ""),
     ],
 )
@@ -154,9 +154,9 @@ def test_a_strain_that_float64_keeps_is_a_state_of_rest(monkeypatch: pytest.Monk
     """Here with a reference that takes any place to be at rest."""
     monkeypatch.setattr(causes, "rest_positions", lambda model: model.start)
     assert explained(unit_of(folded(0.3))).shown == (
-        "its springs are at rest so too: in float64 they stay at a strain of 0.3"
+        "another equilibrium of the same springs: relaxed in float64 from there, strain 0.3"
     )
-    assert "at rest" not in explained(unit_of(demands(lambda trial: False, "strain 5 s after"))).shown  # a collider
+    assert "equilibrium" not in explained(unit_of(demands(lambda trial: False, "strain 5 s after"))).shown  # a collider
 
 
 def test_a_sheet_that_was_put_at_one_point_comes_to_rest_in_a_knot() -> None:
@@ -173,7 +173,7 @@ def test_a_sheet_that_was_put_at_one_point_comes_to_rest_in_a_knot() -> None:
         trial.demand("strain 5 s after", trial.watch.strain, 0.04)
 
     shown = explained(unit_of(run, Setting("xpbd", Solver("xpbd", 60, 4, damping=0.0)))).shown
-    assert shown.startswith("its springs are at rest so too")
+    assert shown.startswith("another equilibrium of the same springs")
 
 
 # -- float32 -------------------------------------------------------------------------------------------
@@ -193,7 +193,7 @@ def swinging(damping: float) -> Callable[[Trial], None]:
 @pytest.mark.parametrize(("damping", "shown"), [(2.0, True), (0.0, False)])
 def test_what_swings_and_is_damped_comes_to_rest_later(damping: float, shown: bool) -> None:
     cause = explained(unit_of(swinging(damping), Setting("spring", Solver("spring", 10, 1, damping=0.0))))
-    assert cause.shown.startswith("a damping of 2/s needs longer: ") == shown
+    assert cause.shown.startswith("at rest later: ") == shown
     assert bool(cause.shown) == shown
 
 
@@ -204,7 +204,7 @@ def test_what_only_float64_brings_to_rest_was_rounded(
     """Here with a cloth that trembles for ever in float32; only explicit methods take the same steps."""
     monkeypatch.setattr(causes, "speed_later", lambda trial: 0.2)
     cause = explained(unit_of(swinging(damping), Setting(name, Solver(name, 10, 1, damping=0.0))))
-    assert cause.shown.startswith("its places are rounded to float32: in float64 it comes to rest") == bool(shown)
+    assert cause.shown.startswith("rounding to float32: ") == bool(shown)
 
 
 # -- kept ----------------------------------------------------------------------------------------------

@@ -270,7 +270,7 @@ def test_a_sheet_without_friction_slides(speed: float, broken: bool) -> None:
     trial = Sliding()
     try:
         VARIANTS[35, "μ = 0, 30°"](trial)
-        assert trial.broken == (["how much slower than a block [m/s]"] if broken else [])
+        assert trial.broken == (["slower than a sliding block by [m/s]"] if broken else [])
     finally:
         close()
 
