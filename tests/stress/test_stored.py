@@ -7,6 +7,7 @@ import pytest
 from taichi_cloth.stress import page
 from taichi_cloth.stress.choose import chosen
 from taichi_cloth.stress.origin import origin
+from taichi_cloth.stress.report import cells_of, counts
 from taichi_cloth.stress.store import Store, load
 
 ROOT = Path(__file__).parents[2]
@@ -21,6 +22,17 @@ def test_the_pages_are_those_of_the_stored_results(stored: Store, tmp_path: Path
     page.write_pages(tmp_path / "stability.md", stored)
     for name in ("stability.md", "stability_rows.md"):
         assert (ROOT / "docs" / name).read_text("utf-8") == (tmp_path / name).read_text("utf-8")
+
+
+def test_other_documents_count_the_same(stored: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    import stored as documents
+
+    words = documents.load("stability")
+    assert words is not None
+    found = {setting: dict(states) for setting, states in documents.survival(words).items()}
+    counted = counts(cells_of(stored)).items()
+    assert found == {setting: {state: n for state, n in states.items() if n} for setting, states in counted}
 
 
 def test_what_is_stored_is_of_these_cases(stored: Store) -> None:
