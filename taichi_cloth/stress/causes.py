@@ -18,13 +18,14 @@ from ..scene.model import COLLIDERS, FRAME_SECONDS, Solver
 from ..solvers import SOLVERS
 from ..solvers.base import ExplicitSolver
 from .setting import Setting
-from .trial import CALM_SECONDS, Trial, close
+from .trial import CALM_SECONDS, TooSlow, Trial, close
 from .unit import Failure, Result, Unit
 from .watch import Broken, Floats
 
 FINER = 8  # times as many iterations, or substeps
 SLACK = 0.01  # by how much another run may be worse and have the same cause, as a share
 AT_REST = "speed 5 s after"  # the bound of `Trial.settle`
+EXPERIMENT_SECONDS = 300.0  # of frames that one start of an experiment may take: ten sheets 64 times as fine take hours
 STARTS = 3  # from which a mended variant must be alive
 STAYS = 0.05  # by how much the largest strain may change where float64 takes a cloth to be at rest, as a share
 OUTSIDE = (*COLLIDERS, "ground", "wind", "limit", "self_collision")
@@ -46,11 +47,15 @@ class Cause:
         return alike and result.origin == self.origin
 
 
+@dataclass
 class Patient(Trial):
-    """However long a frame takes."""
+    """However long a frame takes, and no longer than so many seconds in all."""
+
+    seconds: float = inf
 
     def _check_time(self) -> None:
-        pass
+        if sum(self.times) > 1e3 * self.seconds:
+            raise TooSlow(self.times[-1], self.limit_ms)
 
 
 @dataclass(frozen=True)
@@ -196,11 +201,11 @@ def alive(end: End, setting: Setting) -> bool:
 
 
 def survives(unit: Unit, setting: Setting, seed: int) -> bool:
-    trial = Patient(setting, seed)
+    trial = Patient(setting, seed, seconds=EXPERIMENT_SECONDS)
     try:
         unit.variant.run(trial)
         trial.check_judged()
-    except Exception:  # it breaks a bound too, or cannot be run so
+    except Exception:  # it breaks a bound too, takes too long, or cannot be run so
         return False
     finally:
         close()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..bench.report import markdown_table
 from ..files import whole_file
-from .causes import FINER
+from .causes import EXPERIMENT_SECONDS, FINER
 from .report import (
     HEADINGS,
     LEGEND,
@@ -44,7 +44,7 @@ def main_page(store: Store, rows: str) -> list[str]:
     lines += [line for told in origin_lines(store) for line in (told, "")]
     lines += PAGE.format(
         robust=robust_words(), cells=CELLS, compression=ROBUST_SLACK.compression, damping=ROBUST_SLACK.solver.damping,
-        cases=len({case for case, _ in cells}), rows=rows, slow=SLOW_MS, finer=FINER,
+        cases=len({case for case, _ in cells}), rows=rows, slow=SLOW_MS, finer=FINER, experiment=EXPERIMENT_SECONDS,
     ).splitlines()  # fmt: skip
     notes = dict.fromkeys(f"- {r.case} {r.name}: {r.about}." for r in store.ordered() if r.about)
     lines += ["", "## Variants alive", "", *markdown_table(matrix(store, cells)), "", "## What fails, and why", ""]
@@ -164,8 +164,9 @@ five after compiling, unless its row says otherwise. It counts neither as alive 
 **Causes** come from experiments on the start that failed. Three continue it from where it failed: Newton's method in
 float64, five more seconds of the same run, and the same substeps in float64. The others repeat it and two more starts
 with one change: swept colliders, {finer} times the iterations, {finer} times the substeps, or both. The first
-experiment that ends well is the cause. A failure without one is unexplained, and so is one that later breaks another
-bound, or breaks the same one by more.
+experiment that ends well is the cause; one whose frames take more than {experiment:g} s for a start counts as one that
+does not. A failure without a cause is unexplained, and so is one that later breaks another bound, or breaks the same
+one by more.
 
 `taichi-cloth stress --tear 0.5` runs the cases with sheets whose threads give way at that strain: without bending,
 which cannot be cut, and without `lines`, whose rows must be whole. Alive is the same there, but that a sheet that has

@@ -230,9 +230,16 @@ STRESS_JUDGE = [
     Mutation(
         "experiment-believes-itself",
         "stress/causes.py",
-        "    except Exception:  # it breaks a bound too, or cannot be run so\n        return False\n",
-        "    except Exception:  # it breaks a bound too, or cannot be run so\n        return True\n",
+        "    except Exception:  # it breaks a bound too, takes too long, or cannot be run so\n        return False\n",
+        "    except Exception:  # it breaks a bound too, takes too long, or cannot be run so\n        return True\n",
         (CAUSES + "test_what_an_experiment_shows",),
+    ),
+    Mutation(
+        "experiment-without-a-limit",
+        "stress/causes.py",
+        "        if sum(self.times) > 1e3 * self.seconds:\n",
+        "        if False:\n",
+        (CAUSES + "test_an_experiment_that_takes_too_long_shows_nothing",),
     ),
     Mutation(
         "any-strain-is-at-rest",

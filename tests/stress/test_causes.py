@@ -87,6 +87,13 @@ def test_explicit_substeps_count_as_they_are_taken() -> None:
     assert taken[-1] == (8 * needed, 8 * needed)
 
 
+def test_an_experiment_that_takes_too_long_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    finer = demands(lambda trial: trial.setting.solver.iterations > ONE.solver.iterations)
+    assert explained(unit_of(finer)).shown
+    monkeypatch.setattr(causes, "EXPERIMENT_SECONDS", -1.0)
+    assert explained(unit_of(finer)).shown == ""
+
+
 def test_a_failure_that_does_not_repeat_has_no_cause() -> None:
     broken: list[int] = []
 
