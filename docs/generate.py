@@ -189,7 +189,7 @@ def validation_summary() -> str:
     return table(["solver", "rows", "pass", "excellent"], rows)
 
 
-VERDICTS = {"falls short": "fall short"}  # of many rows
+VERDICTS = {"falls short": "fall short"}  # of more rows than one
 
 
 def validation_line() -> str:
@@ -199,7 +199,9 @@ def validation_line() -> str:
     found = stored.verdicts(words)["all"]
     passed = sum(found[verdict] for verdict in stored.PASSED)
     shares = f"{passed / found.total():.1%} pass, {found['excellent'] / found.total():.1%} are excellent"
-    states = ", ".join(f"{count} {VERDICTS.get(verdict, verdict)}" for verdict, count in found.most_common())
+    states = ", ".join(
+        f"{count} {verdict if count == 1 else VERDICTS.get(verdict, verdict)}" for verdict, count in found.most_common()
+    )
     return f"{found.total()} rows: {shares} ({states})."
 
 

@@ -115,7 +115,7 @@ def test_a_case_fails_with_one_variant_and_has_to_have_run(results: Path, genera
 def test_rows_of_references_are_counted_by_verdict(results: Path, generate: ModuleType) -> None:
     write(results, "validation", VALIDATION)
     assert generate.validation_line() == (
-        "5 rows: 60.0% pass, 40.0% are excellent (2 excellent, 1 fall short, 1 pass, 1 too slow)."
+        "5 rows: 60.0% pass, 40.0% are excellent (2 excellent, 1 falls short, 1 pass, 1 too slow)."
     )
     assert generate.validation_summary().splitlines()[2:] == [
         "| all | 5 | 60.0% | 40.0% |",

@@ -25,7 +25,9 @@ from .watch import Broken, Floats
 FINER = 8  # times as many iterations, or substeps
 SLACK = 0.01  # by how much another run may be worse and have the same cause, as a share
 AT_REST = "speed 5 s after"  # the bound of `Trial.settle`
-EXPERIMENT_SECONDS = 300.0  # of frames that one start of an experiment may take: ten sheets 64 times as fine take hours
+EXPERIMENT_SECONDS = (
+    300.0  # limit on the frames of one start of an experiment; ten sheets with 64 times the iterations take hours
+)
 STARTS = 3  # from which a mended variant must be alive
 STAYS = 0.05  # by how much the largest strain may change where float64 takes a cloth to be at rest, as a share
 OUTSIDE = (*COLLIDERS, "ground", "wind", "limit", "self_collision")
@@ -49,9 +51,9 @@ class Cause:
 
 @dataclass
 class Patient(Trial):
-    """However long a frame takes, and no longer than so many seconds in all."""
+    """A trial without a limit on the time of a frame, and with one on that of all frames together."""
 
-    seconds: float = inf
+    seconds: float = inf  # [s] of all frames
 
     def _check_time(self) -> None:
         if sum(self.times) > 1e3 * self.seconds:

@@ -164,9 +164,9 @@ five after compiling, unless its row says otherwise. It counts neither as alive 
 **Causes** come from experiments on the start that failed. Three continue it from where it failed: Newton's method in
 float64, five more seconds of the same run, and the same substeps in float64. The others repeat it and two more starts
 with one change: swept colliders, {finer} times the iterations, {finer} times the substeps, or both. The first
-experiment that ends well is the cause; one whose frames take more than {experiment:g} s for a start counts as one that
-does not. A failure without a cause is unexplained, and so is one that later breaks another bound, or breaks the same
-one by more.
+experiment that ends well gives the cause. An experiment whose frames take more than {experiment:g} s for one start is
+stopped and gives none. A failure without a cause is unexplained, and so is one that later breaks another bound, or
+breaks the same one by more.
 
 `taichi-cloth stress --tear 0.5` runs the cases with sheets whose threads give way at that strain: without bending,
 which cannot be cut, and without `lines`, whose rows must be whole. Alive is the same there, but that a sheet that has
