@@ -28,7 +28,7 @@ help:
 	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
 	@echo "make bounds the tests of kernels and contact with every index checked (minutes)"
 	@echo "make long   the tests that take minutes, of which \`make test\` has a short form or none; writes tests/long_result.toml"
-	@echo "make mutants  puts one fault after another into a copy of the program: a test must fail (ONLY=NAME: that one)"
+	@echo "make mutants  puts one fault after another into a copy of the program: a test must fail; writes tests/mutants_result.toml (ONLY=NAME: that one alone, and nothing is written)"
 	@echo "make lint   ruff and mypy"
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
 	@echo "make results  the same and the goals' figures, stored in $(RESULTS), and docs/ brought up to date (MACHINE=name)"
@@ -78,25 +78,29 @@ bench: .venv/ready
 
 results: .venv/tools
 	mkdir -p $(RESULTS)
-	$(BIN)/taichi-cloth bench --json $(RESULTS)/bench.json --csv $(RESULTS)/bench.csv --force
-	$(BIN)/taichi-cloth bench --goals --json $(RESULTS)/goals.json --force
-	$(BIN)/python docs/generate.py
+	$(BIN)/taichi-cloth bench --json $(RESULTS)/bench.json --csv $(RESULTS)/bench.csv --force \
+		&& $(BIN)/taichi-cloth bench --goals --json $(RESULTS)/goals.json --force; ended=$$?; \
+		$(BIN)/python docs/generate.py && exit $$ended
 
 validate: .venv/ready
 	$(BIN)/taichi-cloth ablate $(SCENES) round --markdown docs/scenes.md --force
-	$(BIN)/taichi-cloth validate --json $(RESULTS)/validation.json --markdown docs/validation.md --force
+	$(BIN)/taichi-cloth validate --json benchmarks/results/validation.json --markdown docs/validation.md --force
 
 # What is stored of the same program is not run again: a run that was broken off goes on, on another machine too, and
-# each result says where it was made.
-stress: .venv/ready
-	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --explain --markdown docs/stability.md --force
+# each result says where it was made. The documents that quote it are brought up to date whatever the command's exit
+# status, which is make's; that takes Pillow, which is among the tools.
+stress: .venv/tools
+	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --explain --markdown docs/stability.md --force; \
+		ended=$$?; $(BIN)/python docs/generate.py && exit $$ended
 
 # Scenes that the float64 reference does not cover; docs/scene_errors.md says why.
 NO_REFERENCE := fold poles stack tear twist
-errors: .venv/ready
-	$(BIN)/taichi-cloth bench --error --full --csv assets/error.csv --plot docs/pictures --force
-	$(BIN)/taichi-cloth bench --error $(addprefix --scene ,$(filter-out $(NO_REFERENCE),$(SCENES) round)) \
-		--json $(RESULTS)/scene_errors.json --markdown docs/scene_errors.md --force
+errors: .venv/tools
+	mkdir -p $(RESULTS)
+	$(BIN)/taichi-cloth bench --error --full --csv assets/error.csv --json $(RESULTS)/error.json --plot docs/pictures --force \
+		&& $(BIN)/taichi-cloth bench --error $(addprefix --scene ,$(filter-out $(NO_REFERENCE),$(SCENES) round)) \
+		--json $(RESULTS)/scene_errors.json --markdown docs/scene_errors.md --force; ended=$$?; \
+		$(BIN)/python docs/generate.py && exit $$ended
 
 neighbours: .venv/tools
 	$(BIN)/python benchmarks/neighbours/run.py

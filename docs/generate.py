@@ -6,6 +6,7 @@ program, from the fabrics' files, or from stored results (`stored.py`). `tests/t
 
 from __future__ import annotations
 
+import csv
 import inspect
 import re
 import runpy
@@ -25,6 +26,7 @@ from taichi_cloth.measure.cloth import Measures
 from taichi_cloth.scene import key_table
 from taichi_cloth.scene.model import PRESET_NAMES, USUAL, parts
 from taichi_cloth.scene.presets import load_preset
+from taichi_cloth.stress.setting import ROBUST
 
 DOCS = Path(__file__).parent
 BLOCK = re.compile(r"(<!-- generated: ([a-z_]+)(?: ([a-z0-9_-]+))? -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -72,6 +74,65 @@ def usual_row(scene: str, solver: str) -> list[str]:
     return (usual or rows)[0]
 
 
+# -- where stored results were made ------------------------------------------------------------------------
+
+
+NO_DATE = "date not stored"
+
+
+def made(words: stored.Words) -> str:
+    """The machine, the versions and the day of a run, in one line."""
+    return f"{stored.machine_of(words)} · {words.get('date') or NO_DATE}"
+
+
+def made_units(words: stored.Words) -> str:
+    """The machines and the days of a run whose results each say so: it may go on elsewhere."""
+    machines = dict.fromkeys(row["machine"] for row in words["results"] if row.get("machine"))
+    days = sorted({row["date"][:10] for row in words["results"] if row.get("date")})
+    told = " and ".join(machines or [stored.machine_of(words)])
+    when = " to ".join(dict.fromkeys((days[0], days[-1]))) if days else NO_DATE
+    return f"{told} · {when}" + (" (some results are of an older program)" if words.get("older") else "")
+
+
+def made_curtains() -> str:
+    """Of assets/error.csv, which has room for numbers only: what the JSON says that was written with it."""
+    words = stored.load("error")
+    with stored.ERRORS.open(encoding="utf-8", newline="") as file:
+        rows = [float(row["median_ms"]) for row in csv.DictReader(file)]
+    if words is None or [point["median_ms"] for point in words["points"]] != rows:
+        return "machine and date not stored in assets/error.csv"
+    return made(words)
+
+
+def made_lines(*commands: str) -> str:
+    """Where the runs of these commands were made, in one paragraph: what has no stored run is left out."""
+    found = []
+    for command in commands:
+        if command == "bench --error":
+            found.append(f"`{command}`: {made_curtains()}")
+            continue
+        name, tell = RUNS[command]
+        words = stored.load(name)
+        if words is not None:
+            found.append(f"`{command}`: {tell(words)}")
+    return f"Runs: {'; '.join(found)}." if found else ""
+
+
+# The name of the file that a command writes, and how that file says where it was made.
+RUNS: dict[str, tuple[str, Callable[[stored.Words], str]]] = {
+    "bench": ("bench", made),
+    "bench --goals": ("goals", made),
+    "bench --error --scene": ("scene_errors", made),
+    "validate": ("validation", made),
+    "stress": ("stability", made_units),
+}
+
+
+def with_origin(text: str, *commands: str) -> str:
+    """A block, and below it where its figures were measured."""
+    return "\n\n".join(filter(None, (text, made_lines(*commands))))
+
+
 # -- the blocks ----------------------------------------------------------------------------------------
 
 
@@ -82,9 +143,76 @@ def choosing() -> str:
         measured = [usual_row(scene, solver) for scene in scenes]
         cells = [f"{row[0].removeprefix(solver).strip()}: {row[1]}\N{NO-BREAK SPACE}ms, {row[2]}" for row in measured]
         rows.append([f"[`{solver}`](solvers/{solver}.md)", *cells, falls_short(solver), survives(solver)])
-    return table(
+    found = table(
         ["solver", *(f"`{scene}`" for scene in scenes), "references it falls short of", "hard cases alive"], rows
     )
+    robust = f"Hard cases that the recommended setting `{ROBUST.name}` survives: {survives(ROBUST.name)}."
+    return with_origin(f"{found}\n\n{robust}", "bench --error --scene", "validate", "stress")
+
+
+# -- how far a usual setting is from the answer --------------------------------------------------------
+
+HELD = ("A3.1", "A2.5")  # sheets in equilibrium under their weight: told of every solver
+BESIDE = ("A5.1", "A6.2")  # told where a solver falls short
+
+
+def unfinished() -> str:
+    return "\n".join(f"- [`{name}`](solvers/{name}.md): {distance(name)}" for name in USUAL)
+
+
+def distance(solver: str) -> str:
+    """One sentence: how far the usual setting of a solver is from exact values, by its worst row of each reference."""
+    words = stored.load("validation")
+    if words is None:
+        return "how far the usual setting is from exact values: no run is stored."
+    said = []
+    for number in (*HELD, *BESIDE):
+        rows = [row for row in words["rows"] if (row["reference"], row["solver"]) == (number, solver)]
+        if rows and (number in HELD or any(row["verdict"] not in stored.PASSED for row in rows)):
+            said.append(farthest(rows))
+    setting = stored.setting_of({"solver": solver, "substeps": USUAL[solver][0], "iterations": USUAL[solver][1]})
+    more = ", or as many substeps as stability asks for" if solver in EXPLICIT else ""
+    heading = f"at its usual setting ({setting}{more}) it is off the exact values by"
+    return f"{heading} {'; '.join(said)}." if said else f"{heading} nothing that these references measure."
+
+
+EXPLICIT = ("spring", "rk4")
+
+
+def farthest(rows: list[stored.Words]) -> str:
+    """Of a reference: the row that is farthest from its exact value, and how many rows nobody knows."""
+    known = [(row["measured"] / row["exact"] - 1, row) for row in rows if row["measured"] is not None]
+    title = f"{rows[0]['reference']} {rows[0]['name']}"
+    told = [title]
+    if known:
+        share, row = max(known, key=lambda one: abs(one[0]))
+        passed = "" if row["verdict"] in stored.PASSED else ", falls short"
+        what = re.sub(r" ?\[[^]]*\]$", "", row["what"])  # without its unit
+        told = [f"{signed(share)} in {title} (*{what}*{passed})"]
+    if slow := len(rows) - len(known):
+        told.append(f"{slow} of {len(rows)} rows too slow to be known")
+    return ", ".join(told)
+
+
+def signed(share: float) -> str:
+    return ("−" if share < 0 else "+") + stored.per_cent(abs(share))
+
+
+def bar() -> str:
+    """Which solvers hold too little on a bar: ends that slip at a smaller ratio than the capstan law has."""
+    words = stored.load("validation")
+    if words is None:
+        return "Friction round a bar: no run is stored."
+    rows = [row for row in words["rows"] if row["reference"] == "A7.4"]
+    said = []
+    for name in dict.fromkeys(row["solver"] for row in rows):
+        own = [row for row in rows if row["solver"] == name]
+        missed = [row for row in own if row["verdict"] not in stored.PASSED and row["measured"] is not None]
+        short = [share for row in missed if (share := row["measured"] / row["exact"] - 1) < 0]
+        if short:
+            worst = min(short)
+            said.append(f"`{name}` in {len(short)} of {len(own)} rows, by up to {signed(worst)}")
+    return f"Too weak: {'; '.join(said) or 'none'}."
 
 
 def falls_short(solver: str) -> str:
@@ -113,6 +241,10 @@ On the shipped scenes, against the float64 reference ([scene_errors.md](../scene
 side:
 
 {errors}
+
+{made_lines("bench --error --scene", "validate", "stress")}
+
+How far from converged: {distance(name)}
 
 {references(name)}
 
@@ -174,7 +306,7 @@ def stability_summary() -> str:
     states = [stored.ALIVE, stored.FAILED, stored.SLOW, stored.NOT_RUN]
     order = sorted(found, key=lambda name: not name.startswith("robust"))
     rows = [[f"`{name}`", *(f"{found[name][state]}" for state in states)] for name in order]
-    return table(["setting", *states], rows)
+    return with_origin(table(["setting", *states], rows), "stress")
 
 
 def validation_summary() -> str:
@@ -186,7 +318,7 @@ def validation_summary() -> str:
         passed = sum(found[verdict] for verdict in stored.PASSED)
         shares = [f"{passed / found.total():.1%}", f"{found['excellent'] / found.total():.1%}"]
         rows.append([name if name == "all" else f"`{name}`", f"{found.total()}", *shares])
-    return table(["solver", "rows", "pass", "excellent"], rows)
+    return with_origin(table(["solver", "rows", "pass", "excellent"], rows), "validate")
 
 
 VERDICTS = {"falls short": "fall short"}  # of more rows than one
@@ -202,7 +334,7 @@ def validation_line() -> str:
     states = ", ".join(
         f"{count} {verdict if count == 1 else VERDICTS.get(verdict, verdict)}" for verdict, count in found.most_common()
     )
-    return f"{found.total()} rows: {shares} ({states})."
+    return with_origin(f"{found.total()} rows: {shares} ({states}).", "validate")
 
 
 def solvers() -> str:
@@ -213,9 +345,10 @@ def solvers() -> str:
         best = min(points, key=lambda row: float(row["max_error"]))
         cells = [at(stored.fastest(points, 0.01)), f"{at(best)}, {stored.per_cent(best['max_error'])}"]
         rows.append([f"[`{name}`](docs/solvers/{name}.md)", what, *cells])
-    return table(
+    found = table(
         ["`--solver`", "method", "fastest that is 1 % wrong at most", "most accurate, and its largest error"], rows
     )
+    return with_origin(found, "bench --error")
 
 
 # As README puts them.
@@ -236,9 +369,8 @@ def at(row: stored.Words | None) -> str:
 
 def goals() -> str:
     timed = [*(stored.load("bench") or {"rows": []})["rows"], *(stored.load("goals") or {"sheets": []})["sheets"]]
-    return stored.disturbed(timed) + table(
-        ["goal", "good", "excellent", "stored figure", "reached"], [goal.cells() for goal in GOALS]
-    )
+    found = table(["goal", "good", "excellent", "stored figure", "reached"], [goal.cells() for goal in GOALS])
+    return with_origin(stored.disturbed(timed) + found, "bench", "bench --goals", "bench --error")
 
 
 BENCH_COLUMNS = {
@@ -266,7 +398,7 @@ def frames() -> str:
             [row["scene"], f"`{row['solver']}`", row["path"], f"{row['columns']}×{row['rows']}", setting, *figures]
         )
     header = ["scene", "solver", "path", "grid", "n×m", *(title for title, _ in BENCH_COLUMNS.values())]
-    return f"{stored.machine_of(words)}\n\n{stored.disturbed(words['rows'])}{table(header, rows)}"
+    return f"{made(words)}\n\n{stored.disturbed(words['rows'])}{table(header, rows)}"
 
 
 def sheets() -> str:
@@ -284,7 +416,7 @@ def sheets() -> str:
         ]
         rows.append([row["name"], f"`{row['method']}`", f"{row['frames']}", f"{row['median_ms']:.1f}", *errors])
     header = ["sheet", "method", "frames", "ms", "error rms", "largest", "in doubt by", "strain"]
-    return f"{stored.machine_of(words)}\n\n{stored.disturbed(words['sheets'])}{table(header, rows)}"
+    return f"{made(words)}\n\n{stored.disturbed(words['sheets'])}{table(header, rows)}"
 
 
 def knee() -> str:
@@ -299,7 +431,8 @@ def knee() -> str:
                 rows.append(
                     [f"{cells}×{cells}", f"`{name}`", *found, f"{at(best)}, {stored.per_cent(best['max_error'])}"]
                 )
-    return table(["cells", "solver", "1 %", "0.1 %", "0.001 %", "most accurate, and its largest error"], rows)
+    found = table(["cells", "solver", "1 %", "0.1 %", "0.001 %", "most accurate, and its largest error"], rows)
+    return with_origin(found, "bench --error")
 
 
 def keys() -> str:
@@ -396,6 +529,8 @@ BLOCKS: dict[str, Callable[..., str]] = {
     for f in (
         *(
             choosing,
+            unfinished,
+            bar,
             solver,
             nobody,
             stability_summary,

@@ -1,6 +1,7 @@
 """Results that lie in the repository, written by the commands: benchmarks/results/*.json, and assets/error.csv.
 
-Those of one machine are in a folder with its name.
+Times are in a folder with the name of their machine; stability.json and validation.json are of any machine, and say
+which.
 
 Everything returns None or nothing where no run is stored, and documents then say so.
 """
@@ -27,8 +28,10 @@ Words = dict[str, Any]
 
 
 def load(name: str) -> Words | None:
-    """What a command wrote. Where several machines have such a file, that of the first by name."""
-    for path in sorted(RESULTS.rglob(f"{name}.json")):
+    """What a command wrote: the file for all machines, else, where several have one, that of the first by name."""
+    for path in (RESULTS / f"{name}.json", *sorted(RESULTS.glob(f"*/{name}.json"))):
+        if not path.exists():
+            continue
         words: Words = json.loads(path.read_text(encoding="utf-8"))
         return words
     return None

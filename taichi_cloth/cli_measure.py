@@ -246,6 +246,7 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     from .progress import steps_progress
     from .stress import running, store
     from .stress.choose import chosen
+    from .stress.setting import ROBUST_SLACK
 
     for flag in ("resume", "explain"):
         if getattr(args, flag) and not args.json:
@@ -261,11 +262,12 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     kept = store.Store.new(args.json, whole)
     if args.resume and args.json.is_file():
         kept = kept.continued(store.load(args.json))
-    left = kept.left(units, args.starts)
+    needed = units if args.solver else [unit for unit in units if kept.is_needed(unit.key)]
+    left = kept.left(needed, args.starts)
     seconds = {key: result.seconds for key, result in kept.results.items()}
     if known := [seconds[unit.key] for unit in left if unit.key in seconds]:
         hours = sum(known) / len(known) * len(left) / min(running.CORES, len(left)) / 3600
-        print(f"{len(left)} of {len(units)} variants to run: about {hours:.1f} hours", flush=True)
+        print(f"{len(left)} of {len(needed)} variants to run: about {hours:.1f} hours", flush=True)
 
     def starts(unit: Unit) -> list[tuple[int, int]]:
         return [(0, args.seed)] if args.seed is not None else unit.starts(args.starts)
@@ -276,8 +278,11 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
             kept.add(result)
             on_step(f"{result.case} {result.name}, {result.variant}, {result.setting}: {result.state}")
 
-        if left:
-            running.run_all(running.dearest_first(left, seconds), starts, args.pictures, keep)
+        # What another material changes is known to be needed once all others ran.
+        slack = [unit for unit in left if unit.setting.name == ROBUST_SLACK.name]
+        for some in ([unit for unit in left if unit not in slack], slack):
+            if now := [unit for unit in some if args.solver or kept.is_needed(unit.key)]:
+                running.run_all(running.dearest_first(now, seconds), starts, args.pictures, keep)
     if args.explain:
         explain(kept, units)
     return kept, kept.of(units)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import string
 import subprocess
 import sys
@@ -117,8 +118,8 @@ QUOTED = {
     "README.md": {"solvers", "validation_line", "stability_summary"},
     "docs/performance.md": {"goals", "frames", "sheets"},
     "docs/accuracy.md": {"validation_summary", "knee"},
-    "docs/limits.md": {"stability_summary", "nobody"},
-    "docs/choosing.md": {"choosing"},
+    "docs/limits.md": {"bar", "stability_summary", "nobody"},
+    "docs/choosing.md": {"choosing", "unfinished"},
 }
 
 
@@ -155,7 +156,7 @@ def test_the_readme_is_short_and_tells_the_springs_that_there_are() -> None:
 
 FIGURE = re.compile(
     r"\b\d[\d.]*e[-−]?\d+\b|(?<![\w.×])[−-]?\d[\d.,]*[\s\N{NO-BREAK SPACE}]?"
-    r"(?:ms|µs|ns|%|[kMG]B|times|per cent|pictures a second|×)(?!\w|[\s\N{NO-BREAK SPACE}]?\d)"
+    r"(?:ms|µs|ns|%|[kMG]B|[KMG]iB|times|per cent|pictures a second|×)(?!\w|[\s\N{NO-BREAK SPACE}]?\d)"
 )
 # Pages that a command writes as a whole, and the page that says that its figures are nobody's results.
 WRITTEN = {
@@ -193,6 +194,8 @@ def test_no_figure_is_written_by_hand(document: Path) -> None:
 def test_a_figure_that_is_written_by_hand_is_found() -> None:
     text = "it takes 0.53 ms at 5×12, 3.4 times C, 2 % more, to 4e-5\n"
     assert figures(text) == ["0.53 ms", "3.4 times", "2 %", "4e-5"]
+    memory = "0.2 MiB, 12 MB, 5 kB, 1.5\N{NO-BREAK SPACE}GiB and 3KiB"
+    assert figures(memory) == ["0.2 MiB", "12 MB", "5 kB", "1.5\N{NO-BREAK SPACE}GiB", "3KiB"]
     assert figures("<!-- generated: goals -->\n9 ms\n<!-- end -->\n```sh\n7 ms\n```\nin 5 s") == []
 
 
@@ -225,6 +228,34 @@ def test_every_strip_is_drawn_and_small(generate: ModuleType) -> None:
 def test_the_gallery_shows_every_scene() -> None:
     rows = re.findall(r"^\| \[!.*\| `([\w-]+)` \| (.+) \|$", text_of(DOCS / "gallery.md"), re.MULTILINE)
     assert rows == [(name, tc.load_scene(name).title) for name in tc.scene_names()], "run: make screenshots"
+
+
+# -- commands that store results -----------------------------------------------------------------------
+
+STORING = {"stress": ["stress"], "errors": ["bench", "bench"], "results": ["bench", "bench"]}
+
+
+def fake_programs(folder: Path, status: int) -> None:
+    """`taichi-cloth` and `python` that only write down what they are told; the former ends with a status."""
+    for name, ended in (("taichi-cloth", status), ("python", 0)):
+        file = folder / name
+        file.write_text(f'#!/bin/sh\necho "{name} $*" >> "{folder}/told"\nexit {ended}\n', encoding="utf-8")
+        file.chmod(0o755)
+
+
+@pytest.mark.skipif(shutil.which("make") is None or sys.platform == "win32", reason="needs make and a shell")
+@pytest.mark.parametrize("status", [0, 3])
+@pytest.mark.parametrize("target", STORING)
+def test_documents_are_brought_up_to_date_whatever_the_command_says(target: str, status: int, tmp_path: Path) -> None:
+    fake_programs(tmp_path, status)
+    given = [f"BIN={tmp_path}", f"RESULTS={tmp_path}", "PYTHON=python"]
+    command = ["make", "-o", ".venv/ready", "-o", ".venv/tools", *given, target]
+    done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, encoding="utf-8")
+    told = [line.split()[:2] for line in (tmp_path / "told").read_text(encoding="utf-8").splitlines()]
+    ran = STORING[target] if status == 0 else STORING[target][:1]
+    assert told == [*(["taichi-cloth", name] for name in ran), ["python", "docs/generate.py"]], done.stderr
+    assert (done.returncode == 0) == (status == 0)
+    assert (f"Error {status}" in done.stderr) == (status != 0)
 
 
 # -- what is to be typed -------------------------------------------------------------------------------

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -82,12 +84,13 @@ def write(folder: Path, name: str, words: Words) -> None:
 
 
 def test_without_a_stored_run_documents_say_so(generate: ModuleType) -> None:
-    for block in ("stability_summary", "validation_summary", "validation_line", "nobody", "frames", "sheets"):
+    for block in ("stability_summary", "validation_summary", "validation_line", "nobody", "frames", "sheets", "bar"):
         assert "o run is stored" in generate.BLOCKS[block](), block
+    assert generate.unfinished().count("no run is stored") == len(generate.USUAL)
     assert "no run is stored" in generate.choosing()
     assert generate.goals().count("not measured") > 10
     for solver in generate.USUAL:
-        assert generate.solver(solver).count("no run is stored") == 2
+        assert generate.solver(solver).count("no run is stored") == 3
 
 
 def test_a_case_fails_with_one_variant_and_has_to_have_run(results: Path, generate: ModuleType) -> None:
@@ -98,6 +101,8 @@ def test_a_case_fails_with_one_variant_and_has_to_have_run(results: Path, genera
         "| `robust` | 1 | 0 | 0 | 1 |",
         "| `xpbd` | 0 | 1 | 1 | 0 |",
         "| `spring` | 0 | 0 | 0 | 1 |",
+        "",
+        "Runs: `stress`: a machine · date not stored.",
     ]
     assert generate.hard_cases("xpbd").splitlines() == [
         "Cases that break cloth ([stability](../stability.md)) and that it survives: 0 of 2.",
@@ -114,10 +119,12 @@ def test_a_case_fails_with_one_variant_and_has_to_have_run(results: Path, genera
 
 def test_rows_of_references_are_counted_by_verdict(results: Path, generate: ModuleType) -> None:
     write(results, "validation", VALIDATION)
-    assert generate.validation_line() == (
-        "5 rows: 60.0% pass, 40.0% are excellent (2 excellent, 1 falls short, 1 pass, 1 too slow)."
-    )
-    assert generate.validation_summary().splitlines()[2:] == [
+    assert generate.validation_line().splitlines() == [
+        "5 rows: 60.0% pass, 40.0% are excellent (2 excellent, 1 falls short, 1 pass, 1 too slow).",
+        "",
+        "Runs: `validate`: one · 2 cores · date not stored.",
+    ]
+    assert generate.validation_summary().splitlines()[2:5] == [
         "| all | 5 | 60.0% | 40.0% |",
         "| `xpbd` | 3 | 66.7% | 33.3% |",
         "| `spring` | 2 | 50.0% | 50.0% |",
@@ -125,6 +132,77 @@ def test_rows_of_references_are_counted_by_verdict(results: Path, generate: Modu
     assert generate.references("xpbd").splitlines()[-1] == "| A1 fall | 1 of 2 | 0.25 |"
     assert generate.references("spring").splitlines()[-1] == "| A2 fall | 1 of 1 | inf |"
     assert generate.falls_short("xpbd") == "1 of 2"
+
+
+def exact(number: str, solver: str, what: str, verdict: str, exact: float, measured: float | None) -> Words:
+    found = {"reference": number, "name": "sheet", "solver": solver, "what": what, "verdict": verdict}
+    return found | {"exact": exact, "measured": measured, "error": None}
+
+
+def test_how_far_a_usual_setting_is_off_is_told_by_the_worst_row(results: Path, generate: ModuleType) -> None:
+    rows = [
+        exact("A3.1", "xpbd", "16 rows: longer by [m]", "excellent", 2.0, 2.0002),
+        exact("A3.1", "xpbd", "128 rows: longer by [m]", "falls short", 2.0, 4.4),
+        exact("A3.1", "lines", "16 rows: longer by [m]", "excellent", 2.0, 1.999),
+        exact("A3.1", "lines", "128 rows: longer by [m]", "too slow", 2.0, None),
+        exact("A5.1", "xpbd", "on the bias [N/m]", "falls short", 100.0, 86.0),
+        exact("A5.1", "xpbd", "along the warp [N/m]", "pass", 100.0, 101.0),
+        exact("A5.1", "lines", "on the bias [N/m]", "pass", 100.0, 98.1),
+        exact("A2.5", "rk4", "sag [m]", "too slow", 1.0, None),
+        exact("A9.9", "spring", "no such reference", "falls short", 1.0, 9.0),
+    ]
+    write(results, "validation", {"machine": "a machine", "rows": rows})
+    off = "it is off the exact values by"
+    space = "\N{NO-BREAK SPACE}"
+    substeps, iterations = generate.USUAL["xpbd"]
+    assert generate.distance("xpbd") == (
+        f"at its usual setting ({substeps}×{iterations}) {off} +120{space}% in A3.1 sheet (*128 rows: longer by*, falls"
+        f" short); −14{space}% in A5.1 sheet (*on the bias*, falls short)."
+    )
+    assert generate.distance("lines").endswith(
+        f"{off} −0.05{space}% in A3.1 sheet (*16 rows: longer by*), 1 of 2 rows too slow to be known."
+    )
+    assert generate.distance("rk4").endswith(f"{off} A2.5 sheet, 1 of 1 rows too slow to be known.")
+    assert generate.distance("spring").endswith(f"{off} nothing that these references measure.")
+
+
+def test_too_little_friction_round_a_bar_is_what_slips_too_early(results: Path, generate: ModuleType) -> None:
+    rows = [
+        exact("A7.4", "verlet", "μ = 0.1", "falls short", 2.0, 1.5),
+        exact("A7.4", "verlet", "μ = 0.3", "falls short", 4.0, 1.0),
+        exact("A7.4", "xpbd", "μ = 0.1", "pass", 2.0, 1.9),
+        exact("A7.4", "spring", "μ = 0.1", "falls short", 2.0, 2.9),
+        exact("A7.4", "rk4", "μ = 0.1", "too slow", 2.0, None),
+    ]
+    write(results, "validation", {"machine": "a machine", "rows": rows})
+    assert generate.bar() == "Too weak: `verlet` in 2 of 2 rows, by up to −75\N{NO-BREAK SPACE}%."
+
+
+def test_a_run_says_where_and_when_it_was_made(results: Path, generate: ModuleType) -> None:
+    from taichi_cloth.bench import report
+
+    report.write_json(results / "bench.json", [], [], {})
+    today = datetime.now(UTC).date().isoformat()
+    assert generate.frames().splitlines()[0] == " · ".join([*report.machine().values(), today])
+    units = [variant(1, "stiffness", "1 N/m", "xpbd") | {"machine": one, "date": day} for one, day in MADE]
+    write(results, "stability", STABILITY | {"results": units, "older": 1})
+    told = generate.made_lines("bench --goals", "stress")
+    assert told == "Runs: `stress`: one and two · 2026-01-02 to 2026-01-04 (some results are of an older program)."
+
+
+MADE = (("one", "2026-01-04 09:00"), ("two", "2026-01-02 23:59"), ("one", "2026-01-03 00:00"))
+
+
+def test_the_curtains_are_of_the_run_whose_times_they_have(results: Path, generate: ModuleType) -> None:
+    import stored
+
+    with stored.ERRORS.open(encoding="utf-8", newline="") as file:
+        points = [{"median_ms": float(row["median_ms"])} for row in csv.DictReader(file)]
+    assert generate.made_curtains() == "machine and date not stored in assets/error.csv"
+    write(results, "error", {"machine": "a machine", "date": "2026-01-02", "points": points})
+    assert generate.made_curtains() == "a machine · 2026-01-02"
+    write(results, "error", {"machine": "a machine", "points": points[1:]})
+    assert generate.made_curtains() == "machine and date not stored in assets/error.csv"
 
 
 @pytest.mark.parametrize(

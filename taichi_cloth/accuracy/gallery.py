@@ -24,7 +24,7 @@ from ..files import whole_file
 from ..mesh.from_scene import particles_of
 from ..reference.solution import Solution, distances, solve, without_solution
 from ..scene import load_scene, scene_names
-from ..scene.model import Camera, Look, Scene
+from ..scene.model import USUAL, Camera, Look, Scene
 from ..scene_stages import unfit_for
 from ..simulation import Simulation
 from ..solvers import SOLVERS
@@ -33,14 +33,17 @@ from .kept import kept
 
 FRAMES = 120
 VERLET = "`verlet` has shares of 0…1 for constants: it is wrong by its model too."
-# (substeps, iterations) beside the scene's own; (1, 1) for methods that take what they need.
+# (substeps, iterations) beside the scene's own, the usual ones among them; (1, 1) for methods that take what they need.
 SETTINGS = {
     "verlet": ((5, 12), (20, 12)),
-    "xpbd": ((5, 12), (30, 1), (20, 12)),
-    "lines": ((5, 1), (20, 1)),
+    "xpbd": (USUAL["xpbd"], (5, 12), (30, 1), (20, 12)),
+    "lines": (USUAL["lines"], (5, 1), (20, 1)),
     "spring": ((1, 1),),
     "rk4": ((1, 1),),
-    "projective": ((5, 10),),
+    "projective": (
+        USUAL["projective"],
+        (5, 10),
+    ),
 }
 
 

@@ -9,6 +9,7 @@ import os
 import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,7 @@ def write_json(path: Path, rows: Sequence[Row], stages: Sequence[StageRow], miss
     """All there is. Raises OSError."""
     everything: dict[str, Any] = {
         "machine": machine(),
+        "date": datetime.now(UTC).date().isoformat(),
         "rows": [asdict(row) for row in rows],
         "stages": [asdict(stage) for stage in stages],
         "missing": missing,

@@ -75,6 +75,7 @@ CASES = (
         "paused",
         "100 pictures at one time through clock, session and drawing; equal bits, then and a second later",
         (Variant("100 pictures", rates.paused),),
+        note="a clock that has moved by nothing lets no frame run: a substep of 0 s is never made",
     ),
     Case(
         7,

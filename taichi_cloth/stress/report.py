@@ -69,6 +69,11 @@ def counts(cells: Cells) -> dict[str, dict[str, int]]:
     return found
 
 
+def alive_with_any(cells: Cells, settings: Sequence[str]) -> int:
+    """How many cases one of the settings survives at least."""
+    return len({case for (case, setting), cell in cells.items() if setting in settings and cell.state == ALIVE})
+
+
 def count_line(cells: Cells) -> str:
     return " · ".join(
         f"{setting} " + ", ".join(f"{number} {state}" for state, number in found.items() if number or state != NOT_RUN)
@@ -95,9 +100,15 @@ def row(result: Result) -> tuple[str, ...]:
         f"{result.speed:.3g}",
         f"{1e3 * result.penetration:.2g}",
         str(result.frames),
-        f"{result.ms if result.slow_ms is None else result.slow_ms:.2f}",
+        shown_ms(result),
         besides(result),
     )
+
+
+def shown_ms(result: Result) -> str:
+    """Of a frame; none where no frame ran after the first, which compiles."""
+    ms = result.ms if result.slow_ms is None else result.slow_ms
+    return f"{ms:.2f}" if ms else "-"
 
 
 def failure_line(result: Result, reason: str, *, picture: bool = True) -> str:

@@ -14,6 +14,7 @@ from ..errors import WrongUse
 from ..files import whole_file
 from .causes import EXPERIMENTS, Cause
 from .origin import origin
+from .setting import ROBUST, ROBUST_SLACK
 from .trial import Figure
 from .unit import ALIVE, Failure, Key, Result, Unit
 
@@ -46,6 +47,19 @@ class Store:
         that takes too long: more starts cannot change them.
         """
         return [unit for unit in units if not self._has(unit.key, starts)]
+
+    def is_needed(self, key: Key) -> bool:
+        """Whether a unit belongs to a run of all: `robust-slack` shows what another material changes, and so it runs
+        the cases that the same cloth did not survive with `robust`.
+        """
+        case, _, setting = key
+        same = [other for other in self.planned if other[0] == case and other[2] == ROBUST.name]
+        return setting != ROBUST_SLACK.name or not same or not all(map(self._survived, same))
+
+    def _survived(self, key: Key) -> bool:
+        """With the present program, as far as that is known: a store that was only read has no origins."""
+        found = self.results.get(key)
+        return found is not None and found.state == ALIVE and (not self.origins or self._is_new(found))
 
     def _has(self, key: Key, starts: int) -> bool:
         found = self.results.get(key)
@@ -101,7 +115,8 @@ class Store:
         if self.path is None:
             return
         self.older = sum(not self._is_new(result) for result in self.results.values())
-        words: dict[str, Any] = {"machine": self.machine, "older": self.older, "planned": self.planned}
+        planned = [key for key in self.planned if key in self.results or self.is_needed(key)]
+        words: dict[str, Any] = {"machine": self.machine, "older": self.older, "planned": planned}
         words["results"] = [asdict(result) for result in self.ordered()]
         words["causes"] = [[*result.key, asdict(cause)] for result in self.ordered() if (cause := self.cause(result))]
         with whole_file(self.path) as file:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from ..measure.convergence import unfinished_share
 from ..scene.model import Forces, Scene, Wind
 from ..simulation import Simulation
 from ..view.clock import FrameClock
 from .exact import fall_in_air, sail_sag, sail_tension, terminal_speed
+from .laws import SOFTER
 from .row import Row, relative
-from .setups import ELASTIC, Timed, advance, base, center, strip, strip_constant
+from .setups import ELASTIC, Timed, advance, base, center, strip, strip_constant, substep
 
 STILL = Wind(turbulence=0.0)
 DENSITIES = (0.1, 0.15, 0.2, 0.5)  # [kg/m²]
@@ -86,7 +89,20 @@ def sail(solver: str) -> Iterator[Row]:
                         0.5 * STILL.air_density * STILL.drag * WIND**2 * 0.1
                     )
                     exact = sail_tension(span, lift == 0.0)
-                    yield relative(f"tension in the middle over p·L at {span:g} m, {name}", exact, pulled, *SAIL)
+                    row = relative(f"tension in the middle over p·L at {span:g} m, {name}", exact, pulled, *SAIL)
+                    yield row.by_law(SOFTER, partial(longer_links, simulation)) if solver == "xpbd" else row
+
+
+def longer_links(simulation: Simulation) -> float:
+    """How much longer links are than their tension makes them, as a share: it is their lengths that `tension` sees.
+
+    The outer ones of the three columns have half the springs of the middle one, and bear half its wind, but masses are
+    equal: each has its own share.
+    """
+    constant, mass = strip_constant(simulation), float(simulation.topology.mass[4])
+    h, sweeps = substep(simulation), simulation.scene.solver.iterations
+    outer, inner = (unfinished_share(part * constant, mass, h, sweeps) for part in (0.25, 0.5))
+    return (2 * outer + inner) / 3
 
 
 def mean_speed(simulation: Simulation) -> float:

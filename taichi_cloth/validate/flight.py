@@ -38,7 +38,11 @@ def free_fall(solver: str) -> Iterator[Row]:
 
 
 def fall_with_everything(solver: str) -> Iterator[Row]:
-    """All that acts within a cloth is on, and bodies far below: nothing of it may slow the fall."""
+    """All that acts within a cloth is on, and bodies far below: nothing of it may slow the fall.
+
+    Wind is left out because air does slow a fall (A6.1), and tear because it can only take springs away: a sheet that
+    falls freely has no strain to tear at.
+    """
     scene = Scene(
         cloth=Cloth(rows=33, columns=65, width=4.0, height=4.0, center=(0.0, 0.0, 0.0), pins=(), area_density=0.15),
         fabric=Fabric(damping_time=1e-3, bending=1e-4),

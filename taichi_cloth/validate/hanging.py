@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..measure.convergence import artificial_stretch, unfinished_share
-from ..scene.model import FRAME_SECONDS, Forces, Scene, Solver, Springs
+from ..scene.model import FRAME_SECONDS, USUAL, Forces, Scene, Solver, Springs
 from .exact import GRAVITY, hanging_drop, relaxed_chain
 from .exact import hammock as exact_hammock
+from .laws import SOFTER, softened
 from .row import Row, in_time, relative
 from .setups import SETTLING, Timed, advance, base, bottom_middle, damped, strip, strip_constant, structural, substep
 
@@ -101,7 +102,11 @@ def split(solver: str) -> Iterator[Row]:
 
 
 def stretch(solver: str) -> Iterator[Row]:
-    """Relaxation to a length leaves c·N²·g·h²/iterations, whatever the fabric: c is ½, with diagonals about ⅓."""
+    """Relaxation to a length leaves c·N²·g·h²/iterations, whatever the fabric: c is ½, with diagonals about ⅓.
+
+    It is a law of sweeps from spring to spring. `lines` solves a whole thread at once and `projective` all springs, so
+    what they leave does not grow with N²·g·h²/iterations, and there is no c of theirs; A3.1 and B3 measure them.
+    """
     bare = strip(solver, LAW_LINKS, constant=1e9)
     square = base(solver, LAW_LINKS + 1, LAW_LINKS + 1, lumping="equal", pins=("top",))
     rigid = replace(square.fabric, warp=1e9, weft=1e9, shear=1e9, bend=0.0)
@@ -136,7 +141,18 @@ def finer_hammock(solver: str) -> Iterator[Row]:
 
 def against(what: str, solver: str, coarse: int, fine: int) -> Row:
     first, second = (hung(solver, FINER_SPAN, links)[1].sag for links in (coarse, fine))
-    return relative(what, first, second, *SAG)
+    row = relative(what, first, second, *SAG)
+    return row.by_law(SOFTER, partial(softer_sags, coarse, fine)) if solver == "verlet" else row
+
+
+def softer_sags(coarse: int, fine: int) -> float:
+    """The share by which the finer strip of `verlet` sags lower, in equilibrium, as soft as sweeps leave its links."""
+    substeps, sweeps = USUAL["verlet"]
+    first, second = (
+        exact_hammock(FINER_SPAN, links, 1.0, 1.0, softened("verlet", 0.0, 1.0, FRAME_SECONDS / substeps, sweeps))[0]
+        for links in (coarse, fine)
+    )
+    return abs(second / first - 1)
 
 
 class Hung(NamedTuple):
@@ -145,7 +161,11 @@ class Hung(NamedTuple):
 
 
 def hung(solver: str, span: float, links: int) -> tuple[Hung, Hung]:
-    """Exact and measured. The strip begins as a V."""
+    """Exact and measured. The strip begins as a V.
+
+    Masses are equal, not lumped by area: both ends are pinned, and the rows between them are equally heavy either way.
+    All of them are a share of (N − 1)/(N + 1) of the weight, of which a strip that hardly stretches has the same sag.
+    """
     scene = strip(solver, links, constant=HAMMOCK_CONSTANT, pins=("top", "bottom"))
     with Timed(damped(scene)) as simulation:
         topology = simulation.topology

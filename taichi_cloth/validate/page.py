@@ -33,7 +33,7 @@ def main_page(run: Measured, rows: str) -> list[str]:
         "",
         *markdown_table(summary(results)),
         "",
-        " · ".join(run.machine.values()),
+        " · ".join([*run.machine.values(), *filter(None, (run.date, run.commit))]),
         "",
     ]
     lines += ["## Largest errors", "", "*Excellent* · pass · **falls short or too slow**", ""]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,14 +18,17 @@ from .row import EXCELLENT, PASS, SHORT, TOO_SLOW, Limit, Result, Row
 
 HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
 UNEXPLAINED = "no law explains it"
+PACKAGE = Path(__file__).parents[1]
 BROKEN = "more than its law explains"
 
 
 class Measured(NamedTuple):
-    """A run: the machine that it ran on, and every row."""
+    """A run: the machine that it ran on, every row, and when and with which program, where that is known."""
 
     machine: Mapping[str, str]
     results: Sequence[Result]
+    date: str | None = None  # UTC
+    commit: str | None = None  # or the version of the package, where it is no clone
 
 
 def cells(result: Result) -> tuple[str, ...]:
@@ -129,6 +135,8 @@ def write_json(path: Path, run: Measured) -> None:
     ]
     everything = {
         "machine": dict(run.machine),
+        "date": run.date,
+        "commit": run.commit,
         "summary": {"all": tally(run.results), **by_solver(run.results)},
         "rows": rows,
     }
@@ -140,7 +148,8 @@ def read_json(path: Path) -> Measured:
     """A run that `write_json` wrote. Raises WrongUse for another file, and for none."""
     try:
         read = json.loads(path.read_text(encoding="utf-8"))
-        return Measured(read["machine"], [result_of(row) for row in read["rows"]])
+        results = [result_of(row) for row in read["rows"]]
+        return Measured(read["machine"], results, read["date"], read["commit"])
     except OSError as error:
         raise WrongUse(why(error)) from None
     except (ValueError, KeyError, TypeError) as error:
@@ -157,4 +166,19 @@ def result_of(row: Mapping[str, Any]) -> Result:
 
 
 def this_machine(results: Sequence[Result]) -> Measured:
-    return Measured(machine(), results)
+    return Measured(machine(), results, datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), commit_of(PACKAGE.parent))
+
+
+def commit_of(folder: Path) -> str:
+    """That of the clone which holds this program, `+` where files of it were changed since; else the version."""
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, check=True).stdout
+
+    try:
+        if Path(git("rev-parse", "--show-toplevel").strip()).resolve() == folder.resolve():
+            changed = git("status", "--porcelain", "--untracked-files=no", "--", PACKAGE.name)
+            return git("rev-parse", "HEAD").strip() + ("+" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        pass
+    return version("taichi-cloth")

@@ -53,9 +53,14 @@ class Row:
         """Whether it falls short by more than theory says."""
         return self.verdict == SHORT and self.limit is not None and not self.explained
 
-    def by_law(self, law: str, error: float) -> Row:
-        """The same row of a method whose law makes this error: it may be as far off, and miss the law by `good`."""
-        return replace(self, limit=Limit(law, error + self.good))
+    def by_law(self, law: str, error: float | Callable[[], float]) -> Row:
+        """The same row of a method whose law makes this error: it may be as far off, and miss the law by `good`.
+
+        A law that is a function is found where a row falls short only: some take seconds.
+        """
+        if not callable(error):
+            return replace(self, limit=Limit(law, error + self.good))
+        return self.by_law(law, error()) if self.verdict == SHORT else self
 
 
 def relative(what: str, exact: float, measured: float, good: float, best: float) -> Row:

@@ -2,7 +2,7 @@
 
 `python tests/mutants/run_mutants.py [--only NAME ...] [--jobs 2]`. Exit status 1 where a mutation survives, 2 where the
 table does not fit the program any more: a text that is not there once, a test that cannot be run or fails without a
-fault.
+fault. What came of the whole table is written to `tests/mutants_result.toml`; what came of chosen ones is not.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from queue import SimpleQueue
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import mutants_result
+from mutants_result import BROKEN, KILLED, SURVIVED
 from mutation import ROOT, Mutation
 from mutations import MUTATIONS
 
@@ -29,7 +31,6 @@ LONGEST = 600  # [s] a mutation may also make a loop endless
 LEFT_OUT = shutil.ignore_patterns(
     *(".git", ".venv", "__pycache__", ".*_cache", ".hypothesis", "out", "site", "build", "dist", "screenshots")
 )
-KILLED, SURVIVED, BROKEN = "killed", "SURVIVED", "BROKEN"
 
 
 @dataclass(frozen=True)
@@ -142,17 +143,28 @@ def table(results: Sequence[Result]) -> str:
     return "\n".join([*rows, f"{len(results)} mutations: {', '.join(counts)}"])
 
 
+def write(results: Sequence[Result], of: str, seconds: float) -> None:
+    """Stores what came of them, in the order of the table; `of` is the commit that they were tried on."""
+    verdicts = {result.mutation.name: result.verdict for result in results}
+    ordered = {mutation.name: verdicts[mutation.name] for mutation in MUTATIONS}
+    text = mutants_result.written(mutants_result.reduced(ordered, of, seconds))
+    mutants_result.FILE.write_text(text, encoding="utf-8")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="NAME", help="these mutations only")
     parser.add_argument("--jobs", type=int, default=2, help="how many at a time (2)")
     options = parser.parse_args(arguments)
+    of, begun = mutants_result.commit(), time.monotonic()  # the copies are made now: later the tree may be another
     try:
         results = run(chosen(options.only), max(options.jobs, 1))
     except ValueError as error:
         print(f"mutants: {error}", file=sys.stderr)
         return 2
     print(table(results))
+    if not options.only:
+        write(results, of, time.monotonic() - begun)
     verdicts = {result.verdict for result in results}
     return 2 if BROKEN in verdicts else int(SURVIVED in verdicts)
 

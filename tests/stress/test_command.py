@@ -3,6 +3,7 @@
 import json
 import pickle
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from taichi_cloth.errors import WrongUse
 from taichi_cloth.stress import catalogue, choose, running
 from taichi_cloth.stress.causes import Cause
 from taichi_cloth.stress.choose import chosen
-from taichi_cloth.stress.setting import SETTINGS
+from taichi_cloth.stress.setting import ROBUST, ROBUST_SLACK, SETTINGS
 from taichi_cloth.stress.unit import Failure, Unit, run_unit, seed_of
 
 from .conftest import CASE, SMALL
@@ -104,6 +105,24 @@ def test_a_resumed_run_equals_one_that_was_not_broken_off(
     assert cli.main(words) == 1  # nothing is left, and it is told again
     assert not ran
     assert "xpbd 0 alive, 1 failed" in capsys.readouterr().out
+
+
+def test_another_material_runs_last_and_only_where_it_is_needed(
+    ran: list[Unit], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slack, robust = (replace(one, solver=SMALL.solver) for one in (ROBUST_SLACK, ROBUST))
+    monkeypatch.setattr(choose, "SETTINGS", {one.name: one for one in (slack, robust)})
+    other = replace(CASE, number=2, variants=CASE.variants[:1])
+    monkeypatch.setattr(catalogue, "CASES", (CASE, other))
+    cli.main(["stress", "--quick", "--json", "o.json"])
+    assert [unit.key for unit in ran] == [
+        (1, "swings", "robust"), (1, "breaks", "robust"), (2, "swings", "robust"),
+        (1, "swings", "robust-slack"), (1, "breaks", "robust-slack"),
+    ]  # fmt: skip
+    assert "robust-slack 0 alive, 1 failed, 0 too slow" in capsys.readouterr().out
+    ran.clear()
+    cli.main(["stress", "--quick", "--only", "2", "--solver", "robust-slack"])  # asked for by name
+    assert [unit.key for unit in ran] == [(2, "swings", "robust-slack")]
 
 
 def test_a_seed_repeats_one_start(ran: list[Unit], capsys: pytest.CaptureFixture[str]) -> None:

@@ -98,8 +98,9 @@ def test_the_pages(tmp_path: Path) -> None:
     some.causes = {(1, "a", "xpbd"): CAUSE}
     page.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
-    assert "| setting | cases alive | cases failed | cases too slow | failures unexplained |" in text
-    assert "| `robust` | 1 | 1 | 0 | 1 |\n| `xpbd` | 0 | 1 | 1 | 1 |" in text
+    assert "| setting | cases | alive | failed | too slow | failures unexplained |" in text
+    assert "| `robust` | 2 | 1 | 1 | 0 | 1 |\n| `xpbd` | 2 | 0 | 1 | 1 | 1 |" in text
+    assert "With `robust` or" not in text
     assert "| 1 test | nothing | 1/1 | **0/2** |" in text
     assert "- 1 test fails with xpbd (a, b): something 2, not 1, in frame 6; it is made to; unexplained\n" in text
     assert "- 2 test, a, fails with robust: something 2, not 1, in frame 6 of start 0 (seed 17); unexplained\n" in text
@@ -108,6 +109,24 @@ def test_the_pages(tmp_path: Path) -> None:
     rows = (tmp_path / "o_rows.md").read_text(encoding="utf-8")
     assert rows.count("| 1 test |") == 3
     assert "fails with xpbd: something 5, not 1" in rows
+
+
+def test_another_material_counts_beside_the_same_cloth(tmp_path: Path) -> None:
+    some = store_of(
+        *(result(1, name, "robust") for name in ("a", "b")),
+        failed(setting="robust", case=2),
+        failed(setting="robust", case=3),
+        result(2, "a", "robust-slack"),
+        failed(setting="robust-slack", case=3),
+    )
+    page.write_pages(tmp_path / "o.md", some)
+    text = (tmp_path / "o.md").read_text(encoding="utf-8")
+    assert "| `robust` | 3 | 1 | 2 | 0 | 2 |\n| `robust-slack` | 2 | 1 | 1 | 0 | 1 |" in text
+    assert "With `robust` or `robust-slack`: 2 of 3 cases alive." in text
+
+
+def test_no_time_is_shown_where_none_was_taken() -> None:
+    assert [report.shown_ms(one) for one in (result(), result(ms=1.0), result(slow_ms=40.0))] == ["-", "1.00", "40.00"]
 
 
 def test_the_page_tells_where_it_comes_from() -> None:

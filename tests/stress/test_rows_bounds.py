@@ -1,5 +1,6 @@
 """Each row's own bound breaks where it should: hand-made strains, speeds, gaps and rates."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -11,7 +12,20 @@ from walks import CELLS, SETTING, STATIC, Walk, breaks, small, walk
 
 from taichi_cloth.scene import SceneError
 from taichi_cloth.scene.model import FRAME_SECONDS, Plane
-from taichi_cloth.stress import catalogue, friction, gaps, layers, loads, overlaps, rates, shots, sizes, springs
+from taichi_cloth.simulation import Simulation
+from taichi_cloth.stress import (
+    catalogue,
+    changes,
+    friction,
+    gaps,
+    layers,
+    loads,
+    overlaps,
+    rates,
+    shots,
+    sizes,
+    springs,
+)
 from taichi_cloth.stress.scenes import sheet
 from taichi_cloth.stress.trial import TooSlow, Trial, close
 from taichi_cloth.stress.watch import Broken
@@ -23,6 +37,37 @@ VARIANTS = {(case.number, one.name): one.run for case in catalogue.CASES for one
 @pytest.fixture(autouse=True)
 def few_cells(on_lists: None, monkeypatch: pytest.MonkeyPatch) -> None:
     small(monkeypatch)
+
+
+def moved(simulation: Simulation, particle: int, y: float) -> None:
+    """One particle is higher by y [m], or by one bit if y is 0.
+
+    At a height of 0 one bit is less than what float32 keeps beside numbers of a metre: it would be lost.
+    """
+    x, v = simulation.positions(), simulation.velocities()
+    x[particle, 1] = x[particle, 1] + y if y else np.nextafter(np.float32(x[particle, 1]), np.float32(9))
+    simulation.place(x, v)
+
+
+class Settling(Walk):
+    """A walk in which something happens each time that the cloth comes to rest."""
+
+    at_rest: Callable[[Walk], object]
+
+    def settle(self, **how: object) -> None:
+        super().settle(**how)
+        self.at_rest()  # type: ignore[call-arg]
+
+
+def settling(run: Callable[[Trial], object], at_rest: Callable[[Walk], object]) -> Walk:
+    """The walk through a case whose cloth does this whenever it comes to rest."""
+    trial = Settling()
+    trial.at_rest = partial(at_rest, trial)  # type: ignore[assignment]
+    try:
+        run(trial)
+    finally:
+        close()
+    return trial
 
 
 # -- strains and speeds --------------------------------------------------------------------------------
@@ -82,6 +127,13 @@ def test_a_pin_in_a_ball_stretches_its_threads_by_geometry() -> None:
     assert rest == pytest.approx(STATIC + 0.01 + overlaps.beside_pin(radius, 0.05, 1 / CELLS))
 
 
+@pytest.mark.parametrize("pin", [0, 30, 80])
+def test_a_pin_that_goes_by_one_bit_is_seen(pin: int) -> None:
+    assert walk(loads.all_pins).broken == []
+    found = settling(loads.all_pins, lambda one: moved(one.simulation, pin, 0.0))
+    assert found.broken == ["way of a pin [m]"]
+
+
 # -- balls ---------------------------------------------------------------------------------------------
 
 
@@ -110,6 +162,28 @@ def test_a_sheet_that_is_far_off_is_told_not_to_be_behind_the_small_ball(against
         VARIANTS[18, f"against {against}"](trial)
         [figure] = trial.figures
         assert (figure.what, figure.value) == ("whether the ball went through", 0.0)
+    finally:
+        close()
+
+
+@pytest.mark.parametrize("name", ["5 m/s", "20 m/s", "50 m/s", "100 m/s"])
+def test_the_fast_ball_is_looked_at_in_every_frame(name: str) -> None:
+    """Nothing moves in a walk but the ball, which so goes through the sheet.
+
+    It is looked at a little before the end of each frame, when its middle is never exactly in the sheet's plane.
+    """
+
+    class Looking(Walk):
+        def one_frame(self, **how: object) -> None:
+            how["look"](0.97)  # type: ignore[operator]
+            super().one_frame(**how)
+
+    trial = Looking()
+    try:
+        VARIANTS[17, name](trial)
+        assert set(trial.broken) == {"particles that went through the ball"}
+        [bound] = [figure.bound for figure in trial.figures if figure.what in trial.broken]
+        assert bound == 0
     finally:
         close()
 
@@ -232,6 +306,52 @@ def test_a_twisted_sheet_hangs_as_it_did(monkeypatch: pytest.MonkeyPatch) -> Non
     }
     monkeypatch.setattr(layers, "SHAPE", -1.0)
     assert walk(layers.twist).broken == ["distance from the shape before [m]"]
+
+
+def twisted_back(y: float, crossings: int) -> Walk:
+    """A sheet that was twisted: once it is back, one particle is higher by y [m] and so many threads cross."""
+
+    def at_rest(one: Walk) -> None:
+        if one.settled == 2:
+            moved(one.simulation, CELLS * (CELLS + 1) // 2, y)
+            one.simulation.crossings = lambda: crossings  # type: ignore[method-assign]
+
+    return settling(layers.twist, at_rest)
+
+
+@pytest.mark.parametrize(
+    ("y", "crossings", "broken"),
+    [
+        (0.0099, 0, []),
+        (0.0101, 0, ["distance from the shape before [m]"]),
+        (0.0, 1, ["crossings at the end"]),
+    ],
+)
+def test_a_sheet_twisted_back_crosses_nothing(y: float, crossings: int, broken: list[str]) -> None:
+    assert twisted_back(y, crossings).broken == broken
+
+
+def test_crossings_while_it_is_twisted_are_told_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Simulation, "crossings", lambda simulation: int(0 < simulation.frame < 1000))
+    one = walk(layers.twist)
+    assert one.broken == []
+    assert {figure.what: figure.value for figure in one.figures}["crossings in the worst frame"] == 1
+
+
+@pytest.mark.parametrize("what", ["crossings at the end", "stacks out of order"])
+def test_a_pile_is_judged_at_its_end(what: str) -> None:
+    """Ten sheets that stay where they are; once the pile is at rest two threads cross, or it is upside down."""
+
+    def at_rest(one: Walk) -> None:
+        if what == "crossings at the end":
+            one.simulation.crossings = lambda: 1  # type: ignore[method-assign]
+        else:
+            one.simulation.place(one.simulation.positions() * [1.0, -1.0, 1.0])
+
+    assert what not in walk(layers.layers).broken
+    found = settling(layers.layers, at_rest)
+    assert what in found.broken
+    assert [figure.bound for figure in found.figures if figure.what == what] == [0]
 
 
 # -- friction ------------------------------------------------------------------------------------------
@@ -412,6 +532,35 @@ def test_a_bit_that_changes_while_paused_is_seen(monkeypatch: pytest.MonkeyPatch
         run_paused()
 
 
+def test_frames_that_pass_while_paused_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are counted, whether or not the cloth moves in them."""
+    plain = Session.advance
+
+    def advance(session: Session, frames: int) -> None:
+        plain(session, frames)
+        session.simulation.frame += frames == 0
+
+    monkeypatch.setattr(Session, "advance", advance)
+    with pytest.raises(Broken, match="frames that passed while paused") as found:
+        run_paused()
+    assert (found.value.value, found.value.bound) == (rates.PAUSED_PICTURES, 0)
+
+
+def test_a_bit_that_a_pause_changed_later_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the last of the sixty frames that follow."""
+    plain, followed = Session.advance, []
+
+    def advance(session: Session, frames: int) -> None:
+        plain(session, frames)
+        followed.extend([True] * frames)
+        if len(followed) == 60:
+            moved(session.simulation, session.simulation.topology.particle_count - 1, 0.0)
+
+    monkeypatch.setattr(Session, "advance", advance)
+    with pytest.raises(Broken, match="numbers that a pause changed later"):
+        run_paused()
+
+
 def test_a_pause_changes_nothing() -> None:
     trial = run_paused()
     assert [figure.value for figure in trial.figures] == [0, 0, 0]
@@ -422,6 +571,151 @@ def test_drift_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rates, "DRIFT", -1.0)
     assert walk(partial(rates.hanging, frames=10)).broken == ["drift [m]"]
     assert [figure.bound for figure in walk(VARIANTS[32, "hanging"]).figures] == [-1.0]
+
+
+@pytest.mark.parametrize(("way", "broken"), [(0.9e-4, []), (1.1e-4, ["drift [m]"])])
+def test_a_hanging_sheet_may_drift_by_a_ten_thousandth_of_its_side(way: float, broken: list[str]) -> None:
+    class Drifting(Walk):
+        def one_frame(self, **how: object) -> None:
+            super().one_frame(**how)
+            if self.frames == 15 * 60 + 5:  # the fifth of those that are judged
+                moved(self.simulation, CELLS, way)
+
+    trial = Drifting()
+    try:
+        rates.hanging(trial, 10)
+        assert trial.broken == broken
+    finally:
+        close()
+
+
+class Falling(Walk):
+    """Falls by so much of ½gt² in the first run of a sheet that is not pinned."""
+
+    share = 1.0
+
+    def run(self, seconds: float, **how: bool) -> None:
+        first = not self.simulation.topology.pinned.any() and self.fallen != len(self.scenes)
+        super().run(seconds, **how)
+        if first:
+            self.fallen = len(self.scenes)
+            x, v = self.simulation.positions(), self.simulation.velocities()
+            x[:, 1] += v[:, 1].mean() * seconds - self.share * 9.81 * seconds**2 / 2
+            self.simulation.place(x, v)
+
+    fallen = 0  # with so many scenes
+
+
+@pytest.mark.parametrize(
+    ("number", "name", "seconds", "what"),
+    [(33, "100 m", 0.4, "fall beside ½gt², share"), (37, "dashpots 1 s", 1.0, "fall in 1 s beside ½gt², share")],
+)
+@pytest.mark.parametrize("times", [-1.05, -0.95, 0.95, 1.05])
+def test_a_fall_is_exact_to_a_hundredth_and_a_substep(
+    number: int, name: str, seconds: float, what: str, times: float
+) -> None:
+    substep = 1 / 60 / SETTING.solver.substeps
+    trial = Falling()
+    trial.share = 1 + times * (0.01 + substep / seconds)
+    try:
+        VARIANTS[number, name](trial)
+        assert trial.broken == ([what] if abs(times) > 1 else [])
+    finally:
+        close()
+
+
+@pytest.mark.parametrize(("share", "broken"), [(0.009, False), (-0.009, False), (0.011, True), (-0.011, True)])
+def test_a_sheet_far_away_sags_alike_to_a_hundredth(share: float, broken: bool) -> None:
+    """The second of the sheets hangs lower; in a walk each is a metre high."""
+
+    def at_rest(one: Walk) -> None:
+        if one.settled == 2:
+            x = one.simulation.positions()
+            x[:, 1] -= share * (x[:, 1].max() - x[:, 1])
+            one.simulation.place(x)
+
+    found = settling(VARIANTS[33, "100 m"], at_rest)
+    assert ("sag beside that near the origin, share" in found.broken) == broken
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_a_place_of_a_large_sheet_that_is_not_finite_is_seen(wrong: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sizes, "sheet", lambda cells, **keys: sheet(CELLS, pins=keys["pins"]))
+    assert walk(sizes.large).broken == []
+    plain = Simulation.positions
+
+    def positions(simulation: Simulation) -> np.ndarray:
+        x = plain(simulation)
+        x[-1, 2] = wrong if simulation.frame else x[-1, 2]
+        return x
+
+    monkeypatch.setattr(Simulation, "positions", positions)
+    assert walk(sizes.large).broken == ["places that are not finite"]
+
+
+# -- changes in mid run, and the same again --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("refusal", [1, 9, 17])
+def test_a_bit_that_a_refused_input_changes_is_seen(refusal: int) -> None:
+    class Careless(Walk):
+        refused = 0
+
+        def refuses(self, what: str, attempt: Callable[[], object]) -> None:
+            super().refuses(what, attempt)
+            self.refused += 1
+            if self.refused == refusal:
+                moved(self.simulation, 30, 0.0)
+
+    trial = Careless()
+    try:
+        VARIANTS[30, "nan"](trial)
+        assert trial.refused == 17
+        assert trial.broken == ["numbers that a refused input changed"]
+    finally:
+        close()
+
+
+def changed_by(change: Callable[[Simulation], object]) -> list[str]:
+    """What breaks where this is all that a change in mid run does to the cloth."""
+    trial = Walk()
+    try:
+        trial.open(sheet(CELLS, pins=("top",)))
+        trial.start()
+        changes.without_a_jump(trial, partial(change, trial.simulation))
+        return trial.broken
+    finally:
+        close()
+
+
+def test_a_place_may_not_jump_by_a_bit() -> None:
+    assert changed_by(lambda simulation: None) == []
+    assert changed_by(lambda simulation: moved(simulation, 30, 0.0)) == ["jump of a place [m]"]
+
+
+@pytest.mark.parametrize(("times", "broken"), [(0.95, []), (1.05, ["jump of a velocity [m/s]"])])
+def test_a_velocity_may_jump_by_what_float32_rounds(times: float, broken: list[str]) -> None:
+    """By a millimetre a second, and two roundings of a place of a metre over a substep."""
+    bound = 1e-3 + 2 * 2.0**-23 * 60 * SETTING.solver.substeps
+
+    def faster(simulation: Simulation) -> None:
+        v = simulation.velocities()
+        v[40, 2] += times * bound
+        simulation.place(simulation.positions(), v)
+
+    assert changed_by(faster) == broken
+
+
+@pytest.mark.parametrize("name", ["one point", "1 µm", "1 mm"])
+def test_a_collapsed_sheet_that_ends_otherwise_the_second_time_is_seen(name: str) -> None:
+    run = VARIANTS[9, name]
+    assert walk(run).broken == []
+
+    def at_rest(one: Walk) -> None:
+        if one.settled == 2:
+            moved(one.simulation, 30, 0.0)
+
+    assert settling(run, at_rest).broken == ["numbers that are others the second time"]
 
 
 def test_a_sheet_that_does_not_fall_is_seen() -> None:

@@ -9,9 +9,10 @@ import pytest
 from taichi_cloth.errors import WrongUse
 from taichi_cloth.stress import store as module
 from taichi_cloth.stress.origin import origin
+from taichi_cloth.stress.setting import ROBUST, ROBUST_SLACK
 from taichi_cloth.stress.store import Store, load
 from taichi_cloth.stress.trial import Figure
-from taichi_cloth.stress.unit import run_unit
+from taichi_cloth.stress.unit import Result, run_unit
 
 from .conftest import BREAKS, SWINGS, failed, result
 
@@ -44,6 +45,37 @@ def test_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     again = Store.new(None, [SWINGS, BREAKS]).continued(store)
     assert again.left([SWINGS, BREAKS], 4) == [SWINGS, BREAKS]
     assert again.older == 1
+
+
+@pytest.mark.parametrize(
+    ("found", "needed"),
+    [
+        ({}, True),
+        ({"swings": result(1, "swings", "robust")}, True),
+        ({"swings": result(1, "swings", "robust"), "breaks": failed(variant="breaks", setting="robust")}, True),
+        ({"swings": result(1, "swings", "robust"), "breaks": result(1, "breaks", "robust", slow_ms=40.0)}, True),
+        ({name: result(1, name, "robust") for name in ("swings", "breaks")}, False),
+    ],
+)
+def test_another_material_runs_what_the_same_cloth_does_not_survive(
+    found: dict[str, Result], needed: bool, tmp_path: Path
+) -> None:
+    robust, slack = ([replace(one, setting=setting) for one in (SWINGS, BREAKS)] for setting in (ROBUST, ROBUST_SLACK))
+    store = Store.new(tmp_path / "o.json", [*robust, *slack])
+    for one in found.values():
+        store.add(one)
+    assert all(store.is_needed(unit.key) for unit in robust)
+    assert [store.is_needed(unit.key) for unit in slack] == [needed] * 2
+    store.save()
+    planned = [unit.key for unit in (robust + slack if needed else robust)]
+    assert load(tmp_path / "o.json").planned == planned
+    store.add(result(1, "swings", "robust-slack"))  # somebody asked for it
+    assert slack[0].key in load(tmp_path / "o.json").planned
+
+
+def test_another_material_alone_is_needed() -> None:
+    unit = replace(SWINGS, setting=ROBUST_SLACK)
+    assert Store.new(None, [unit]).is_needed(unit.key)
 
 
 def test_older_results_stay_until_they_are_run_again(tmp_path: Path) -> None:

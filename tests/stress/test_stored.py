@@ -37,7 +37,8 @@ def test_other_documents_count_the_same(stored: Store, monkeypatch: pytest.Monke
 
 def test_what_is_stored_is_of_these_cases(stored: Store) -> None:
     units = {unit.key: unit for unit in chosen()}
-    assert stored.planned == list(units)
+    assert stored.planned == [key for key in units if key in set(stored.planned)]
+    assert not any(stored.is_needed(key) for key in units if key not in stored.planned)
     older = 0
     for result in stored.ordered():
         unit = units[result.key]

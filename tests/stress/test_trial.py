@@ -141,6 +141,8 @@ class Clock:
         ([9.0, 0.2, 0.01, 0.2, 0.01, 0.2], 6),  # the median of the five after the first
         ([9.0, 1.5], 2),  # one is enough to see
         ([9.0, 0.2, 0.01, 0.2, 0.01, 0.01], None),
+        ([9.0, *[0.034] * 5], 6),  # less than thirty frames a second
+        ([9.0, *[0.033] * 5], None),
     ],
 )
 def test_what_is_too_slow_stops(monkeypatch: pytest.MonkeyPatch, seconds: list[float], frames: int | None) -> None:

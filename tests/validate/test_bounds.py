@@ -105,6 +105,13 @@ BY_LAW = {
     ("swing", "pendulum_height"),
     ("bending", "doubling_by_springs"),
     ("contact", "still"),
+    ("swing", "curtain_mode"),
+    ("swing", "swinging_curtain"),
+    ("swing", "finer_curtain"),
+    ("hanging", "against"),
+    ("membrane", "sagging"),
+    ("air", "sail"),
+    ("symmetry", "order_row"),
 }
 
 
