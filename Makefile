@@ -28,7 +28,8 @@ help:
 	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
 	@echo "make bounds the tests of kernels and contact with every index checked (minutes)"
 	@echo "make long   the tests that take minutes, of which \`make test\` has a short form or none; writes tests/long_result.toml"
-	@echo "make mutants  puts one fault after another into a copy of the program: a test must fail; writes tests/mutants_result.toml (ONLY=NAME: that one alone, and nothing is written)"
+	@echo "make mutants  puts one fault after another into a copy of the program: a test must fail; writes tests/mutants_result.toml"
+	@echo "             (ONLY=NAME: that one, and nothing is written)"
 	@echo "make lint   ruff and mypy"
 	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
 	@echo "make results  the same and the goals' figures, stored in $(RESULTS), and docs/ brought up to date (MACHINE=name)"
@@ -82,9 +83,10 @@ results: .venv/tools
 		&& $(BIN)/taichi-cloth bench --goals --json $(RESULTS)/goals.json --force; ended=$$?; \
 		$(BIN)/python docs/generate.py && exit $$ended
 
-validate: .venv/ready
-	$(BIN)/taichi-cloth ablate $(SCENES) round --markdown docs/scenes.md --force
-	$(BIN)/taichi-cloth validate --json benchmarks/results/validation.json --markdown docs/validation.md --force
+validate: .venv/tools
+	$(BIN)/taichi-cloth ablate $(SCENES) round --markdown docs/scenes.md --force \
+		&& $(BIN)/taichi-cloth validate --json benchmarks/results/validation.json --markdown docs/validation.md --force; \
+		ended=$$?; $(BIN)/python docs/generate.py && exit $$ended
 
 # What is stored of the same program is not run again: a run that was broken off goes on, on another machine too, and
 # each result says where it was made. The documents that quote it are brought up to date whatever the command's exit

@@ -5,16 +5,15 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from result_file import commit, written
+
 from taichi_cloth.machine import cpu_model, machine
-from taichi_cloth.scene.writer import toml_value
 
 FILE = Path(__file__).with_suffix(".toml")
 TITLE = "# Written by `make long`: its last result, and how long each file of tests took in one process."
@@ -43,22 +42,8 @@ def reduced(report: str) -> dict[str, Any]:
     return {"result": result, "seconds": {name: round(spent) for name, spent in dearest}}
 
 
-def written(tables: Mapping[str, Mapping[str, Any]]) -> str:
-    """The tables as TOML."""
-    lines = [TITLE]
-    for name, table in tables.items():
-        lines += ["", f"[{name}]", *(f'"{key}" = {toml_value(value)}' for key, value in table.items())]
-    return "\n".join([*lines, ""])
-
-
-def commit() -> str:
-    """The commit of the working tree, with a + where something is changed in it."""
-    said = subprocess.run(["git", "describe", "--always", "--dirty=+"], capture_output=True, text=True)
-    return said.stdout.strip() if said.returncode == 0 else "unknown"
-
-
 if __name__ == "__main__":
     tables = reduced(Path(sys.argv[1]).read_text(encoding="utf-8"))
     tables["result"]["commit"] = commit()
     tables["machine"] = {**machine(), "processor": cpu_model()}
-    FILE.write_text(written(tables), encoding="utf-8")
+    FILE.write_text(written(TITLE, tables), encoding="utf-8")

@@ -232,7 +232,12 @@ def test_the_gallery_shows_every_scene() -> None:
 
 # -- commands that store results -----------------------------------------------------------------------
 
-STORING = {"stress": ["stress"], "errors": ["bench", "bench"], "results": ["bench", "bench"]}
+STORING = {
+    "stress": ["stress"],
+    "validate": ["ablate", "validate"],
+    "errors": ["bench", "bench"],
+    "results": ["bench", "bench"],
+}
 
 
 def fake_programs(folder: Path, status: int) -> None:

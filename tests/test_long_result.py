@@ -8,6 +8,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
+from result_file import written
 
 HERE = Path(__file__).parent
 REPORT = """<?xml version="1.0" encoding="utf-8"?>
@@ -48,7 +49,7 @@ def test_a_report_is_reduced_to_counts_and_seconds_by_file() -> None:
     long_result = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(long_result)
     tables = long_result.reduced(REPORT)
-    read = tomllib.loads(long_result.written(tables))
+    read = tomllib.loads(written(long_result.TITLE, tables))
     assert read == tables
     assert read["result"] == {
         "date": "2026-03-01",

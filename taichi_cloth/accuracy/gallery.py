@@ -40,10 +40,7 @@ SETTINGS = {
     "lines": (USUAL["lines"], (5, 1), (20, 1)),
     "spring": ((1, 1),),
     "rk4": ((1, 1),),
-    "projective": (
-        USUAL["projective"],
-        (5, 10),
-    ),
+    "projective": (USUAL["projective"], (5, 10)),
 }
 
 

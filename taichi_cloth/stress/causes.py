@@ -25,9 +25,8 @@ from .watch import Broken, Floats
 FINER = 8  # times as many iterations, or substeps
 SLACK = 0.01  # by how much another run may be worse and have the same cause, as a share
 AT_REST = "speed 5 s after"  # the bound of `Trial.settle`
-EXPERIMENT_SECONDS = (
-    300.0  # limit on the frames of one start of an experiment; ten sheets with 64 times the iterations take hours
-)
+# Limit on the time of all frames of one start of an experiment: ten sheets with 64 times the iterations take hours.
+EXPERIMENT_SECONDS = 300.0
 STARTS = 3  # from which a mended variant must be alive
 STAYS = 0.05  # by how much the largest strain may change where float64 takes a cloth to be at rest, as a share
 OUTSIDE = (*COLLIDERS, "ground", "wind", "limit", "self_collision")

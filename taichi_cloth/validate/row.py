@@ -56,11 +56,14 @@ class Row:
     def by_law(self, law: str, error: float | Callable[[], float]) -> Row:
         """The same row of a method whose law makes this error: it may be as far off, and miss the law by `good`.
 
-        A law that is a function is found where a row falls short only: some take seconds.
+        A law that would let the row pass explains nothing, and is left out. One that is a function is found where a row
+        falls short only: some take seconds.
         """
-        if not callable(error):
-            return replace(self, limit=Limit(law, error + self.good))
-        return self.by_law(law, error()) if self.verdict == SHORT else self
+        if callable(error):
+            return self.by_law(law, error()) if self.verdict == SHORT else self
+        if error <= self.good:
+            return self
+        return replace(self, limit=Limit(law, error + self.good))
 
 
 def relative(what: str, exact: float, measured: float, good: float, best: float) -> Row:

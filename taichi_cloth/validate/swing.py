@@ -355,9 +355,7 @@ def finer_curtain(solver: str) -> Iterator[Row]:
 
         def apart(what: str = what, coarse: int = coarse, fine: int = fine) -> Row:
             row = at_most(what, float(np.linalg.norm(bottom(fine) - bottom(coarse))), *FINER_ERROR)
-            if solver not in ("verlet", "xpbd"):
-                return row
-            return row.by_law(SOFTER, partial(softer_apart, solver, coarse, fine))
+            return row.by_law(SOFTER, partial(softer_apart, solver, coarse, fine)) if solver == "verlet" else row
 
         yield in_time(what, *FINER_ERROR, apart)
 

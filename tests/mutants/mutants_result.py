@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Mapping
 from datetime import date
 from typing import Any
@@ -10,7 +9,6 @@ from typing import Any
 from mutation import ROOT
 
 from taichi_cloth.machine import cpu_model, machine
-from taichi_cloth.scene.writer import toml_value
 
 FILE = ROOT / "tests" / "mutants_result.toml"
 TITLE = "# Written by `make mutants`: its last result over the whole table."
@@ -33,17 +31,3 @@ def reduced(verdicts: Mapping[str, str], of: str, seconds: float) -> dict[str, d
         "seconds": round(seconds),
     }
     return {"result": result, "machine": {**machine(), "processor": cpu_model()}}
-
-
-def written(tables: Mapping[str, Mapping[str, Any]]) -> str:
-    """The tables as TOML."""
-    lines = [TITLE]
-    for name, table in tables.items():
-        lines += ["", f"[{name}]", *(f'"{key}" = {toml_value(value)}' for key, value in table.items())]
-    return "\n".join([*lines, ""])
-
-
-def commit() -> str:
-    """The commit of the working tree, with a + where something is changed in it."""
-    said = subprocess.run(["git", "describe", "--always", "--dirty=+"], cwd=ROOT, capture_output=True, text=True)
-    return said.stdout.strip() if said.returncode == 0 else "unknown"

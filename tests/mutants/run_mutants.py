@@ -21,11 +21,13 @@ from pathlib import Path
 from queue import SimpleQueue
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import mutants_result
 from mutants_result import BROKEN, KILLED, SURVIVED
 from mutation import ROOT, Mutation
 from mutations import MUTATIONS
+from result_file import commit, written
 
 LONGEST = 600  # [s] a mutation may also make a loop endless
 LEFT_OUT = shutil.ignore_patterns(
@@ -147,7 +149,7 @@ def write(results: Sequence[Result], of: str, seconds: float) -> None:
     """Stores what came of them, in the order of the table; `of` is the commit that they were tried on."""
     verdicts = {result.mutation.name: result.verdict for result in results}
     ordered = {mutation.name: verdicts[mutation.name] for mutation in MUTATIONS}
-    text = mutants_result.written(mutants_result.reduced(ordered, of, seconds))
+    text = written(mutants_result.TITLE, mutants_result.reduced(ordered, of, seconds))
     mutants_result.FILE.write_text(text, encoding="utf-8")
 
 
@@ -156,7 +158,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="NAME", help="these mutations only")
     parser.add_argument("--jobs", type=int, default=2, help="how many at a time (2)")
     options = parser.parse_args(arguments)
-    of, begun = mutants_result.commit(), time.monotonic()  # the copies are made now: later the tree may be another
+    of, begun = commit(), time.monotonic()  # the copies are made now: later the tree may be another
     try:
         results = run(chosen(options.only), max(options.jobs, 1))
     except ValueError as error:

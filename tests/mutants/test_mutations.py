@@ -19,6 +19,7 @@ import run_mutants
 from mutants_result import BROKEN, KILLED, SURVIVED
 from mutation import ROOT, Mutation
 from mutations import MUTATIONS
+from result_file import commit, written
 from run_mutants import Result, chosen, main
 
 
@@ -103,8 +104,8 @@ def test_a_whole_table_is_stored(file: Path) -> None:
     assert result["survived"] == [MUTATIONS[-2].name]
     assert result["broken"] == [MUTATIONS[-1].name]
     assert result["date"] == date.today().isoformat()
-    assert result["commit"] == mutants_result.commit()
-    assert tables == tomllib.loads(mutants_result.written(tables))
+    assert result["commit"] == commit()
+    assert tables == tomllib.loads(written(mutants_result.TITLE, tables))
 
 
 def test_survivors_are_named_in_the_order_of_the_table() -> None:

@@ -69,7 +69,7 @@ SLOW = [
             f"bottom row of {2 * n} cells after 1 s, against {n}, of the side",
             partial(swing.softer_apart, solver, n, 2 * n),
         )
-        for solver, n in (("verlet", 32), ("xpbd", 64))
+        for solver, n in (("verlet", 32),)
     ),
 ]
 
@@ -86,7 +86,7 @@ def test_the_law_bounds_the_stored_row_and_nothing_much_worse(
     assert judged.explained
     worse = Row(what, row.exact, row.measured, error + 1.01 * row.good, row.good, row.best).by_law("law", lambda: error)
     assert worse.broken
-    assert error > row.good / 2  # it says something
+    assert error > row.good  # by the law alone it would not pass
 
 
 def test_sweeps_without_compliance_are_springs_that_stretch_by_the_law() -> None:
@@ -134,10 +134,17 @@ def test_an_order_is_excused_by_rounding_alone() -> None:
     assert laws.order_lost(4.0, 3.7e-7, floor) == pytest.approx(4 - log2(3.7e-7 / (3.7e-7 / 16 + floor)))
     second = symmetry.order_row(4.0, [4e-3, 1e-3, 2.5e-4, 6.25e-5], steps, place)
     assert second.measured == pytest.approx(2.0)
-    assert second.broken
+    assert second.unexplained
     both = symmetry.order_row(4.0, [4e-3, 1e-3, 1e-6, 1e-6], steps, place)
-    assert both.broken
+    assert both.unexplained
     assert symmetry.order_row(4.0, [1.6e-1, 1e-2, 6.25e-4, 3.9e-5], steps, place).limit is None
+
+
+def test_a_law_that_would_let_the_row_pass_explains_nothing() -> None:
+    row = at_most("", 0.15, 0.1, 0.01)
+    assert row.by_law("law", 0.1).unexplained
+    assert row.by_law("law", lambda: 0.1).unexplained
+    assert row.by_law("law", 0.101).explained
 
 
 def test_a_law_that_takes_seconds_is_not_found_where_a_row_passes() -> None:
