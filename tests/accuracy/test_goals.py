@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,7 @@ def test_the_command_prints_and_writes(
     stored = json.loads(path.read_text(encoding="utf-8"))
     assert [one["seconds"] for one in stored["commands"]] == [0.125, 1.5]
     assert stored["sheets"][0]["name"] == "small"
+    assert stored["date"] == datetime.now(UTC).date().isoformat()
     assert "first frame, cache filled" in capsys.readouterr().out
 
 
