@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from ..bench.report import machine, number, printed_table, wide_console
+from ..bench.report import machine, made, number, printed_table, wide_console
 from ..bench.startup import Startup
 from ..files import whole_file
 from .pinned_sheet import SheetError
@@ -32,7 +32,7 @@ def print_report(commands: Sequence[Startup], sheets: Sequence[SheetError]) -> N
 def write_json(path: Path, commands: Sequence[Startup], sheets: Sequence[SheetError]) -> None:
     """Raises OSError."""
     everything = {
-        "machine": machine(),
+        **made(),
         "commands": [asdict(one) for one in commands],
         "sheets": [asdict(one) for one in sheets],
     }

@@ -12,7 +12,7 @@ from rich import box
 from rich.table import Table
 
 from ..bench.cases import BUDGETS
-from ..bench.report import machine, wide_console
+from ..bench.report import machine, made, wide_console
 from ..errors import WrongUse
 from ..files import whole_file
 from .sweep import Point, knee, pareto
@@ -67,7 +67,7 @@ def print_report(points: Sequence[Point]) -> None:
 
 def write_json(path: Path, points: Sequence[Point]) -> None:
     """All there is. Raises OSError."""
-    everything = {"machine": machine(), "points": [asdict(point) for point in points], "words": words(points)}
+    everything = {**made(), "points": [asdict(point) for point in points], "words": words(points)}
     with whole_file(path) as file:
         file.write(json.dumps(everything, indent=1).encode())
 

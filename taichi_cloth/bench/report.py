@@ -213,6 +213,11 @@ def machine() -> dict[str, str]:
     }
 
 
+def made() -> dict[str, Any]:
+    """Where and when a run is made, for its JSON."""
+    return {"machine": machine(), "date": datetime.now(UTC).date().isoformat()}
+
+
 def check_free(path: Path, *, force: bool) -> None:
     """Says what would go wrong before minutes are spent. Raises OutputInUse and WrongUse."""
     if path.is_dir():
@@ -236,8 +241,7 @@ def write_csv(path: Path, rows: Sequence[Any], kind: type = Row) -> None:
 def write_json(path: Path, rows: Sequence[Row], stages: Sequence[StageRow], missing: dict[str, str]) -> None:
     """All there is. Raises OSError."""
     everything: dict[str, Any] = {
-        "machine": machine(),
-        "date": datetime.now(UTC).date().isoformat(),
+        **made(),
         "rows": [asdict(row) for row in rows],
         "stages": [asdict(stage) for stage in stages],
         "missing": missing,
