@@ -151,6 +151,8 @@ def origin_lines(store: Store) -> list[str]:
     if fewest := {result.starts for result in results}:
         starts = f"{min(fewest)} to {max(fewest)}" if len(fewest) > 1 else f"{min(fewest)}"
         days = sorted({result.date[:10] for result in results})
-        lines.append(f"{starts} starts a variant; run {' to '.join(dict.fromkeys((days[0], days[-1])))}.")
+        when = " to ".join(dict.fromkeys((days[0], days[-1])))
+        hours = sum(result.seconds for result in results) / 3600
+        lines.append(f"{starts} starts a variant; run {when}; {hours:.1f} hours of one core.")
     lines += [f"Run on {one}." for one in dict.fromkeys(result.machine for result in results if result.machine)]
     return lines

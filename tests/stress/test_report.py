@@ -130,10 +130,12 @@ def test_no_time_is_shown_where_none_was_taken() -> None:
 
 
 def test_the_page_tells_where_it_comes_from() -> None:
-    assert report.origin_lines(store_of(result())) == ["10 starts a variant; run 2026-01-02."]
-    older = result(2, date="2026-01-01 00:00", starts=1)
-    assert report.origin_lines(replace(store_of(result(), older, missing=2), older=1)) == [
+    assert report.origin_lines(store_of(result(seconds=1800.0))) == [
+        "10 starts a variant; run 2026-01-02; 0.5 hours of one core."
+    ]
+    older = result(2, date="2026-01-01 00:00", starts=1, seconds=1800.0)
+    assert report.origin_lines(replace(store_of(result(seconds=1800.0), older, missing=2), older=1)) == [
         "2 of 4 units not run.",
         "Of mixed origin: 1 of 2 results are of an older program.",
-        "1 to 10 starts a variant; run 2026-01-01 to 2026-01-02.",
+        "1 to 10 starts a variant; run 2026-01-01 to 2026-01-02; 1.0 hours of one core.",
     ]
