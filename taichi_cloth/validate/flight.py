@@ -97,7 +97,7 @@ def spin(solver: str) -> Iterator[Row]:
         kept = float(angle / (0.1 * 2 * pi))
         law = dumbbell_rate(1.0, substep(simulation), SPIN_SECONDS)
         row = Row("share of 1 turn/s kept for 10 s", 1.0, kept, abs(1 - kept), 1 - law, 1 - KEPT)
-        yield row.by_law(SPIN_LAW, 1e-3) if solver in EULER else row
+        yield row.by_law(SPIN_LAW, 1 - law, 1e-3) if solver in EULER else row
 
 
 def damping(solver: str) -> Iterator[Row]:

@@ -53,17 +53,18 @@ class Row:
         """Whether it falls short by more than theory says."""
         return self.verdict == SHORT and self.limit is not None and not self.explained
 
-    def by_law(self, law: str, error: float | Callable[[], float]) -> Row:
-        """The same row of a method whose law makes this error: it may be as far off, and miss the law by `good`.
+    def by_law(self, law: str, error: float | Callable[[], float], miss: float | None = None) -> Row:
+        """The same row of a method whose law makes this error: it may be as far off, and miss the law by `miss`, which
+        is `good` where nothing else is said.
 
         A law that would let the row pass explains nothing, and is left out. One that is a function is found where a row
         falls short only: some take seconds.
         """
         if callable(error):
-            return self.by_law(law, error()) if self.verdict == SHORT else self
-        if error <= self.good:
+            return self.by_law(law, error(), miss) if self.verdict == SHORT else self
+        if error + (miss or 0.0) <= self.good:
             return self
-        return replace(self, limit=Limit(law, error + self.good))
+        return replace(self, limit=Limit(law, error + (self.good if miss is None else miss)))
 
 
 def relative(what: str, exact: float, measured: float, good: float, best: float) -> Row:

@@ -145,6 +145,8 @@ def test_a_law_that_would_let_the_row_pass_explains_nothing() -> None:
     assert row.by_law("law", 0.1).unexplained
     assert row.by_law("law", lambda: 0.1).unexplained
     assert row.by_law("law", 0.101).explained
+    assert row.by_law("law", 0.1, 0.06).explained
+    assert row.by_law("law", 0.1, 0.04).broken
 
 
 def test_a_law_that_takes_seconds_is_not_found_where_a_row_passes() -> None:

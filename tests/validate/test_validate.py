@@ -69,12 +69,22 @@ def test_what_is_claimed_passes(number: str, solver: str) -> None:
 @pytest.mark.parametrize("solver", ["lines", "xpbd"])
 def test_only_euler_steps_are_excused_by_the_law_of_a_pendulum(solver: str) -> None:
     rows = [result.row for result in measure(BY_NUMBER["A2.1"], solver)]
-    assert [row.limit is not None for row in rows] == [solver in EXPLAINED["A2.1"]] * len(swing.ANGLES)
+    assert len(rows) == len(swing.ANGLES)
+    assert {row.limit is not None for row in rows if row.verdict != SHORT} == {False}
+    assert [row.explained for row in rows if row.verdict == SHORT] == ([True, True] if solver == "xpbd" else [])
     assert [row.broken for row in rows] == [False] * len(rows)
     assert (rows[-1].verdict == SHORT) == (solver == "xpbd")
     if solver == "xpbd":
         assert rows[-1].limit is not None
         assert rows[-1].error == pytest.approx(rows[-1].limit.most - rows[-1].good, abs=rows[-1].good)
+
+
+def test_what_xpbd_loses_of_a_turn_is_by_its_law() -> None:
+    """0.9055 of a turn a second is kept where the law of its steps says 0.9056: too little by rounding, and no more."""
+    [result] = measure(BY_NUMBER["A1.5"], "xpbd")
+    assert result.row.explained
+    assert result.row.limit is not None
+    assert result.row.limit.most == pytest.approx(result.row.good + 1e-3)
 
 
 def test_the_swinging_curtain_is_measured() -> None:
