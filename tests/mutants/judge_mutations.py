@@ -435,8 +435,8 @@ VALIDATE = [
     Mutation(
         "law-explains-ten-times-as-much",
         "validate/row.py",
-        "Limit(law, error + self.good)",
-        "Limit(law, 10 * error + self.good)",
+        "Limit(law, error + (self.good if",
+        "Limit(law, 10 * error + (self.good if",
         ("validate/test_bounds.py::test_a_law_explains_its_own_error_and_what_passes",),
     ),
     Mutation(
