@@ -1,25 +1,25 @@
 """Time and error of a sheet of fabric that swings down from two corners, on grids finer than the scenes' own.
 
-The error is the distance from the float64 reference (`reference/`) of the same springs, without the tethers that a
-setting may have. It is kept on disk: with 256 cells a side it takes half an hour.
+The reference is `spring` with several times the substeps that it needs, in float32; `doubt` is how far it is from one
+with half as many, and an error near that is not resolved. It is the program itself, so it tells errors of time steps,
+of iterations and of tethers, and none of the model.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
+from math import sqrt
 
 import numpy as np
 
-from .. import reference
-from ..reference.dynamics import Motion
-from ..reference.solution import Solution, distances, solve, steps_of
-from ..scene.model import Cloth, Fabric, Forces, Scene, Solver, Sphere, Tethers, Wind
+from ..scene.model import Cloth, Fabric, Forces, Scene, Solver, Sphere, Tethers, Wind, keys_of
 from ..simulation import Simulation
 from ..timing import timed_frame
-from .kept import Floats, kept
+from .ablate import Floats, apart, horizon, motion
 
 SIDE = 1.45  # [m]
+FINER = 4  # times the substeps that `spring` needs
+MOST_SUBSTEPS = int(keys_of(Solver)["substeps"].high or 0)
 FABRIC = Fabric(warp=2000, weft=2000, shear=1000, bend=20)
 DENIM = Fabric(warp=15000, weft=15000, shear=1000, bend=20)
 
@@ -60,7 +60,7 @@ class SheetError:
     p95_ms: float
     rms_error: float  # of all particles and frames, as a share of the side
     max_error: float
-    doubt: float  # how far the reference is from that of twice the step, root mean square
+    doubt: float  # how far the reference is from one with half its substeps, root mean square
     max_strain: float  # after the last frame
 
 
@@ -87,42 +87,44 @@ def scene_of(case: SheetCase) -> Scene:
     )
 
 
-def solution(case: SheetCase, scene: Scene) -> Solution:
-    """The reference solution after each frame that is compared."""
-    plain = replace(scene, tethers=None)
-    run = solve if case.obstacles else all_frames
-    places, coarser = kept(f"{plain} {case.frames}", Path(reference.__file__).parent, lambda: run(plain, case.frames))
-    return Solution(places, coarser, SIDE)
-
-
-def all_frames(scene: Scene, frames: int) -> Floats:
-    """`Solution.places` and `Solution.coarser`, (2, frames, N, 3), whether a hair at the start matters or not."""
-    steps = steps_of(scene)
-    runs = Motion(scene, 2 * steps), Motion(scene, steps)
-    return np.stack([[run.frame() for _ in range(frames)] for run in runs])
+def reference(case: SheetCase, scene: Scene) -> tuple[Floats, float]:
+    """Positions after each frame that is compared, (frames, N, 3) [m], and `doubt`."""
+    plain = replace(scene, solver=replace(scene.solver, name="spring", substeps=1), tethers=None)
+    with Simulation(plain) as simulation:
+        needed = simulation.substeps
+        frames = case.frames
+        if case.obstacles:
+            frames = horizon(simulation, motion(simulation, frames)[0])
+        finest = min(FINER * needed, MOST_SUBSTEPS)
+        runs = []
+        for substeps in (finest, max(needed, finest // 2)):
+            simulation.reset()
+            simulation.set("substeps", substeps)
+            runs.append(motion(simulation, frames)[0])
+        return runs[0], sqrt(float((apart(*runs) ** 2).mean())) / simulation.topology.side
 
 
 def measure(case: SheetCase) -> SheetError:
     scene = scene_of(case)
-    truth = solution(case, scene)
+    truth, doubt = reference(case, scene)
     with Simulation(scene) as simulation:
         simulation.advance_frame()  # compiles
         simulation.reset()
         ms, places = [], []
-        for _ in truth.places:
+        for _ in truth:
             ms.append(timed_frame(simulation))
             places.append(simulation.positions())
-        away = distances(np.array(places), truth.places) / truth.side
+        away = np.linalg.norm(np.array(places) - truth, axis=2) / simulation.topology.side
         return SheetError(
             name=case.name,
             method=simulation.method.partition(" · ")[0],
             cells=case.cells,
             particles=simulation.topology.particle_count,
-            frames=truth.horizon,
+            frames=len(truth),
             median_ms=float(np.median(ms)),
             p95_ms=float(np.percentile(ms, 95)),
             rms_error=float(np.sqrt((away**2).mean())),
             max_error=float(away.max()),
-            doubt=truth.uncertainty[0],
+            doubt=doubt,
             max_strain=simulation.measure().max_strain,
         )

