@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import reference
 from ..bench.cases import BUDGETS
-from ..bench.report import machine, markdown_table, printed_table, wide_console
+from ..bench.report import machine, made, markdown_table, printed_table, wide_console
 from ..errors import WrongUse
 from ..files import whole_file
 from ..mesh.from_scene import particles_of
@@ -167,7 +167,7 @@ def print_report(all_found: Sequence[SceneErrors]) -> None:
 
 def report(all_found: Sequence[SceneErrors]) -> dict[str, Any]:
     """All there is, for JSON."""
-    return {"machine": machine(), "scenes": [asdict(found) for found in all_found], "left_out": left_out()}
+    return {**made(), "scenes": [asdict(found) for found in all_found], "left_out": left_out()}
 
 
 def write_json(path: Path, all_found: Sequence[SceneErrors]) -> None:
@@ -183,12 +183,12 @@ def page(told: dict[str, Any]) -> str:
         "",
         "`taichi-cloth bench --error --scene` wrote this on:",
         "",
-        " · ".join(told["machine"].values()),
+        " · ".join([*told["machine"].values(), told["date"]]),
         "",
         "Errors are distances from the float64 reference (`taichi_cloth/reference/`), which shares no code with the",
         "solvers: root mean square, and the largest of any particle in any frame. They count while a start 1e-9 of",
-        "the side off has come less than 1e-7 off, and before a strain limit acts. `<` means below what the",
-        f"reference itself is known to: its distance from that of twice the step. {VERLET}",
+        "the side off has come less than 1e-7 off, and before a strain limit acts or a thread tears. `<` is below what",
+        f"the reference itself is known to: its distance from that of twice the step. {VERLET}",
         "",
     ]
     if told["left_out"]:

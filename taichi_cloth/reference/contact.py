@@ -45,8 +45,11 @@ class Obstacle:
 
 
 def obstacles_of(scene: Scene) -> list[Obstacle]:
-    """All colliders of a scene."""
-    colliders: list[Collider | Ground] = [*scene.spheres, *scene.capsules, *scene.boxes, *scene.planes, *scene.meshes]
+    """The colliders of a scene that keep particles out."""
+    colliders: list[Collider | Ground] = [
+        *(one for one in (*scene.spheres, *scene.capsules) if one.against == "particles"),
+        *(*scene.boxes, *scene.planes, *scene.meshes),
+    ]
     if scene.ground is not None:
         colliders.append(scene.ground)
     found: list[Obstacle] = []

@@ -15,11 +15,12 @@ import numpy as np
 
 from ..mesh.from_scene import holder_of
 from ..mesh.tethers import tethers
-from ..scene.model import FRAME_SECONDS, Scene
+from ..scene.model import FRAME_SECONDS, Capsule, Scene, Sphere
 from .air import air_of
 from .contact import Obstacle, obstacles_of, onto_margin, push_of, touch
 from .poses import Pose, pose
 from .springs import Bools, Floats, Ints, spring_model
+from .triangles import TriangleContact
 
 CG_TOLERANCE, MOST_ROUNDS = 1e-8, 500  # of the residual; of the dashpots' equations
 
@@ -56,6 +57,7 @@ class Motion:
         self._grips = [(grip, np.flatnonzero(holder == k)) for k, grip in enumerate(scene.grips)]
         self._held = [pose(grip, 0.0).local(model.start[:, which]) for grip, which in self._grips]
         self._free = model.free
+        self._triangle_contacts = self._triangle_contacts_of()
         self._ties = self._ties_of()
         self._gained = np.zeros_like(model.start)  # [m/s] in the last step by forces: a guess of what comes next
         self.x = model.start + shake * self._free
@@ -70,6 +72,13 @@ class Motion:
         if model.topology.leash is not None:
             found.append(Tie(None, model.start, model.topology.leash))
         return found
+
+    def _triangle_contacts_of(self) -> list[TriangleContact]:
+        """Of the colliders that keep whole triangles out."""
+        model, scene = self._model, self._scene
+        corners, inverse_mass = model.topology.triangles.T.astype(np.int64), self._free / model.mass
+        bodies: list[Sphere | Capsule] = [*scene.spheres, *scene.capsules]
+        return [TriangleContact(one, corners, inverse_mass) for one in bodies if one.against == "triangles"]
 
     def frame(self) -> Floats:
         """Advances by one frame; places then [m], (N, 3)."""
@@ -175,6 +184,8 @@ class Motion:
                 v += change * self._free
                 if which.any() and body.collider.response == "projection":
                     touched.append((body, at, which))
+        ends = x + h / 2 * v
+        stopped = [contact.stop(ends, v, seconds) for contact in self._triangle_contacts]
         x = x + h / 2 * v
         self._lead(x, v, seconds)
         for tie in self._ties:
@@ -182,6 +193,8 @@ class Motion:
             x -= np.maximum(over, 0.0) * away * self._free
         for body, at, which in touched:
             x = np.where(which, onto_margin(body, x, at), x)
+        for contact, triangles in zip(self._triangle_contacts, stopped, strict=True):
+            contact.put_out(x, seconds, triangles)
         self.x, self.v = x, v
 
     def _beyond(self, tie: Tie, x: Floats) -> tuple[Floats, Floats]:

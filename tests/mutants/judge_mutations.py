@@ -493,4 +493,35 @@ RUNNING = [
     ),
 ]
 
-JUDGES: list[Mutation] = [*STRESS_ROWS, *STRESS_JUDGE, *STRESS_VARIANTS, *KEPT, *VALIDATE, *RUNNING]
+REFERENCE = [
+    Mutation(
+        "reference-triangle-corners-move-alike",
+        "reference/triangles.py",
+        "each = weight * self._inverse_mass[corners]",
+        "each = np.full(3, self._inverse_mass[corners].mean() / 3)",
+        ("reference/test_triangles.py::test_the_point_stops_and_momentum_and_spin_are_those_of_a_push_there",),
+    ),
+    Mutation(
+        "reference-triangles-one-round",
+        "reference/triangles.py",
+        "ROUNDS = 200",
+        "ROUNDS = 1",
+        ("reference/test_triangles.py::test_triangles_that_share_corners_all_stop",),
+    ),
+    Mutation(
+        "reference-triangles-no-friction",
+        "reference/triangles.py",
+        "np.array([approach]), self._friction)",
+        "np.array([approach]), 0.0)",
+        ("reference/test_triangles.py::test_friction_takes_its_share_of_what_is_stopped_and_never_more_than_there_is",),
+    ),
+    Mutation(
+        "reference-goes-on-where-threads-tear",
+        "reference/solution.py",
+        "for one in (scene.limit, scene.tear)",
+        "for one in (scene.limit,)",
+        ("reference/test_solution.py::test_it_ends_before_a_strain_limit_acts_or_a_spring_tears",),
+    ),
+]
+
+JUDGES: list[Mutation] = [*STRESS_ROWS, *STRESS_JUDGE, *STRESS_VARIANTS, *KEPT, *VALIDATE, *RUNNING, *REFERENCE]
