@@ -182,7 +182,8 @@ CASES = (
         "ball on a pin",
         "the pin 5 cm inside; it stays, no buzz",
         (Variant("5 cm", overlaps.ball_on_pin),),
-        note="the two threads from the pin round the ball are stretched by geometry, and their bound is that of all",
+        note="the two threads from the pin round the ball are stretched by geometry: the static strain and 1 % is the"
+        " bound of those off the ball",
     ),
     Case(
         23,

@@ -50,9 +50,9 @@ def pins_together(trial: Trial, span: float) -> None:
 
 
 def gravity(trial: Trial, size: float) -> None:
-    """A constant acceleration [m/s²]."""
-    scene = sheet(CELLS, pins=("top",), forces=Forces(gravity=size))
-    trial.open(scene, far=4 * DENSITY * abs(size) / CONSTANT)
+    """A constant acceleration [m/s²]. Upwards, a sheet rests as downwards, but for a mirror."""
+    scene, down = (sheet(CELLS, pins=("top",), forces=Forces(gravity=g)) for g in (size, abs(size)))
+    trial.open(scene, far=4 * DENSITY * abs(size) / CONSTANT, rest=down)
     trial.start()
     trial.run(5.0)
     trial.settle()

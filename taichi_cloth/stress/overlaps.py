@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from math import hypot, sqrt
 
+import numpy as np
+
+from ..measure.cloth import spring_strains
 from ..scene.model import FRAME_SECONDS, Forces, Keyframes, Sphere
 from .rest import static_strain
 from .scenes import SIDE, sheet
 from .setting import CELLS
 from .shots import MARGIN, hung
 from .trial import CALM_STRAIN, Trial
+from .watch import Floats
 
 EJECTED = 2.0  # [m/s] at most, of what a collider suddenly holds
 DEPTH = 0.05  # [m] of a pin within a ball
@@ -72,16 +76,25 @@ def beside_pin(radius: float, depth: float, cell: float) -> float:
 def ball_on_pin(trial: Trial) -> None:
     """A pinned corner is 5 cm within a ball. It stays, and its neighbours come to rest on the ball.
 
-    Their threads are longer than at rest: `beside_pin` is added to the static strain.
+    Their threads are longer than at rest: `beside_pin` is added to the static strain there, and nowhere else.
     """
-    radius = 0.15
+    radius, cell = 0.15, SIDE / CELLS
     ball = Sphere(center=(-SIDE / 2, SIDE / 2 - (radius - DEPTH), 0.0), radius=radius, margin=0.0)
     free = sheet(CELLS)
-    bound = static_strain(trial.setting.of(free)) + beside_pin(radius, DEPTH, SIDE / CELLS) + CALM_STRAIN
-    trial.open(replace(free, spheres=(ball,)), rest_strain=bound)
+    bound = static_strain(trial.setting.of(free)) + CALM_STRAIN
+    trial.open(replace(free, spheres=(ball,)), rest_strain=bound + beside_pin(radius, DEPTH, cell))
     trial.start()
     trial.run(5.0)
     trial.settle()
+    trial.tell("strain off the ball", strain_off(trial, np.array(ball.center), radius + cell), bound)
+
+
+def strain_off(trial: Trial, center: Floats, away: float) -> float:
+    """Largest of the threads both of whose ends are so far [m] from a point."""
+    topology, x = trial.simulation.topology, trial.simulation.positions()
+    threads = topology.family("structural")
+    off = (np.linalg.norm(x - center, axis=1) > away)[topology.ends[threads]].all(axis=1)
+    return float(spring_strains(topology, x)[threads][off].max())
 
 
 def squeeze(trial: Trial) -> None:

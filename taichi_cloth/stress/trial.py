@@ -23,8 +23,9 @@ CALM_SPEED = 0.1  # [m/s]
 SHAKE = 0.02  # [m/s] of the velocities that make starts differ
 SHIFT = 0.01  # [m] of the places, where nothing is pinned
 SLOW_MS = 1000 / 30  # a frame: nobody can use slower ones interactively, and a variant with such is not run to its end
-TIMED_FRAMES = 5  # after the first, which may compile: their median is what a frame takes
+TIMED_FRAMES = 5  # after the first, which may compile: from so many on, their median is what a frame takes
 TIMED_ENOUGH_MS = 1000.0  # of fewer frames than that
+TIMED_EVERY = 60  # frames, after which the median of all of the scene's is looked at again
 
 
 class TooSlow(Exception):
@@ -54,7 +55,7 @@ class Trial:
     worst: Worst = field(default_factory=Worst)
     frame: int = 0
     notes: list[str] = field(default_factory=list)  # what is judged otherwise than usual, and why
-    times: list[float] = field(default_factory=list)  # [ms] of frames, without the first of each scene
+    times: list[float] = field(default_factory=list)  # [ms] of frames, without each scene's first and those in steps
     limit_ms: float = SLOW_MS
     most_strain: float = field(init=False)
     simulation: Simulation = field(init=False)
@@ -139,10 +140,10 @@ class Trial:
     def one_frame(self, *, driven: bool = False, look: Callable[[float], object] | None = None) -> None:
         """One frame, and the watch looks; `look` does after every substep, as `Simulation.advance_slowly` says.
 
-        `driven`: a hand moves in this frame.
+        `driven`: a hand moves in this frame. A frame that is looked at after every substep is not timed: the time would
+        be that of the look, and of a launch a substep, which nobody else has.
         """
         simulation, watch = self.simulation, self.watch
-        start, busy = time.perf_counter(), time.process_time()
         if driven:
             watch.begin_hand_work()
 
@@ -155,23 +156,28 @@ class Trial:
         elif look is not None:
             simulation.advance_slowly(look)
         else:
-            simulation.advance_frame()
-        # Both agree but for other programs on the machine, or for more than one thread.
-        took = min(time.perf_counter() - start, time.process_time() - busy)
-        if not self._first:  # the first may compile
-            self.times.append(1e3 * took)
-        self._first = False
+            self._advance_timed()
         self.frame += 1
         watch.look()
         self._check_time()
         if self.setting.tear is not None:
             self.tell("torn [%]", 100 * float(simulation.torn.mean()))
 
+    def _advance_timed(self) -> None:
+        start, busy = time.perf_counter(), time.process_time()
+        self.simulation.advance_frame()
+        # Both agree but for other programs on the machine, or for more than one thread.
+        took = min(time.perf_counter() - start, time.process_time() - busy)
+        if not self._first:  # the first may compile
+            self.times.append(1e3 * took)
+        self._first = False
+
     def _check_time(self) -> None:
-        """Raises TooSlow, once enough frames were timed."""
-        timed = self.times[self._timed_from :]
-        if len(timed) == TIMED_FRAMES or (timed and len(timed) < TIMED_FRAMES and sum(timed) > TIMED_ENOUGH_MS):
-            ms = median(timed)
+        """Raises TooSlow, where the median of the scene's frames so far is over the limit: soon, and now and then."""
+        count = len(self.times) - self._timed_from
+        few = 0 < count < TIMED_FRAMES and sum(self.times[self._timed_from :]) > TIMED_ENOUGH_MS
+        if few or count == TIMED_FRAMES or (count and count % TIMED_EVERY == 0):
+            ms = median(self.times[self._timed_from :])
             if ms > self.limit_ms:
                 raise TooSlow(ms, self.limit_ms)
 

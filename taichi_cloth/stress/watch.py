@@ -174,8 +174,8 @@ class Watch:
         x, v = self._read()
         self._seconds += FRAME_SECONDS
         for what, values in (("positions", x), ("velocities", v)):
-            if bad := int((~np.isfinite(values)).any(axis=1).sum()):
-                raise Broken(f"particles whose {what} are not finite", bad, 0)
+            if not (finite := np.isfinite(values)).all():
+                raise Broken(f"particles whose {what} are not finite", int((~finite).any(axis=1).sum()), 0)
         if not np.array_equal(np.float32(x[topology.pinned]), self._pins):
             raise Broken("a pin moved [m]", float(np.abs(x[topology.pinned] - self._pins).max()), 0)
 
@@ -193,7 +193,7 @@ class Watch:
         free = self._free()
         self.speed = float(np.sqrt(np.einsum("ij,ij->i", v, v)[free].max(initial=0.0)))
         worst.speed = max(worst.speed, self.speed)
-        self.strain = float((self._lengths / self._rest - 1)[self._threads].max(initial=0.0))
+        self.strain = float((self._lengths[self._threads] / self._rest[self._threads] - 1).max(initial=0.0))
         worst.strain = max(worst.strain, self.strain)
         if over > ENERGY_SLACK * scale:
             raise Broken("energy above all that was given [J]", over, ENERGY_SLACK * scale)

@@ -249,6 +249,20 @@ STRESS_JUDGE = [
         (TRIAL + "test_what_is_too_slow_stops",),
     ),
     Mutation(
+        "timed-once",
+        "stress/trial.py",
+        "(count and count % TIMED_EVERY == 0)",
+        "False",
+        (TRIAL + "test_what_is_too_slow_stops",),
+    ),
+    Mutation(
+        "look-is-timed",
+        "stress/trial.py",
+        "            simulation.advance_slowly(look)\n",
+        "            simulation.advance_slowly(look)\n            self.times.append(99.0)\n",
+        (TRIAL + "test_a_frame_that_is_looked_at_after_every_substep_is_not_timed",),
+    ),
+    Mutation(
         "calm-strain-loose",
         "stress/trial.py",
         "CALM_STRAIN = 0.01 ",

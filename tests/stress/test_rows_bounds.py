@@ -27,7 +27,7 @@ from taichi_cloth.stress import (
     springs,
 )
 from taichi_cloth.stress.scenes import sheet
-from taichi_cloth.stress.trial import TooSlow, Trial, close
+from taichi_cloth.stress.trial import Trial, close
 from taichi_cloth.stress.watch import Broken
 from taichi_cloth.view.session import Session
 
@@ -125,6 +125,23 @@ def test_a_pin_in_a_ball_stretches_its_threads_by_geometry() -> None:
     assert 0.6 < strain < 0.8
     [rest] = walk(VARIANTS[22, "5 cm"]).rest
     assert rest == pytest.approx(STATIC + 0.01 + overlaps.beside_pin(radius, 0.05, 1 / CELLS))
+
+
+@pytest.mark.parametrize(("particle", "broken"), [(0, []), (1, []), (80, ["strain off the ball"])])
+def test_only_what_lies_on_the_ball_may_be_stretched_by_it(particle: int, broken: list[str]) -> None:
+    """The pin of the ball is 0, at the upper left; 80 is the corner across."""
+    assert walk(overlaps.ball_on_pin).broken == []
+    assert settling(overlaps.ball_on_pin, lambda one: moved(one.simulation, particle, 0.05)).broken == broken
+
+
+def test_upwards_a_sheet_is_held_against_its_mirror(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The static strain is found from a sheet that hangs."""
+    seen: list[float] = []
+    monkeypatch.setattr(
+        "taichi_cloth.stress.trial.static_strain", lambda scene: seen.append(scene.forces.gravity) or STATIC
+    )
+    assert [one.forces.gravity for one in walk(VARIANTS[26, "upwards"]).scenes] == [-9.81]
+    assert seen == [9.81]
 
 
 @pytest.mark.parametrize("pin", [0, 30, 80])
@@ -393,28 +410,6 @@ def test_a_sheet_without_friction_slides(speed: float, broken: bool) -> None:
         assert trial.broken == (["slower than a sliding block by [m/s]"] if broken else [])
     finally:
         close()
-
-
-def test_many_layers_may_not_take_longer_once_they_lie_on_each_other() -> None:
-    class Slowing(Walk):
-        meet = 0  # in this frame
-
-        def one_frame(self, **how: object) -> None:
-            super().one_frame(**how)
-            self.times[-1] = 1.0 if self.frames < self.meet else 600.0
-
-    for meet, slow in ((170, False), (130, True)):  # of 300
-        trial = Slowing()
-        trial.meet = meet
-        try:
-            VARIANTS[16, "50 sheets"](trial)
-        except TooSlow as found:
-            assert slow
-            assert (found.ms, found.limit) == (600.0, 550.0)
-        else:
-            assert not slow
-        finally:
-            close()
 
 
 @pytest.mark.parametrize("slope", [30.0, 89.0])

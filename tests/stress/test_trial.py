@@ -11,7 +11,7 @@ from taichi_cloth.stress import trial as module
 from taichi_cloth.stress.rest import static_strain
 from taichi_cloth.stress.scenes import sheet
 from taichi_cloth.stress.setting import Setting
-from taichi_cloth.stress.trial import CALM_SECONDS, TooSlow, Trial
+from taichi_cloth.stress.trial import CALM_SECONDS, TIMED_FRAMES, TooSlow, Trial
 from taichi_cloth.stress.watch import Broken
 
 from .conftest import SMALL
@@ -143,6 +143,9 @@ class Clock:
         ([9.0, 0.2, 0.01, 0.2, 0.01, 0.01], None),
         ([9.0, *[0.034] * 5], 6),  # less than thirty frames a second
         ([9.0, *[0.033] * 5], None),
+        ([9.0, *[0.01] * 29, *[0.04] * 31], 61),  # it becomes slow, and more than half of its frames are
+        ([9.0, *[0.01] * 31, *[0.04] * 29], None),
+        ([9.0, *[0.01] * 59, *[0.04] * 61], 121),
     ],
 )
 def test_what_is_too_slow_stops(monkeypatch: pytest.MonkeyPatch, seconds: list[float], frames: int | None) -> None:
@@ -153,13 +156,29 @@ def test_what_is_too_slow_stops(monkeypatch: pytest.MonkeyPatch, seconds: list[f
     monkeypatch.setattr(module.time, "perf_counter", wall.read)
     monkeypatch.setattr(module.time, "process_time", busy.read)
     if frames is None:
-        trial.run(0.5)
+        trial.run(len(seconds) / 60)
         trial.only_frames("a test")
         return
     with pytest.raises(TooSlow) as found:
-        trial.run(0.5)
+        trial.run(3.0)
     assert trial.frame == frames
     assert found.value.ms == pytest.approx(1e3 * seconds[-1])
+
+
+@pytest.mark.parametrize("way", ["driven", "look"])
+def test_a_frame_that_is_looked_at_after_every_substep_is_not_timed(way: str) -> None:
+    """What the look takes is no time of the method, however long it is."""
+    trial = Trial(SMALL, 0)
+    trial.open(sheet(4), rest_strain=0.1)
+    trial.frame_limit_ms(0.0, "every frame that is timed is too slow")
+    trial.start()
+    trial.simulation.grab(12, trial.simulation.topology.start[12])
+    for _ in range(70):
+        trial.one_frame(**{"driven": {"driven": True}, "look": {"look": lambda share: None}}[way])
+    assert trial.times == []
+    with pytest.raises(TooSlow):
+        trial.run(0.2)
+    assert (trial.frame, len(trial.times)) == (70 + 1 + TIMED_FRAMES, TIMED_FRAMES)  # the first of them may compile
 
 
 def test_a_case_may_set_its_own_limit(monkeypatch: pytest.MonkeyPatch) -> None:
