@@ -354,13 +354,6 @@ STRESS_JUDGE = [
         (CAUSES + "test_the_start_that_failed_and_two_others_must_be_alive",),
     ),
     Mutation(
-        "layers-timed-in-the-air",
-        "stress/layers.py",
-        "    if ms > MANY_MS:\n",
-        "    if ms > 1e9:\n",
-        (BOUNDS + "test_many_layers_may_not_take_longer_once_they_lie_on_each_other",),
-    ),
-    Mutation(
         "rounding-of-world-coordinates",
         "stress/watch.py",
         "np.abs(x - topology.origin).max(initial=0.0)",
