@@ -1,6 +1,7 @@
-# Two commands do everything: `make run` and `make test`. Each first makes the environment in .venv.
+# `make run` and `make test` are enough to start. Each target first creates the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test bounds long mutants lint venv wheel screenshots docs bench results validate stress errors neighbours peers clean
+.PHONY: help run test bounds long mutants lint venv wheel screenshots docs bench results validate stress errors \
+	broad-phase peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -12,34 +13,31 @@ else
 BIN := .venv/bin
 endif
 
-# Where every index is checked; CI takes fewer.
-BOUNDS := tests/kernels tests/contact
-
-# Where the results of this machine are stored, which documents quote.
-MACHINE ?= xeon-2-cores
+# Results of this machine, which the documents quote.
+MACHINE ?= two-cores
 RESULTS := benchmarks/results/$(MACHINE)
 
-# The shipped scenes, for documents.
+# The shipped scenes, in the order of the documents.
 SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack twist tear \
 	sphere flag sail hammock cape banner relief
 
 help:
-	@echo "make run    open the cloth (without a screen: render 240 frames to out/curtain)"
-	@echo "make test   run all tests (REQUIRE_WINDOW=1: those of the real window may not be skipped)"
-	@echo "make bounds the tests of kernels and contact with every index checked (minutes)"
-	@echo "make long   the tests that take minutes, of which \`make test\` has a short form or none; writes tests/long_result.toml"
-	@echo "make mutants  puts one fault after another into a copy of the program: a test must fail; writes tests/mutants_result.toml"
-	@echo "             (ONLY=NAME: that one, and nothing is written)"
-	@echo "make lint   ruff and mypy"
-	@echo "make bench  how fast it is on this machine, beside C and JavaScript (BENCH=--full: all there is)"
-	@echo "make results  the same and the goals' figures, stored in $(RESULTS), and docs/ brought up to date (MACHINE=name)"
-	@echo "make validate  how far every solver is from known answers; writes docs/validation.md and docs/scenes.md (40 minutes)"
-	@echo "make stress  40 cases that break cloth, every solver, ten starts a variant; writes docs/stability.md (hours; goes on)"
-	@echo "make errors  time beside error: the table that --target-error reads, its pictures, docs/scene_errors.md (half an hour)"
-	@echo "make neighbours  how long self-collision's search takes, beside brute force, an octree and a k-d tree"
-	@echo "make peers  the same cloth in other programs, installed into environments of their own"
-	@echo "make screenshots   draw the pictures in screenshots/ and docs/pictures/ anew"
-	@echo "make docs   render docs/ to site/, as pages to read in a browser"
+	@echo "make run          open the window (without a display: render 240 frames to out/curtain)"
+	@echo "make test         run the tests (REQUIRE_WINDOW=1: fail instead of skipping the tests of the real window)"
+	@echo "make bounds       run the tests of kernels and collision with bounds checks of all array accesses"
+	@echo "make long         run the tests that take minutes each; write tests/long_result.toml"
+	@echo "make mutants      mutation testing: a test must fail with each mutation; write tests/mutants_result.toml"
+	@echo "                  (ONLY=NAME: run that mutation; write nothing)"
+	@echo "make lint         run ruff and mypy"
+	@echo "make bench        measure frame times on this machine, with C and JavaScript (BENCH=--all: everything)"
+	@echo "make results      bench and performance goals, stored in $(RESULTS); update docs/ (MACHINE=name)"
+	@echo "make validate     compare every solver with analytic and converged solutions; write docs/validation.md (40 minutes)"
+	@echo "make stress       run 40 stability cases with every solver, ten runs a variant; write docs/stability.md (hours)"
+	@echo "make errors       measure time and error of solver settings; write docs/scene_errors.md (half an hour)"
+	@echo "make broad-phase  compare the broad phase with brute force, an octree and a k-d tree"
+	@echo "make peers        time the same cloth in other programs, installed in their own environments"
+	@echo "make screenshots  render the images in screenshots/ and docs/pictures/"
+	@echo "make docs         build the documentation site in site/"
 
 run: .venv/ready
 	$(BIN)/taichi-cloth run $(SCENE)
@@ -48,13 +46,13 @@ test: .venv/tools
 	$(BIN)/python -m pytest
 
 bounds: .venv/tools
-	TI_DEBUG=1 $(BIN)/python -m pytest $(BOUNDS)
+	TI_DEBUG=1 $(BIN)/python -m pytest -m "bounds and not long"
 
-# The result is written whether or not something failed; the exit status is that of the tests.
+# The result is written even if a test fails; the exit status is that of the tests.
 long: .venv/tools
 	@mkdir -p out
-	$(BIN)/python -m pytest -m long -o faulthandler_timeout=3600 --junitxml=out/long.xml; ended=$$?; \
-		$(BIN)/python tests/long_result.py out/long.xml && exit $$ended
+	$(BIN)/python -m pytest -m long -o faulthandler_timeout=3600 --junitxml=out/long.xml; status=$$?; \
+		$(BIN)/python tests/long_result.py out/long.xml && exit $$status
 
 mutants: .venv/tools
 	$(BIN)/python tests/mutants/run_mutants.py $(addprefix --only ,$(ONLY))
@@ -69,7 +67,7 @@ screenshots: .venv/tools
 	$(BIN)/python screenshots/parameters.py
 	$(BIN)/python screenshots/pages.py
 
-# The advert that the theme prints for its successor is not wanted in every log.
+# NO_MKDOCS_2_WARNING turns off an advertisement of the theme.
 docs: .venv/tools
 	$(BIN)/python docs/generate.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
@@ -77,35 +75,36 @@ docs: .venv/tools
 bench: .venv/ready
 	$(BIN)/taichi-cloth bench $(BENCH)
 
+# `results`, `validate`, `stress` and `errors` update the documents that quote their results even if the command fails;
+# the exit status is that of the command. docs/generate.py needs Pillow, which .venv/tools installs.
 results: .venv/tools
 	mkdir -p $(RESULTS)
 	$(BIN)/taichi-cloth bench --json $(RESULTS)/bench.json --csv $(RESULTS)/bench.csv --force \
-		&& $(BIN)/taichi-cloth bench --goals --json $(RESULTS)/goals.json --force; ended=$$?; \
-		$(BIN)/python docs/generate.py && exit $$ended
+		&& $(BIN)/taichi-cloth bench --goals --json $(RESULTS)/goals.json --force; status=$$?; \
+		$(BIN)/python docs/generate.py && exit $$status
 
 validate: .venv/tools
-	$(BIN)/taichi-cloth ablate $(SCENES) round --markdown docs/scenes.md --force \
+	$(BIN)/taichi-cloth ablate $(SCENES) round --markdown docs/scenes_rows.md --force \
 		&& $(BIN)/taichi-cloth validate --json benchmarks/results/validation.json --markdown docs/validation.md --force; \
-		ended=$$?; $(BIN)/python docs/generate.py && exit $$ended
+		status=$$?; $(BIN)/python docs/generate.py && exit $$status
 
-# What is stored of the same program is not run again: a run that was broken off goes on, on another machine too, and
-# each result says where it was made. The documents that quote it are brought up to date whatever the command's exit
-# status, which is make's; that takes Pillow, which is among the tools.
+# Stored results of the same program are kept, so an interrupted run continues, on another machine too. Each result names
+# its machine.
 stress: .venv/tools
 	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --explain --markdown docs/stability.md --force; \
-		ended=$$?; $(BIN)/python docs/generate.py && exit $$ended
+		status=$$?; $(BIN)/python docs/generate.py && exit $$status
 
-# Scenes that the float64 reference does not cover; docs/scene_errors.md says why.
+# Scenes without a float64 reference solution; docs/scene_errors.md gives the reasons.
 NO_REFERENCE := fold stack twist
 errors: .venv/tools
 	mkdir -p $(RESULTS)
-	$(BIN)/taichi-cloth bench --error --full --csv assets/error.csv --json $(RESULTS)/error.json --plot docs/pictures --force \
+	$(BIN)/taichi-cloth bench --error --all --csv assets/error.csv --json $(RESULTS)/error.json --plot docs/pictures --force \
 		&& $(BIN)/taichi-cloth bench --error $(addprefix --scene ,$(filter-out $(NO_REFERENCE),$(SCENES) round)) \
-		--json $(RESULTS)/scene_errors.json --markdown docs/scene_errors.md --force; ended=$$?; \
-		$(BIN)/python docs/generate.py && exit $$ended
+		--json $(RESULTS)/scene_errors.json --markdown docs/scene_errors_rows.md --force; status=$$?; \
+		$(BIN)/python docs/generate.py && exit $$status
 
-neighbours: .venv/tools
-	$(BIN)/python benchmarks/neighbours/run.py
+broad-phase: .venv/tools
+	$(BIN)/python benchmarks/broad_phase/run.py
 
 peers: .venv/ready
 	$(BIN)/python benchmarks/peers/run.py

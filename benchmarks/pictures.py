@@ -1,8 +1,8 @@
-"""How many pictures a second the rasteriser draws of every shipped scene: `python benchmarks/pictures.py [SCENE ...]`.
+"""Measure the images per second of the rasterizer on every shipped scene: `python benchmarks/pictures.py [SCENE ...]`.
 
-A picture is what `render` makes of a frame: the scene made into lit triangles, and these drawn, at 1920 × 1080 with
-4 samples a pixel. Physics and PNG files are not in it; a file, which `render` writes in a thread beside, has a column
-of its own. `processor` is the time of all threads together: on a machine in use it tells more than the clock does.
+An image is what `render` makes of a frame: the scene is converted to lit triangles, and these are drawn at 1920 × 1080
+with 4 samples per pixel. Physics is not included. PNG files, which `render` writes in another thread, have their own
+column. `CPU` is the time of all threads together: on a busy machine it says more than the elapsed time.
 """
 
 from __future__ import annotations
@@ -12,56 +12,52 @@ import sys
 import time
 
 import taichi_cloth as tc
-from taichi_cloth.interact.camera import OrbitCamera
-from taichi_cloth.scene import load_scene, scene_names
-from taichi_cloth.simulation import Simulation
-from taichi_cloth.view.draw_list import DrawList
-from taichi_cloth.view.png import encode_png
-from taichi_cloth.view.portrait import portrait
-from taichi_cloth.view.raster import Raster
+from taichi_cloth.render.camera import OrbitCamera
+from taichi_cloth.render.draw_list import DrawList
+from taichi_cloth.render.image import render_pixels
+from taichi_cloth.render.image_files import encode_png
+from taichi_cloth.render.rasterizer import Rasterizer
 
 WIDTH, HEIGHT = 1920, 1080
-FRAMES = 40  # simulated before the first picture: the cloth hangs or lies in folds
-PICTURES = 20
-HEADER = "| scene | triangles | picture [ms] | pictures/s | processor [ms] | PNG [ms] |\n|---|---|---|---|---|---|"
+FRAMES = 40  # simulated before the first image, so that the cloth hangs or lies in folds
+IMAGES = 20
+HEADER = "| scene | triangles | image [ms] | images/s | CPU [ms] | PNG [ms] |\n|---|---|---|---|---|---|"
 
 
-def timed(name: str) -> tuple[float, str]:
-    """Pictures a second of a scene, and its row of the table. Times are medians."""
-    with Simulation(load_scene(name)) as simulation:
-        for _ in range(FRAMES):
-            simulation.advance_frame()
-        camera, raster = OrbitCamera.from_scene(simulation.scene.camera), Raster(WIDTH, HEIGHT)
+def measure(name: str) -> tuple[float, str]:
+    """Return the images per second of a scene, and its row of the table. Times are medians."""
+    with tc.Simulation(tc.load_scene(name)) as simulation:
+        simulation.step(FRAMES)
+        camera, raster = OrbitCamera.from_scene(simulation.scene.camera), Rasterizer(WIDTH, HEIGHT)
         draw_list = DrawList(simulation)
         try:
-            picture = portrait(raster, draw_list, camera, "shaded")  # compiles
-            clock, processor = [], []
-            for _ in range(PICTURES):
-                began, busy = time.perf_counter(), time.process_time()
-                portrait(raster, draw_list, camera, "shaded")
-                clock.append(time.perf_counter() - began)
-                processor.append(time.process_time() - busy)
+            image = render_pixels(raster, draw_list, camera, "shaded")  # compiles
+            elapsed, cpu = [], []
+            for _ in range(IMAGES):
+                start, cpu_start = time.perf_counter(), time.process_time()
+                render_pixels(raster, draw_list, camera, "shaded")
+                elapsed.append(time.perf_counter() - start)
+                cpu.append(time.process_time() - cpu_start)
             triangles = draw_list.mesh.corners // 3
         finally:
             draw_list.close()
-    began = time.perf_counter()
-    encode_png(picture)
-    png = time.perf_counter() - began
-    wall, busy = statistics.median(clock), statistics.median(processor)
-    return 1 / wall, (
-        f"| {name} | {triangles} | {1e3 * wall:.1f} | {1 / wall:.1f} | {1e3 * busy:.1f} | {1e3 * png:.0f} |"
-    )
+    start = time.perf_counter()
+    encode_png(image)
+    png = time.perf_counter() - start
+    seconds, cpu_seconds = statistics.median(elapsed), statistics.median(cpu)
+    row = f"{1e3 * seconds:.1f} | {1 / seconds:.1f} | {1e3 * cpu_seconds:.1f} | {1e3 * png:.0f}"
+    return 1 / seconds, f"| {name} | {triangles} | {row} |"
 
 
 def main() -> None:
-    tc.start()
+    tc.init()
     print(HEADER, flush=True)
     rates = {}
-    for name in sys.argv[1:] or scene_names():
-        rates[name], row = timed(name)
+    for name in sys.argv[1:] or tc.list_scenes():
+        rates[name], row = measure(name)
         print(row, flush=True)
     slowest = min(rates, key=lambda name: rates[name])
-    print(f"\nThe slowest is {slowest} with {rates[slowest]:.1f} pictures/s.")
+    print(f"\nThe slowest is {slowest} with {rates[slowest]:.1f} images/s.")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""Writes into the documents what they quote: `python docs/generate.py`, which `make docs` runs first.
+"""Write the generated blocks of the documents: `python docs/generate.py`, which `make docs` runs first.
 
-What stands between `<!-- generated: NAME -->` and `<!-- end -->` comes from the function NAME below: from the
-program, from the fabrics' files, or from stored results (`stored.py`). `tests/test_documents.py` compares.
+The function NAME below returns the text between `<!-- generated: NAME -->` and `<!-- end -->`. Its sources are the
+program, the fabric presets, and stored results (`stored.py`). `tests/test_documents.py` checks that all blocks are up
+to date.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import re
 import runpy
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,17 @@ import stored
 from goals import GOALS
 
 import taichi_cloth as tc
-from taichi_cloth.measure.cloth import Measures
-from taichi_cloth.scene import key_table
-from taichi_cloth.scene.model import PRESET_NAMES, USUAL, parts
+from taichi_cloth.evaluation.bench import scene_error
+from taichi_cloth.evaluation.bench.scene_error import SceneErrors, ScenePoint
+from taichi_cloth.evaluation.stress.setup import ROBUST
+from taichi_cloth.geometry.topology import ClothMetrics
+from taichi_cloth.kernels.step_params import MAX_GRABS
+from taichi_cloth.scene import key_table, schema
 from taichi_cloth.scene.presets import load_preset
-from taichi_cloth.stress.setting import ROBUST
+from taichi_cloth.scene.schema import PRESET_NAMES
+from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
+from taichi_cloth.simulation.simulation import GrabHandle
+from taichi_cloth.viewer import input as controls
 
 DOCS = Path(__file__).parent
 BLOCK = re.compile(r"(<!-- generated: ([a-z_]+)(?: ([a-z0-9_-]+))? -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -39,180 +46,173 @@ def table(header: list[str], rows: Rows) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-# -- what the measured tables say ----------------------------------------------------------------------
+# -- errors on scenes --------------------------------------------------------------------------------------------------
 
 
-def read(name: str) -> str:
-    return (DOCS / name).read_text(encoding="utf-8")
+def scenes() -> list[SceneErrors]:
+    """Return the stored errors on the shipped scenes."""
+    words = stored.load("scene_errors") or {"scenes": []}
+    return [SceneErrors(**{**one, "points": [ScenePoint(**p) for p in one["points"]]}) for one in words["scenes"]]
 
 
-def rows_of(text: str) -> Rows:
-    """The cells of the first table in a text, without its header."""
-    lines = [line for line in text.splitlines() if line.startswith("|")]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+def scene_rows(solver: str) -> dict[str, Rows]:
+    """Return the rows of a solver by scene: setting, frame time, RMS error, largest error and strain."""
+    found = {}
+    for scene in scenes():
+        rows = [[setting, ms, *errors] for setting, ms, _, _, *errors in scene_error.lines(scene)[1:]]
+        found[scene.scene] = [row for row in rows if row[0].split()[0] == solver]
+    return {scene: rows for scene, rows in found.items() if rows}
 
 
-def sections(text: str) -> dict[str, str]:
-    """What stands under each heading of the second rank."""
-    heads = re.split(r"^## (.+)$", text, flags=re.MULTILINE)
-    return dict(zip(heads[1::2], heads[2::2], strict=True))
+def default_row(solver: str, rows: Rows) -> list[str]:
+    """Return the row of a solver's default setting, or the first row if that was not measured."""
+    substeps, iterations = SOLVER_CATALOG[solver].defaults
+    return next((row for row in rows if row[0] == f"{solver} {substeps}×{iterations}"), rows[0])
 
 
-def scene_errors(solver: str) -> Iterator[tuple[str, list[str]]]:
-    """Scene, and setting, ms, error, largest error and strain, for every measured setting of a solver."""
-    for scene, text in sections(read("scene_errors.md")).items():
-        for setting, ms, _, _, error, largest, strain in rows_of(text):
-            if setting.split()[0] == solver:
-                yield scene, [setting, ms, error, largest, strain]
-
-
-def usual_row(scene: str, solver: str) -> list[str]:
-    """What is measured of a solver on a scene: its usual setting, or the one that is there."""
-    rows = [row for name, row in scene_errors(solver) if name == scene]
-    substeps, iterations = USUAL[solver]
-    usual = [row for row in rows if row[0] == f"{solver} {substeps}×{iterations}"]
-    return (usual or rows)[0]
-
-
-# -- where stored results were made ------------------------------------------------------------------------
+# -- machine and date of stored results --------------------------------------------------------------------------------
 
 
 NO_DATE = "date not stored"
 
 
-def made(words: stored.Words) -> str:
-    """The machine, the versions and the day of a run, in one line."""
+def machine_and_date(words: stored.Words) -> str:
+    """Return the machine, the versions and the date of a run as one line."""
     return f"{stored.machine_of(words)} · {words.get('date') or NO_DATE}"
 
 
-def made_units(words: stored.Words) -> str:
-    """The machines and the days of a run whose results each say so: it may go on elsewhere."""
+def machines_and_dates(words: stored.Words) -> str:
+    """Return the machines and the dates of a run that was continued: each of its results has its own."""
     machines = dict.fromkeys(row["machine"] for row in words["results"] if row.get("machine"))
     days = sorted({row["date"][:10] for row in words["results"] if row.get("date")})
-    told = " and ".join(machines or [stored.machine_of(words)])
-    when = " to ".join(dict.fromkeys((days[0], days[-1]))) if days else NO_DATE
-    return f"{told} · {when}" + (" (some results are of an older program)" if words.get("older") else "")
+    names = " and ".join(machines or [stored.machine_of(words)])
+    dates = " to ".join(dict.fromkeys((days[0], days[-1]))) if days else NO_DATE
+    return f"{names} · {dates}" + (" (some results are of an older version)" if words.get("older") else "")
 
 
-def made_curtains() -> str:
-    """Of assets/error.csv, which has room for numbers only: what the JSON says that was written with it."""
+def machine_and_date_of_curtain() -> str:
+    """Return the machine and date of assets/error.csv, from the JSON that was written with it.
+
+    The CSV contains only the measurements. The JSON belongs to it if all its times are equal.
+    """
     words = stored.load("error")
     with stored.ERRORS.open(encoding="utf-8", newline="") as file:
-        rows = [float(row["median_ms"]) for row in csv.DictReader(file)]
-    if words is None or [point["median_ms"] for point in words["points"]] != rows:
+        times = [float(row["median_ms"]) for row in csv.DictReader(file)]
+    if words is None or [point["median_ms"] for point in words["points"]] != times:
         return "machine and date not stored in assets/error.csv"
-    return made(words)
+    return machine_and_date(words)
 
 
-def made_lines(*commands: str) -> str:
-    """Where the runs of these commands were made, in one paragraph: what has no stored run is left out."""
-    found = []
-    for command in commands:
-        if command == "bench --error":
-            found.append(f"`{command}`: {made_curtains()}")
-            continue
-        name, tell = RUNS[command]
-        words = stored.load(name)
-        if words is not None:
-            found.append(f"`{command}`: {tell(words)}")
-    return f"Runs: {'; '.join(found)}." if found else ""
-
-
-# The name of the file that a command writes, and how that file says where it was made.
+# For each command: the name of its stored file, and the function that returns the machine and date of that file.
 RUNS: dict[str, tuple[str, Callable[[stored.Words], str]]] = {
-    "bench": ("bench", made),
-    "bench --goals": ("goals", made),
-    "bench --error --scene": ("scene_errors", made),
-    "validate": ("validation", made),
-    "stress": ("stability", made_units),
+    "bench": ("bench", machine_and_date),
+    "bench --goals": ("goals", machine_and_date),
+    "bench --error --scene": ("scene_errors", machine_and_date),
+    "validate": ("validation", machine_and_date),
+    "stress": ("stability", machines_and_dates),
 }
 
 
-def with_origin(text: str, *commands: str) -> str:
-    """A block, and below it where its figures were measured."""
-    return "\n\n".join(filter(None, (text, made_lines(*commands))))
+def runs_line(*commands: str) -> str:
+    """Return the machines and dates of the stored runs of these commands, as one paragraph."""
+    found = []
+    for command in commands:
+        if command == "bench --error":
+            found.append(f"`{command}`: {machine_and_date_of_curtain()}")
+            continue
+        name, describe = RUNS[command]
+        words = stored.load(name)
+        if words is not None:
+            found.append(f"`{command}`: {describe(words)}")
+    return f"Runs: {'; '.join(found)}." if found else ""
 
 
-# -- the blocks ----------------------------------------------------------------------------------------
+def with_runs(text: str, *commands: str) -> str:
+    """Return a block with the machines and dates of its results below it."""
+    return "\n\n".join(filter(None, (text, runs_line(*commands))))
+
+
+# -- the blocks --------------------------------------------------------------------------------------------------------
 
 
 def choosing() -> str:
-    scenes = ("curtain", "table", "denim")
+    shown = ("curtain", "table", "denim")
     rows = []
-    for solver in USUAL:
-        measured = [usual_row(scene, solver) for scene in scenes]
-        cells = [f"{row[0].removeprefix(solver).strip()}: {row[1]}\N{NO-BREAK SPACE}ms, {row[2]}" for row in measured]
+    for solver in SOLVER_CATALOG:
+        measured = scene_rows(solver)
+        cells = [error_at_default(solver, measured[scene]) if scene in measured else "" for scene in shown]
         rows.append([f"[`{solver}`](solvers/{solver}.md)", *cells, falls_short(solver), survives(solver)])
     found = table(
-        ["solver", *(f"`{scene}`" for scene in scenes), "references it falls short of", "hard cases alive"], rows
+        ["solver", *(f"`{scene}`" for scene in shown), "references not reached", "stress cases survived"], rows
     )
-    robust = f"Hard cases that the recommended setting `{ROBUST.name}` survives: {survives(ROBUST.name)}."
-    return with_origin(f"{found}\n\n{robust}", "bench --error --scene", "validate", "stress")
+    robust = f"Stress cases survived with the recommended setting `{ROBUST.name}`: {survives(ROBUST.name)}."
+    return with_runs(f"{found}\n\n{robust}", "bench --error --scene", "validate", "stress")
 
 
-# -- how far a usual setting is from the answer --------------------------------------------------------
+def error_at_default(solver: str, rows: Rows) -> str:
+    setting, ms, error, *_ = default_row(solver, rows)
+    return f"{setting.removeprefix(solver).strip()}: {ms}\N{NO-BREAK SPACE}ms, {error}"
 
-HELD = ("A3.1", "A2.5")  # sheets in equilibrium under their weight: told of every solver
-BESIDE = ("A5.1", "A6.2")  # told where a solver falls short
+
+# References to compare the default setting of each solver with.
+ALWAYS_SHOWN = ("A3.1", "A2.5")  # sheets in equilibrium under their weight
+SHOWN_IF_MISSED = ("A5.1", "A6.2")
 
 
-def unfinished() -> str:
-    return "\n".join(f"- [`{name}`](solvers/{name}.md): {distance(name)}" for name in USUAL)
+def unconverged() -> str:
+    return "\n".join(f"- [`{name}`](solvers/{name}.md): {distance(name)}" for name in SOLVER_CATALOG)
 
 
 def distance(solver: str) -> str:
-    """One sentence: how far the usual setting of a solver is from exact values, by its worst row of each reference."""
+    """Return the error of a solver's default setting as a sentence: the worst row of each of these references."""
     words = stored.load("validation")
     if words is None:
-        return "how far the usual setting is from exact values: no run is stored."
-    said = []
-    for number in (*HELD, *BESIDE):
+        return "difference of the default setting from exact values: no run is stored."
+    parts = []
+    for number in (*ALWAYS_SHOWN, *SHOWN_IF_MISSED):
         rows = [row for row in words["rows"] if (row["reference"], row["solver"]) == (number, solver)]
-        if rows and (number in HELD or any(row["verdict"] not in stored.PASSED for row in rows)):
-            said.append(farthest(rows))
-    setting = stored.setting_of({"solver": solver, "substeps": USUAL[solver][0], "iterations": USUAL[solver][1]})
-    more = ", or as many substeps as stability asks for" if solver in EXPLICIT else ""
-    heading = f"at its usual setting ({setting}{more}) it is off the exact values by"
-    return f"{heading} {'; '.join(said)}." if said else f"{heading} nothing that these references measure."
+        if rows and (number in ALWAYS_SHOWN or any(row["verdict"] not in stored.PASSED for row in rows)):
+            parts.append(worst_row(rows))
+    info = SOLVER_CATALOG[solver]
+    setting = stored.setting_of({"solver": solver, "substeps": info.substeps, "iterations": info.iterations})
+    more = ", or as many substeps as stability needs" if info.is_explicit else ""
+    heading = f"with its default setting ({setting}{more}) it differs from exact values by"
+    return f"{heading} {'; '.join(parts)}." if parts else f"{heading} nothing that these references measure."
 
 
-EXPLICIT = ("spring", "rk4")
-
-
-def farthest(rows: list[stored.Words]) -> str:
-    """Of a reference: the row that is farthest from its exact value, and how many rows nobody knows."""
-    known = [(row["measured"] / row["exact"] - 1, row) for row in rows if row["measured"] is not None]
+def worst_row(rows: list[stored.Words]) -> str:
+    """Return the row of a reference with the largest relative error, and the number of rows without a result."""
+    measured = [(row["measured"] / row["exact"] - 1, row) for row in rows if row["measured"] is not None]
     title = f"{rows[0]['reference']} {rows[0]['name']}"
-    told = [title]
-    if known:
-        share, row = max(known, key=lambda one: abs(one[0]))
+    parts = [title]
+    if measured:
+        share, row = max(measured, key=lambda one: abs(one[0]))
         passed = "" if row["verdict"] in stored.PASSED else ", falls short"
         what = re.sub(r" ?\[[^]]*\]$", "", row["what"])  # without its unit
-        told = [f"{signed(share)} in {title} (*{what}*{passed})"]
-    if slow := len(rows) - len(known):
-        told.append(f"{slow} of {len(rows)} rows too slow to be known")
-    return ", ".join(told)
+        parts = [f"{signed(share)} in {title} (*{what}*{passed})"]
+    if slow := len(rows) - len(measured):
+        parts.append(f"{slow} of {len(rows)} rows too slow to be measured")
+    return ", ".join(parts)
 
 
 def signed(share: float) -> str:
     return ("−" if share < 0 else "+") + stored.per_cent(abs(share))
 
 
-def bar() -> str:
-    """Which solvers hold too little on a bar: ends that slip at a smaller ratio than the capstan law has."""
+def bar_friction() -> str:
+    """Return the solvers whose friction on a bar is too weak: ends slip at a smaller ratio than by the capstan law."""
     words = stored.load("validation")
     if words is None:
-        return "Friction round a bar: no run is stored."
+        return "Friction around a bar: no run is stored."
     rows = [row for row in words["rows"] if row["reference"] == "A7.4"]
-    said = []
+    parts = []
     for name in dict.fromkeys(row["solver"] for row in rows):
         own = [row for row in rows if row["solver"] == name]
         missed = [row for row in own if row["verdict"] not in stored.PASSED and row["measured"] is not None]
-        short = [share for row in missed if (share := row["measured"] / row["exact"] - 1) < 0]
-        if short:
-            worst = min(short)
-            said.append(f"`{name}` in {len(short)} of {len(own)} rows, by up to {signed(worst)}")
-    return f"Too weak: {'; '.join(said) or 'none'}."
+        weaker = [share for row in missed if (share := row["measured"] / row["exact"] - 1) < 0]
+        if weaker:
+            parts.append(f"`{name}` in {len(weaker)} of {len(own)} rows, by up to {signed(min(weaker))}")
+    return f"Too weak: {'; '.join(parts) or 'none'}."
 
 
 def falls_short(solver: str) -> str:
@@ -229,43 +229,91 @@ def survives(setting: str) -> str:
     if found is None:
         return "no run is stored"
     ran = found.total() - found[stored.NOT_RUN]
-    told = f"{found[stored.ALIVE]} of {ran}" if ran else "not run"
-    return f"{told}, {found[stored.NOT_RUN]} not run" if ran and found[stored.NOT_RUN] else told
+    text = f"{found[stored.ALIVE]} of {ran}" if ran else "not run"
+    return f"{text}, {found[stored.NOT_RUN]} not run" if ran and found[stored.NOT_RUN] else text
 
 
 def solver(name: str) -> str:
-    rows = [[f"`{scene}`", *cells] for scene, cells in scene_errors(name)]
-    errors = table(["scene", "setting", "ms a frame", "error rms", "largest", "strain"], rows)
+    """Return the errors on scenes, the errors of the default setting, and missed references and stress cases."""
+    errors = with_runs(errors_on_scenes(name), "bench --error --scene", "validate", "stress")
+    return "\n\n".join([errors, f"Convergence: {distance(name)}", references(name), hard_cases(name)])
+
+
+def errors_on_scenes(name: str) -> str:
+    rows = [[f"`{scene}`", *default_row(name, rows)] for scene, rows in scene_rows(name).items()]
+    if not rows:
+        return "Errors on the shipped scenes: no run is stored."
+    errors = table(["scene", "setting", "ms per frame", "RMS error", "max error", "max strain"], rows)
     return f"""\
-On the shipped scenes, against the float64 reference ([scene_errors.md](../scene_errors.md)); errors are in % of the
-side:
+Errors on the shipped scenes relative to the float64 reference solution, in % of the cloth's longer side
+([all settings](../scene_errors_rows.md)):
 
-{errors}
+{errors}"""
 
-{made_lines("bench --error --scene", "validate", "stress")}
 
-How far from converged: {distance(name)}
+def scene_summary() -> str:
+    """Return the smallest measured error of each solver on each scene, and the scenes without a reference."""
+    words = stored.load("scene_errors")
+    if words is None:
+        return "No run is stored."
+    by_solver = {name: scene_rows(name) for name in SOLVER_CATALOG}
+    rows = []
+    for found in scenes():
+        cells = []
+        for name in SOLVER_CATALOG:
+            points = [point for point in found.points if point.setting.split()[0] == name]
+            best = min(points, key=lambda point: point.rms_error, default=None)
+            row = next((row for row in by_solver[name].get(found.scene, []) if best and row[0] == best.setting), None)
+            cells.append(
+                "" if row is None else f"{row[2]} ({row[0].removeprefix(name).strip()}: {row[1]}\N{NO-BREAK SPACE}ms)"
+            )
+        rows.append([f"`{found.scene}`", f"{found.horizon}", *cells])
+    reasons = [f"- `{name}`: {reason}." for name, reason in words["left_out"].items()]
+    header = ["scene", "frames", *(f"`{name}`" for name in SOLVER_CATALOG)]
+    return "\n\n".join([machine_and_date(words), table(header, rows), "No reference:", "\n".join(reasons)])
 
-{references(name)}
 
-{hard_cases(name)}"""
+SHOWN_FEATURES = 3  # in each column of `feature_costs`
+
+
+def feature_costs() -> str:
+    """Return the most expensive features of each scene, and those that change its motion most."""
+    text = (DOCS / "scenes_rows.md").read_text(encoding="utf-8")
+    rows = []
+    for section in text.split("\n## ")[1:]:
+        frame_ms = re.search(r"^([\d.]+) ms a frame", section, re.MULTILINE)
+        assert frame_ms is not None, section
+        cells = [line.strip("| ").split(" | ") for line in section.splitlines() if line.startswith("|")][2:]
+        cost = {cell[0]: float(cell[1]) for cell in cells}  # [ms]
+        change = {cell[0]: float(cell[2].rstrip("%")) for cell in cells}
+        costs, changes = (sorted(found, key=lambda name: -found[name])[:SHOWN_FEATURES] for found in (cost, change))
+        rows.append(
+            [
+                f"`{section.splitlines()[0]}`",
+                frame_ms[1],
+                ", ".join(f"{name} {cost[name]:.2f} ms" for name in costs if cost[name] > 0),
+                ", ".join(f"{name} {change[name]:.2g}%" for name in changes if change[name] > 0),
+            ]
+        )
+    machine = text.split("\n\n")[2]
+    return f"{machine}\n\n" + table(["scene", "ms a frame", "cost", "change of positions, of the side"], rows)
 
 
 def references(name: str) -> str:
-    """Of a solver: which references with known answers it falls short of, and by how much."""
+    """Return the references with known solutions that a solver does not reach, and its largest errors."""
     words = stored.load("validation")
     if words is None:
-        return "References with known answers: no run is stored."
+        return "References with known solutions: no run is stored."
     short, count = stored.shortfalls(words, name)
-    heading = f"Of {count} references with known answers ([validation](../validation.md)) it falls short of"
+    heading = "References with known solutions ([validation](../validation.md)) that it does not reach"
     if not short:
-        return f"{heading} none."
+        return f"{heading}: none of {count}."
     rows = [[what, f"{missed} of {rows}", f"{worst:.2g}"] for what, missed, rows, worst in short]
-    return f"{heading} {len(short)}:\n\n" + table(["reference", "rows", "largest error"], rows)
+    return f"{heading}: {len(short)} of {count}.\n\n" + table(["reference", "rows", "largest error"], rows)
 
 
 def hard_cases(setting: str) -> str:
-    """Of a setting: which cases that break cloth it does not survive, and what broke first."""
+    """Return the stress cases that a setting does not survive, with the first violated limit of each."""
     words = stored.load("stability")
     found = [case for case in stored.hard_cases(words) if case.setting == setting] if words is not None else []
     if not found:
@@ -273,9 +321,9 @@ def hard_cases(setting: str) -> str:
     lines = [f"Cases that break cloth ([stability](../stability.md)) and that it survives: {survives(setting)}."]
     for case in found:
         if case.state == stored.FAILED:
-            broken = case.failures[0]["failure"]
+            violated = case.failures[0]["failure"]
             variants = ", ".join(row["variant"] for row in case.failures)
-            bounds = f"{broken['what']} {broken['value']:.4g}, not {broken['bound']:.4g}"
+            bounds = f"{violated['what']} {violated['value']:.4g}, bound {violated['bound']:.4g}"
             lines.append(f"- {case.number} {case.name} fails ({variants}): {bounds}")
         elif case.state == stored.SLOW:
             lines.append(f"- {case.number} {case.name}: {case.state}")
@@ -283,13 +331,13 @@ def hard_cases(setting: str) -> str:
 
 
 def nobody() -> str:
-    """The hard cases that no solver survives at its usual setting, as far as all have run them."""
+    """Return the stress cases that no solver survives at its default setting, among those that all solvers have run."""
     words = stored.load("stability")
     if words is None:
         return "No run is stored."
     cases: dict[str, list[str]] = {}
     for case in stored.hard_cases(words):
-        if case.setting in USUAL:
+        if case.setting in SOLVER_CATALOG:
             cases.setdefault(f"{case.number} {case.name}", []).append(case.state)
     known = {name: states for name, states in cases.items() if stored.ALIVE in states or stored.NOT_RUN not in states}
     lost = [f"- {name}" for name, states in known.items() if stored.ALIVE not in states]
@@ -306,22 +354,22 @@ def stability_summary() -> str:
     states = [stored.ALIVE, stored.FAILED, stored.SLOW, stored.NOT_RUN]
     order = sorted(found, key=lambda name: not name.startswith("robust"))
     rows = [[f"`{name}`", *(f"{found[name][state]}" for state in states)] for name in order]
-    return with_origin(table(["setting", *states], rows), "stress")
+    return with_runs(table(["setting", *states], rows), "stress")
 
 
 def validation_summary() -> str:
     words = stored.load("validation")
     if words is None:
-        return "References with known answers: no run is stored."
+        return "References with known solutions: no run is stored."
     rows = []
     for name, found in stored.verdicts(words).items():
         passed = sum(found[verdict] for verdict in stored.PASSED)
         shares = [f"{passed / found.total():.1%}", f"{found['excellent'] / found.total():.1%}"]
         rows.append([name if name == "all" else f"`{name}`", f"{found.total()}", *shares])
-    return with_origin(table(["solver", "rows", "pass", "excellent"], rows), "validate")
+    return with_runs(table(["solver", "rows", "pass", "excellent"], rows), "validate")
 
 
-VERDICTS = {"falls short": "fall short"}  # of more rows than one
+PLURALS = {"falls short": "fall short"}
 
 
 def validation_line() -> str:
@@ -332,52 +380,50 @@ def validation_line() -> str:
     passed = sum(found[verdict] for verdict in stored.PASSED)
     shares = f"{passed / found.total():.1%} pass, {found['excellent'] / found.total():.1%} are excellent"
     states = ", ".join(
-        f"{count} {verdict if count == 1 else VERDICTS.get(verdict, verdict)}" for verdict, count in found.most_common()
+        f"{count} {verdict if count == 1 else PLURALS.get(verdict, verdict)}" for verdict, count in found.most_common()
     )
-    return with_origin(f"{found.total()} rows: {shares} ({states}).", "validate")
+    return with_runs(f"{found.total()} rows: {shares} ({states}).", "validate")
 
 
 def solvers() -> str:
-    """What each solver costs and how wrong it is on the swinging curtain of 64 × 64 cells."""
+    """Return times and errors of each solver on the swinging curtain of 64 × 64 cells."""
     rows = []
     for name, what in METHODS.items():
         points = stored.errors(64, name)
         best = min(points, key=lambda row: float(row["max_error"]))
         cells = [at(stored.fastest(points, 0.01)), f"{at(best)}, {stored.per_cent(best['max_error'])}"]
         rows.append([f"[`{name}`](docs/solvers/{name}.md)", what, *cells])
-    found = table(
-        ["`--solver`", "method", "fastest that is 1 % wrong at most", "most accurate, and its largest error"], rows
-    )
-    return with_origin(found, "bench --error")
+    header = ["`--solver`", "method", "fastest with a max error of 1 %", "most accurate, with its max error"]
+    return with_runs(table(header, rows), "bench --error")
 
 
-# As README puts them.
+# Descriptions in the table of the README.
 METHODS = {
-    "verlet": "damped Verlet and position relaxation, stiffness 0…1: the demos' method",
-    "xpbd": "compliant constraints with SI constants (Macklin 2016)",
-    "spring": "explicit symplectic Verlet, as many substeps as stability needs",
-    "lines": "rows, columns and diagonals solved exactly as chains",
-    "rk4": "classical Runge–Kutta on the same forces",
-    "projective": "backward Euler by local and global steps (Liu 2013)",
+    "verlet": "position-based dynamics with Verlet integration, stiffness 0…1; the method of the browser demos",
+    "xpbd": "extended position-based dynamics, SI constants (Macklin 2016)",
+    "explicit": "explicit symplectic Verlet on spring forces; takes the substeps that stability needs",
+    "lines": "XPBD with a direct solver along rows, columns and diagonals",
+    "rk4": "classical Runge–Kutta method on spring forces",
+    "projective": "projective dynamics: backward Euler by local and global steps (Liu 2013)",
 }
 
 
 def at(row: stored.Words | None) -> str:
-    """A setting of assets/error.csv with its time."""
+    """Return a setting of assets/error.csv with its time."""
     return "none" if row is None else f"{stored.setting_of(row)}: {stored.milliseconds(row['median_ms'])}"
 
 
 def goals() -> str:
     timed = [*(stored.load("bench") or {"rows": []})["rows"], *(stored.load("goals") or {"sheets": []})["sheets"]]
-    found = table(["goal", "good", "excellent", "stored figure", "reached"], [goal.cells() for goal in GOALS])
-    return with_origin(stored.disturbed(timed) + found, "bench", "bench --goals", "bench --error")
+    found = table(["goal", "good", "excellent", "measured", "result"], [goal.cells() for goal in GOALS])
+    return with_runs(stored.disturbed(timed) + found, "bench", "bench --goals", "bench --error")
 
 
 BENCH_COLUMNS = {
     "median_ms": ("ms", ".2f"),
     "p95_ms": ("p95", ".2f"),
-    "over_c": ("÷ C", ".1f"),
-    "under_javascript": ("JS ÷", ".1f"),
+    "ratio_to_c": ("÷ C", ".1f"),
+    "speedup_over_javascript": ("JS ÷", ".1f"),
     "cold_s": ("cold s", ".1f"),
     "warm_s": ("warm s", ".1f"),
     "peak_mb": ("MB", ".0f"),
@@ -386,7 +432,7 @@ BENCH_COLUMNS = {
 
 
 def frames() -> str:
-    """The rows of `bench`."""
+    """Return the table of the rows of `bench`."""
     words = stored.load("bench")
     if words is None:
         return "No run is stored."
@@ -395,14 +441,14 @@ def frames() -> str:
         setting = f"{row['substeps']}×{row['iterations']}"
         figures = ["" if row[name] is None else f"{row[name]:{form}}" for name, (_, form) in BENCH_COLUMNS.items()]
         rows.append(
-            [row["scene"], f"`{row['solver']}`", row["path"], f"{row['columns']}×{row['rows']}", setting, *figures]
+            [row["scene"], f"`{row['solver']}`", row["layout"], f"{row['columns']}×{row['rows']}", setting, *figures]
         )
-    header = ["scene", "solver", "path", "grid", "n×m", *(title for title, _ in BENCH_COLUMNS.values())]
-    return f"{made(words)}\n\n{stored.disturbed(words['rows'])}{table(header, rows)}"
+    header = ["scene", "solver", "layout", "grid", "n×m", *(title for title, _ in BENCH_COLUMNS.values())]
+    return f"{machine_and_date(words)}\n\n{stored.disturbed(words['rows'])}{table(header, rows)}"
 
 
 def sheets() -> str:
-    """The sheets of `bench --goals`."""
+    """Return the table of the sheets of `bench --goals`."""
     words = stored.load("goals")
     if words is None:
         return "No run is stored."
@@ -411,19 +457,19 @@ def sheets() -> str:
         errors = [
             f"{row['rms_error']:.3%}",
             f"{row['max_error']:.2%}",
-            f"{row['doubt']:.3%}",
+            f"{row['uncertainty']:.3%}",
             f"{row['max_strain']:.1%}",
         ]
         rows.append([row["name"], f"`{row['method']}`", f"{row['frames']}", f"{row['median_ms']:.1f}", *errors])
-    header = ["sheet", "method", "frames", "ms", "error rms", "largest", "in doubt by", "strain"]
-    return f"{made(words)}\n\n{stored.disturbed(words['sheets'])}{table(header, rows)}"
+    header = ["sheet", "method", "frames", "ms", "RMS error", "max error", "uncertainty", "max strain"]
+    return f"{machine_and_date(words)}\n\n{stored.disturbed(words['sheets'])}{table(header, rows)}"
 
 
-def knee() -> str:
-    """The swinging curtain on every grid: the fastest settings for three errors."""
+def elbow() -> str:
+    """Return the fastest settings for three errors of the swinging curtain, on two grids."""
     rows = []
-    for cells in (32, 64, 128, 256):
-        for name in USUAL:
+    for cells in (64, 256):
+        for name in SOLVER_CATALOG:
             points = stored.errors(cells, name)
             if points:
                 best = min(points, key=lambda row: float(row["max_error"]))
@@ -431,22 +477,22 @@ def knee() -> str:
                 rows.append(
                     [f"{cells}×{cells}", f"`{name}`", *found, f"{at(best)}, {stored.per_cent(best['max_error'])}"]
                 )
-    found = table(["cells", "solver", "1 %", "0.1 %", "0.001 %", "most accurate, and its largest error"], rows)
-    return with_origin(found, "bench --error")
+    header = ["cells", "solver", "1 %", "0.1 %", "0.001 %", "most accurate, with its max error"]
+    return with_runs(table(header, rows), "bench --error")
 
 
 def keys() -> str:
     blocks = []
-    docs = {f"[[{p.name}]]" if p.many else f"[{p.name}]": p.section.__doc__ for p in parts().values()}
+    docs = {f"[[{p.name}]]" if p.is_array else f"[{p.name}]": p.cls.__doc__ for p in schema.sections().values()}
     for section in dict.fromkeys(row[0] for row in key_table()):
-        title = f"## {section}" if section else "## At the top of a file"
-        says = inspect.cleandoc(docs[section]) if section else "Before all sections."
+        title = f"## {section}" if section else "## Top level"
+        says = inspect.cleandoc(docs[section]) if section else "These keys come before all sections."
         rows = [
             [f"`{key}`", f"`{default}`", unit, bounds.removesuffix(f" {unit}"), text]
             for at, key, default, unit, bounds, text in key_table()
             if at == section
         ]
-        blocks.append(f"{title}\n\n{says}\n\n" + table(["key", "default", "unit", "range", "what it is"], rows))
+        blocks.append(f"{title}\n\n{says}\n\n" + table(["key", "default", "unit", "range", "meaning"], rows))
     return "\n\n".join(blocks)
 
 
@@ -468,8 +514,8 @@ def sources() -> str:
             [name.replace("_", " "), f"{getattr(fabric, name):g} {unit}", fabric.sources[name]]
             for name, unit in UNITS.items()
         ]
-        rows.append(["shares for `verlet`", shares, fabric.sources["springs"]])
-        blocks.append(f"### {fabric.name}\n\n{fabric.title}.\n\n" + table(["what", "value", "where it is from"], rows))
+        rows.append(["stiffness for `verlet`", shares, fabric.sources["verlet"]])
+        blocks.append(f"### {fabric.name}\n\n{fabric.title}.\n\n" + table(["property", "value", "source"], rows))
     return "\n\n".join(blocks)
 
 
@@ -481,31 +527,74 @@ def parameters() -> str:
         values = " · ".join(strip.panels)
         title = strip.name.replace("_", " ").capitalize()
         picture = f"![{strip.name}: {values}](pictures/parameters/{strip.name}.png)"
-        made = f"Scene `{strip.scene}`, {strip.frame} frames after the start."
-        blocks.append(f"## {title}\n\n{says}.\n\n{picture}\n\n**{values}** · {made}")
+        caption = f"Scene `{strip.scene}` after {strip.frame} frames."
+        blocks.append(f"## {title}\n\n{says}.\n\n{picture}\n\n**{values}** · {caption}")
     return "\n\n".join(blocks)
 
 
+# Public members of `Simulation` by subject.
+SIMULATION_MEMBERS = {
+    "Time": ("step", "step_by_substep", "reset", "seconds", "substeps", "min_stable_substeps", "close", "closed"),
+    "State": ("positions", "velocities", "set_state", "save", "load", "torn", "untear"),
+    "Metrics": ("metrics", "intersections", "colliders", "features", "method", "warnings"),
+    "Grabs and pins": ("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins"),
+    "Changes": ("switch_solver", "switch_fabric", "switch_scene", "apply"),
+    "Internals": ("solver", "cloth"),
+}
+SIMULATION_ATTRIBUTES = {
+    "params": "runtime parameters by name, and the switch `wind`: `params[name]` reads one, `params[name] = value` sets"
+    " it for the next frame, `params.info(name)` has its range, unit and help",
+    "frame": "number of the current frame; 0 at the start and after `reset`",
+    "scene": "the running `Scene`",
+    "original_scene": "the `Scene` that the simulation was opened with",
+    "topology": "particles, springs, triangles, rest lengths, masses and pins",
+    "listeners": "functions that are called with every `Event`, after it was carried out",
+}
+
+
+def bindings() -> str:
+    """Return the table of mouse and keys."""
+    return "\n".join(controls.table())
+
+
 def api() -> str:
-    """Every public name with its signature and docstring."""
-    blocks = []
-    for name in ("load_scene", "scene_names", "start", "picture"):
-        blocks.append(entry("###", f"tc.{name}", getattr(tc, name)))
-    blocks.append(f"### tc.Simulation\n\n{described(tc.Simulation)}\n\n{signature('tc.Simulation', tc.Simulation)}")
-    for name, member in vars(tc.Simulation.__base__).items():
-        if not name.startswith("_"):
-            blocks.append(entry("####", f"simulation.{name}", member))
-    fields = re.findall(r"^    (\w+): ([\w| ]+?)  # (.+)$", inspect.getsource(Measures), re.MULTILINE)
+    """Return every public name with its signature and docstring."""
+    functions = ("init", "list_scenes", "load_scene", "render_image", "export_mesh", "replay")
+    blocks = [entry("###", f"tc.{name}", getattr(tc, name)) for name in functions]
+    blocks += [
+        f"### tc.Simulation\n\n{described(tc.Simulation)}\n\n{signature('tc.Simulation', tc.Simulation)}",
+        described(tc.Simulation.__init__),
+        table(["attribute", "meaning"], [[f"`{name}`", what] for name, what in SIMULATION_ATTRIBUTES.items()]),
+    ]
+    for subject, names in SIMULATION_MEMBERS.items():
+        blocks.append(f"**{subject}**")
+        blocks += [entry("####", f"simulation.{name}", getattr(tc.Simulation, name)) for name in names]
+    blocks.append(f"### Grab\n\nThe result of `simulation.grab`. There are at most {MAX_GRABS} grabs at a time.")
+    blocks += members("grab", GrabHandle)
+    fields = re.findall(r"^    (\w+): ([\w| ]+?)  # (.+)$", inspect.getsource(ClothMetrics), re.MULTILINE)
     rows = [[f"`{name}`", f"`{kind}`", what] for name, kind, what in fields]
-    blocks.append(f"### Measures\n\nWhat `measure()` returns.\n\n{table(['name', 'type', 'what it is'], rows)}")
-    blocks.append(f"### tc.Picture\n\n{described(tc.Picture)}")
-    blocks.append(entry("####", "picture.save", tc.Picture.save))
-    blocks.append(f"### tc.Scene\n\n{described(tc.Scene)} [All its keys](keys.md).")
+    blocks.append(f"### Metrics\n\nThe result of `simulation.metrics`.\n\n{table(['name', 'type', 'meaning'], rows)}")
+    blocks.append(f"### tc.Recorder\n\n{described(tc.Recorder)}\n\n{signature('tc.Recorder', tc.Recorder)}")
+    blocks += [entry("####", f"recorder.{name}", getattr(tc.Recorder, name)) for name in ("save", "restart", "frames")]
+    pixels = "`pixels`: red, green and blue, uint8 (height, width, 3), top row first."
+    blocks.append(f"### tc.Image\n\n{described(tc.Image)} {pixels}")
+    blocks.append(entry("####", "image.save", tc.Image.save))
+    blocks.append(f"### tc.Scene\n\n{described(tc.Scene)} Its fields are the sections of a scene file.")
+    for section in schema.sections().values():
+        title = f"[[{section.name}]]" if section.is_array else f"[{section.name}]"
+        link = f"Keys of `{title}`: [{section.name}](keys.md#{section.name})."
+        blocks.append(f"### tc.{section.cls.__name__}\n\n{described(section.cls)}\n\n{link}")
     blocks.append(f"### tc.SceneError\n\n{described(tc.SceneError)}")
     return "\n\n".join(blocks)
 
 
+def members(name: str, cls: type) -> list[str]:
+    """Return the entries of all public members of a class."""
+    return [entry("####", f"{name}.{key}", value) for key, value in vars(cls).items() if not key.startswith("_")]
+
+
 def entry(rank: str, name: str, member: Any) -> str:
+    """Return heading, signature or type, and docstring of a member."""
     if isinstance(member, property):
         kind = str(inspect.signature(member.fget).return_annotation).strip("'")
         return f"{rank} {name}\n\n`{kind}`. {described(member)}"
@@ -513,10 +602,10 @@ def entry(rank: str, name: str, member: Any) -> str:
 
 
 def signature(name: str, member: Any) -> str:
-    """As a call is written: without `self`, annotations without quotes."""
+    """Return a signature as a code block, without `self` and without quotes around annotations."""
     found = inspect.signature(member)
-    asked = [p for p in found.parameters.values() if p.name != "self"]
-    text = re.sub(r"(: |-> )'([^']*)'", r"\1\2", str(found.replace(parameters=asked)))
+    parameters = [p for p in found.parameters.values() if p.name != "self"]
+    text = re.sub(r"(: |-> )'([^']*)'", r"\1\2", str(found.replace(parameters=parameters)))
     return f"```text\n{name}{text.removesuffix(' -> None')}\n```"
 
 
@@ -529,9 +618,11 @@ BLOCKS: dict[str, Callable[..., str]] = {
     for f in (
         *(
             choosing,
-            unfinished,
-            bar,
+            unconverged,
+            bar_friction,
             solver,
+            scene_summary,
+            feature_costs,
             nobody,
             stability_summary,
             validation_summary,
@@ -540,15 +631,15 @@ BLOCKS: dict[str, Callable[..., str]] = {
             goals,
             frames,
             sheets,
-            knee,
+            elbow,
         ),
-        *(keys, presets, sources, parameters, api),
+        *(keys, presets, sources, parameters, bindings, api),
     )
 }
 
 
 def brought_up_to_date(text: str) -> str:
-    """A document with all its blocks written anew."""
+    """Return a document with all blocks up to date."""
 
     def write(found: re.Match[str]) -> str:
         begin, name, argument, end = found.groups()
@@ -563,7 +654,7 @@ def main() -> None:
         new = brought_up_to_date(old)
         if new != old:
             path.write_text(new, encoding="utf-8")
-            print(f"{path.relative_to(DOCS.parent)} is brought up to date")
+            print(f"updated {path.relative_to(DOCS.parent)}")
 
 
 if __name__ == "__main__":

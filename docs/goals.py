@@ -1,4 +1,4 @@
-"""The project's goals for speed, each held against the stored figure; `generate.py` writes the table."""
+"""The speed goals of the project, and the stored results to compare with; `generate.py` writes the table."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import stored
 
 @dataclass(frozen=True)
 class Missed:
-    """Why a goal is not reached whatever the time, or why there is no figure."""
+    """Why a goal is not reached at any speed, or why there is no result."""
 
     why: str
     measured: bool = True
+    """False if there is no result."""
 
 
 NOT_STORED = Missed("no run is stored", measured=False)
@@ -38,7 +39,7 @@ class Goal:
 
 
 def verdict(goal: Goal, figure: float) -> str:
-    """Which goal a figure reaches, and by what factor it misses the next."""
+    """Return the level that a figure reaches, and the factor by which it misses the next."""
 
     def off(bound: float) -> float:
         return bound / figure if goal.more_is_better else figure / bound
@@ -61,7 +62,7 @@ def bench(solver: str, grid: tuple[int, int], column: str) -> Callable[[], float
 
 
 def curtain(cells: int, error: float) -> Callable[[], float | Missed]:
-    """Milliseconds of the fastest setting that is right enough on the swinging curtain, at every particle."""
+    """Return the frame time [ms] of the fastest setting on the swinging curtain with at most this largest error."""
 
     def figure() -> float | Missed:
         rows = stored.errors(cells)
@@ -71,19 +72,22 @@ def curtain(cells: int, error: float) -> Callable[[], float | Missed]:
         best = min(rows, key=lambda row: float(row["max_error"]))
         setting = f"`{best['solver']}` {stored.setting_of(best)}"
         nearest, ms = stored.per_cent(best["max_error"]), stored.milliseconds(best["median_ms"])
-        return Missed(f"none; {setting} comes nearest: {nearest} in {ms}")
+        return Missed(f"none; {setting} is closest: {nearest} in {ms}")
 
     return figure
 
 
 def sheet(name: str, error: float) -> Callable[[], float | Missed]:
-    """Milliseconds of a frame of `bench --goals`, where its error and the reference's own are small enough together."""
+    """Return the frame time [ms] of a sheet of `bench --goals`.
+
+    Its error and the uncertainty of the reference together must be at most `error`.
+    """
 
     def figure() -> float | Missed:
         row = stored.goal_figure("sheets", "name", name)
         if row is None:
             return NOT_STORED
-        most = row["rms_error"] + row["doubt"]
+        most = row["rms_error"] + row["uncertainty"]
         if most > error:
             return Missed(f"{stored.per_cent(most)} in {stored.milliseconds(row['median_ms'])}")
         return float(row["median_ms"])
@@ -100,35 +104,42 @@ def command(what: str, column: str = "seconds") -> Callable[[], float | Missed]:
 
 
 def growth() -> float | Missed:
-    """Cost of `spring` for a particle and substep at 256 cells over that at 64."""
+    """Return the cost of `explicit` per particle and substep on 256 × 256 cells, over that on 64 × 64."""
 
     def cost(cells: int) -> float:
-        least = min(stored.errors(cells, "spring"), key=lambda row: float(row["substeps"]))
+        least = min(stored.errors(cells, "explicit"), key=lambda row: float(row["substeps"]))
         return float(least["median_ms"]) / (float(least["substeps"]) * (cells + 1) ** 2)
 
     return cost(256) / cost(64)
 
 
 def gpu() -> Missed:
-    return Missed("no GPU was at hand", measured=False)
+    return Missed("no GPU was available", measured=False)
 
 
-SEED = (30, 24)
+DEMO_GRID = (30, 24)  # columns and rows of the browser demos
 GOALS = (
-    Goal("demos' frame, 30×24, 5×12, over C's", "times", 4, 1.5, bench("verlet", SEED, "over_c")),
-    Goal("JavaScript's time over it", "times", 2.5, 6, bench("verlet", SEED, "under_javascript"), more_is_better=True),
-    Goal("explicit step, 30×24, over C's", "times", 3, 1.2, bench("spring", SEED, "over_c")),
-    Goal("explicit step, 96×96, over C's", "times", 3, 1.2, bench("spring", (96, 96), "over_c")),
+    Goal("demo frame, 30×24, 5×12, over C", "times", 4, 1.5, bench("verlet", DEMO_GRID, "ratio_to_c")),
+    Goal(
+        "demo frame, JavaScript over ours",
+        "times",
+        2.5,
+        6,
+        bench("verlet", DEMO_GRID, "speedup_over_javascript"),
+        more_is_better=True,
+    ),
+    Goal("explicit step, 30×24, over C", "times", 3, 1.2, bench("explicit", DEMO_GRID, "ratio_to_c")),
+    Goal("explicit step, 96×96, over C", "times", 3, 1.2, bench("explicit", (96, 96), "ratio_to_c")),
     Goal("swinging curtain, 64×64 cells, within 0.001 %", "ms", 6, 1.5, curtain(64, 1e-5)),
     Goal("swinging curtain, 128×128, within 0.001 %", "ms", 33, 9, curtain(128, 1e-5)),
     Goal("swinging curtain, 256×256, within 0.01 %", "ms", 150, 33, curtain(256, 1e-4)),
-    Goal("whole fabric, wind, ball, 128×128, within 0.1 %", "ms", 33, 16.7, sheet("whole fabric 128", 1e-3)),
+    Goal("whole fabric, wind, sphere, 128×128, within 0.1 %", "ms", 33, 16.7, sheet("whole fabric 128", 1e-3)),
     Goal("denim, 64×64, within 0.1 %", "ms", 25, 8, sheet("denim 64", 1e-3)),
     Goal("pinned fabric, `lines` and tethers, 128×128, within 0.5 %", "ms", 8, 3.4, sheet("pinned fabric 128", 5e-3)),
     Goal("pinned fabric, `lines` and tethers, 256×256, within 0.5 %", "ms", 60, 27, sheet("pinned fabric 256", 5e-3)),
-    Goal("a particle's substep, 256×256 over 64×64", "times", 1.5, 1.05, growth),
-    Goal("`render` to its first frame, kernels compiled before", "s", 3, 1.5, command("first frame, cache filled")),
-    Goal("`render` to its first frame, nothing compiled", "s", 10, 5, command("first frame, cache empty")),
+    Goal("substep per particle, 256×256 over 64×64", "times", 1.5, 1.05, growth),
+    Goal("`render`, first frame, kernel cache filled", "s", 3, 1.5, command("first frame, cache filled")),
+    Goal("`render`, first frame, kernel cache empty", "s", 10, 5, command("first frame, cache empty")),
     Goal("`import taichi_cloth`", "s", 0.15, 0.08, command("import taichi_cloth")),
     Goal("`taichi-cloth --help`", "s", 0.15, 0.08, command("taichi-cloth --help")),
     Goal("memory of `render`, 30×24", "MB", 400, 250, command("first frame, cache filled", "peak_mb")),

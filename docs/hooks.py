@@ -1,7 +1,7 @@
-"""Lets the documents point at files of the repository, as they do where it is browsed; MkDocs knows docs/ only.
+"""MkDocs hook: links from pages to files of the repository outside docs/, which MkDocs does not support.
 
-A file outside docs/ that a page links to comes along into the site, under files/; a link to a folder or to a page
-that is no part of the site becomes plain text.
+A linked file outside docs/ is copied into the site, under files/. A link to a folder, or to a page that is not part of
+the site, becomes plain text.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 TOP = Path(__file__).parents[1]
-LINK = re.compile(  # the text may be a picture
-    r"(?P<image>!?)\[(?P<text>(?:!\[[^\]]*\]\([^)]*\)|[^\]])*)\]\((?P<way>(?:\.\./)+[^)#\s]*)(?P<anchor>#[^)]*)?\)"
+LINK = re.compile(  # the text may be an image
+    r"(?P<image>!?)\[(?P<text>(?:!\[[^\]]*\]\([^)]*\)|[^\]])*)\]\((?P<path>(?:\.\./)+[^)#\s]*)(?P<anchor>#[^)]*)?\)"
 )
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     here = Path(page.file.abs_src_path).parent
 
-    def lead(found: re.Match[str]) -> str:
-        target = (here / found["way"]).resolve()
+    def replace_link(found: re.Match[str]) -> str:
+        target = (here / found["path"]).resolve()
         if target.is_relative_to(config.docs_dir):
             return found[0]
         if not target.is_relative_to(TOP) or not target.is_file() or target.suffix == ".md":
@@ -31,7 +31,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         name = f"files/{target.relative_to(TOP).as_posix()}"
         if files.get_file_from_path(name) is None:
             files.append(File.generated(config, name, abs_src_path=str(target)))
-        way = os.path.relpath(name, Path(page.file.src_uri).parent).replace(os.sep, "/")
-        return f"{found['image']}[{found['text']}]({way}{found['anchor'] or ''})"
+        path = os.path.relpath(name, Path(page.file.src_uri).parent).replace(os.sep, "/")
+        return f"{found['image']}[{found['text']}]({path}{found['anchor'] or ''})"
 
-    return LINK.sub(lead, markdown)
+    return LINK.sub(replace_link, markdown)

@@ -1,9 +1,7 @@
-"""Results that lie in the repository, written by the commands: benchmarks/results/*.json, and assets/error.csv.
+"""Results that the commands stored in the repository: benchmarks/results/*.json, and assets/error.csv.
 
-Times are in a folder with the name of their machine; stability.json and validation.json are of any machine, and say
-which.
-
-Everything returns None or nothing where no run is stored, and documents then say so.
+Times are in a folder per machine; stability.json and validation.json may be of any machine, which they name. Functions
+return None or nothing if no run is stored; documents then say so.
 """
 
 from __future__ import annotations
@@ -21,14 +19,17 @@ TOP = Path(__file__).resolve().parents[1]
 RESULTS = TOP / "benchmarks" / "results"
 ERRORS = TOP / "assets" / "error.csv"
 
-ALIVE, FAILED, SLOW, NOT_RUN = "alive", "failed", "too slow", "not run"  # a hard case, with one setting
-PASSED = ("excellent", "pass")  # verdicts of a row of `validate` that reaches its tolerance
+ALIVE, FAILED, SLOW, NOT_RUN = "alive", "failed", "too slow", "not run"  # states of a stress case with one setting
+PASSED = ("excellent", "pass")  # verdicts of rows of `validate` that are within their tolerance
 
 Words = dict[str, Any]
 
 
 def load(name: str) -> Words | None:
-    """What a command wrote: the file for all machines, else, where several have one, that of the first by name."""
+    """Return the content of NAME.json: that of all machines, otherwise that of the first machine by name that has one.
+
+    Returns None if there is none.
+    """
     for path in (RESULTS / f"{name}.json", *sorted(RESULTS.glob(f"*/{name}.json"))):
         if not path.exists():
             continue
@@ -38,38 +39,38 @@ def load(name: str) -> Words | None:
 
 
 def machine_of(words: Words) -> str:
-    """The machine and the versions a result belongs to, in one line."""
+    """Return the machine and the versions of a result as one line."""
     found = words["machine"]
     return found if isinstance(found, str) else " · ".join(found.values())
 
 
-BUSY = 2.0  # p95 over median; 1.2 to 1.7 where little else runs
+BUSY = 2.0  # 95th percentile of a frame time over its median; 1.2 to 1.7 on an idle machine
 
 
 def disturbed(rows: list[Words]) -> str:
-    """A warning, where times vary so much that other programs must have run; else nothing."""
+    """Return a warning if frame times vary so much that other programs must have run, otherwise an empty string."""
     ratios = [row["p95_ms"] / row["median_ms"] for row in rows if row.get("median_ms")]
     if not ratios or median(ratios) <= BUSY:
         return ""
     return (
         f"**Other programs ran during this run**: the 95th percentile of a frame is {median(ratios):.1f} times its"
-        " median. Do not take these times for those of the program; ratios suffer as well.\n\n"
+        " median. These times are too long, and the ratios are affected too.\n\n"
     )
 
 
-# -- bench -------------------------------------------------------------------------------------------------------
+# -- bench -------------------------------------------------------------------------------------------------------------
 
 
-def bench_row(solver: str, grid: tuple[int, int], path: str = "lanes") -> Words | None:
-    """A row of `bench`: `grid` is columns and rows."""
+def bench_row(solver: str, grid: tuple[int, int], layout: str = "simd") -> Words | None:
+    """Return a row of `bench`; `grid` is columns and rows."""
     for row in (load("bench") or {"rows": []})["rows"]:
-        if (row["solver"], (row["columns"], row["rows"]), row["path"]) == (solver, grid, path):
+        if (row["solver"], (row["columns"], row["rows"]), row["layout"]) == (solver, grid, layout):
             return dict(row)
     return None
 
 
 def goal_figure(kind: str, key: str, name: str) -> Words | None:
-    """Of `bench --goals`: a command by its `what`, or a sheet by its `name`."""
+    """Return a result of `bench --goals`: a command by its `what`, or a sheet by its `name`."""
     for row in (load("goals") or {kind: []})[kind]:
         if row[key] == name:
             return dict(row)
@@ -77,7 +78,7 @@ def goal_figure(kind: str, key: str, name: str) -> Words | None:
 
 
 def errors(cells: int, solver: str | None = None) -> list[Words]:
-    """Settings of assets/error.csv on a grid, with numbers as numbers."""
+    """Return the settings of assets/error.csv on a grid, with numbers as float."""
     with ERRORS.open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if int(row["cells"]) == cells and solver in (None, row["solver"])]
     texts = ("solver",)
@@ -85,9 +86,9 @@ def errors(cells: int, solver: str | None = None) -> list[Words]:
 
 
 def setting_of(row: Words) -> str:
-    """`5×12`; of methods that do not iterate the substeps alone."""
+    """Return `5×12`, or the number of substeps for a solver without iterations."""
     substeps, iterations = int(row["substeps"]), int(row["iterations"])
-    return f"{substeps}" if row["solver"] in ("spring", "rk4") else f"{substeps}×{iterations}"
+    return f"{substeps}" if row["solver"] in ("explicit", "rk4") else f"{substeps}×{iterations}"
 
 
 def milliseconds(ms: float) -> str:
@@ -96,33 +97,37 @@ def milliseconds(ms: float) -> str:
 
 
 def per_cent(share: float) -> str:
-    """Two digits, however small: errors span six powers of ten."""
+    """Return a share in % with two significant digits: errors span six orders of magnitude."""
     return f"{float(f'{100 * share:.2g}'):.10f}".rstrip("0").rstrip(".") + "\N{NO-BREAK SPACE}%"
 
 
 def fastest(rows: list[Words], error: float) -> Words | None:
-    """The fastest setting with a largest error of at most so much."""
+    """Return the fastest setting whose largest error is at most `error`."""
     return min(
         (row for row in rows if row["max_error"] <= error), key=lambda row: float(row["median_ms"]), default=None
     )
 
 
-# -- stress ------------------------------------------------------------------------------------------------------
+# -- stress ------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class CaseResult:
-    """A hard case with a setting."""
+    """The result of a stress case with one setting."""
 
     number: int
     name: str
     setting: str
     state: str
-    failures: tuple[Words, ...]  # results of variants that failed
+    failures: tuple[Words, ...]
+    """Results of the variants that failed."""
 
 
 def hard_cases(words: Words) -> Iterator[CaseResult]:
-    """One variant that fails fails a case. Otherwise all must have run, and one that is too slow makes it too slow."""
+    """Yield the state of each case with each setting.
+
+    It is failed if one variant failed, else not run if one is missing, else too slow if one is, else alive.
+    """
     results = {(row["case"], row["variant"], row["setting"]): row for row in words["results"]}
     names = {row["case"]: row["name"] for row in words["results"]}
     units: dict[tuple[int, str], list[Words | None]] = {}
@@ -137,18 +142,18 @@ def hard_cases(words: Words) -> Iterator[CaseResult]:
 
 
 def survival(words: Words) -> dict[str, Counter[str]]:
-    """How many cases are in which state, by setting."""
+    """Return the number of cases in each state, by setting."""
     found: dict[str, Counter[str]] = {}
     for case in hard_cases(words):
         found.setdefault(case.setting, Counter())[case.state] += 1
     return found
 
 
-# -- validate ----------------------------------------------------------------------------------------------------
+# -- validate ----------------------------------------------------------------------------------------------------------
 
 
 def verdicts(words: Words) -> dict[str, Counter[str]]:
-    """How many rows have which verdict, by solver; all of them under "all"."""
+    """Return the number of rows with each verdict, by solver, and of all rows as "all"."""
     found: dict[str, Counter[str]] = {"all": Counter()}
     for row in words["rows"]:
         for name in ("all", row["solver"]):
@@ -157,7 +162,10 @@ def verdicts(words: Words) -> dict[str, Counter[str]]:
 
 
 def shortfalls(words: Words, solver: str) -> tuple[list[tuple[str, int, int, float]], int]:
-    """References that a solver does not pass: name, rows that do not, all rows, largest error; and how many it has."""
+    """Return the references that a solver does not reach, and the number of its references.
+
+    Each is a tuple of name, number of rows that do not pass, number of rows, and largest error.
+    """
     by_reference: dict[str, list[Words]] = {}
     for row in words["rows"]:
         if row["solver"] == solver:

@@ -1,4 +1,4 @@
-"""Wind and a hand that Python drives: a corner is led round a circle while the wind grows. Writes a picture."""
+"""Grab a corner, move it along a circle while the wind becomes stronger, release it, and write an image."""
 
 import sys
 from math import cos, sin, tau
@@ -11,17 +11,18 @@ out = sys.argv[1] if len(sys.argv) > 1 else "wind_and_grab.png"
 scene = tc.load_scene("drape15", rows=25, columns=25, substeps=5, iterations=12)
 
 with tc.Simulation(scene) as simulation:
-    corner = simulation.topology.particle_count - 1  # the last of the last row: bottom right
+    corner = simulation.topology.particle_count - 1  # bottom right
     x, y, z = simulation.positions()[corner]
+    grab = simulation.grab(corner)
     for frame in range(FRAMES):
         share = frame / FRAMES
-        simulation.set("wind_z", 8.0 * share)  # [m/s]; any key that has a slider
-        turn = tau * share
-        simulation.grab(corner, (x - 0.4 * sin(turn), y + 0.4 * (1 - cos(turn)), z))
-        simulation.advance_frame()
-    simulation.release()  # it keeps the hand's velocity
+        simulation.params["wind_z"] = 8.0 * share  # [m/s]
+        angle = tau * share
+        grab.move_to((x - 0.4 * sin(angle), y + 0.4 * (1 - cos(angle)), z))
+        simulation.step()
+    grab.release()  # the corner keeps its velocity
 
     speed = (simulation.velocities() ** 2).sum(axis=1).max() ** 0.5
     print(f"after {simulation.seconds:.1f} s the fastest particle moves at {speed:.2f} m/s")
-    tc.picture(simulation, 640, 360).save(out)
+    tc.render_image(simulation).save(out)
     print(f"wrote {out}")

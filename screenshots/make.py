@@ -1,7 +1,7 @@
-"""Draws every picture in this folder anew: `make screenshots`.
+"""Draw every image in this folder, and write docs/gallery.md: `make screenshots`.
 
-The stills and the animation come from the rasteriser and need no screen. `window.png` is the real window,
-opened on a virtual screen; it is left as it is where Xvfb or a Vulkan driver is missing.
+The stills and the animation come from the rasterizer and need no display. `window.png` shows the real window on a
+virtual display; without Xvfb it stays as it is.
 """
 
 from __future__ import annotations
@@ -20,16 +20,15 @@ import numpy as np
 from PIL import Image
 
 import taichi_cloth as tc
-from taichi_cloth.interact.camera import OrbitCamera
+from taichi_cloth.render.camera import OrbitCamera
+from taichi_cloth.render.draw_list import VIEWS, DrawList
+from taichi_cloth.render.image import render_pixels
+from taichi_cloth.render.image_files import contact_sheet, write_png
+from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.scene import scene_names
-from taichi_cloth.view.contact_sheet import contact_sheet
-from taichi_cloth.view.draw_list import VIEWS, DrawList
-from taichi_cloth.view.png import write_png
-from taichi_cloth.view.portrait import portrait
-from taichi_cloth.view.raster import Raster
 
 HERE = Path(__file__).parent
-STILL_FRAME = {  # the moment shown, in frames of 1/60 s
+STILL_FRAME = {  # frame that the still shows
     "banner": 250,
     "cape": 122,
     "drape15": 150,
@@ -52,55 +51,60 @@ STILL_FRAME = {  # the moment shown, in frames of 1/60 s
 }
 DEFAULT_STILL_FRAME = 85
 GALLERY = HERE.parent / "docs" / "gallery.md"
-THUMBNAIL = 3  # times smaller than a still
-PULL = (330, 450)  # first and last frame of the pull in the animation
+THUMBNAIL = 3  # factor by which a thumbnail is smaller than a still
+GRAB_FRAMES = (330, 450)  # frames of the animation between which a corner is grabbed
 
 
-def pictures(name: str, size: tuple[int, int]) -> Iterator[np.ndarray]:
-    """The scene frame after frame, while the camera drifts by and a hand pulls the cloth once."""
+def animation(name: str, size: tuple[int, int]) -> Iterator[np.ndarray]:
+    """Yield an image of each frame of a scene, while the camera turns slowly and a grab moves a corner of the cloth."""
     scene = tc.load_scene(name)
-    camera, raster = OrbitCamera.from_scene(scene.camera), Raster(*size)
+    camera, raster = OrbitCamera.from_scene(scene.camera), Rasterizer(*size)
+    grab = None
     with tc.Simulation(scene) as simulation:
         draw_list = DrawList(simulation)
+        corner = simulation.topology.particle_count - scene.cloth.columns + 1  # next to the lower left corner
+        first, last = GRAB_FRAMES
         while True:
-            yield portrait(raster, draw_list, camera, "shaded")
-            pull(simulation)
+            yield render_pixels(raster, draw_list, camera, "shaded")
+            if simulation.frame == first:
+                grab = simulation.grab(corner)
+            if grab is not None and simulation.frame == last:
+                grab.release()
+                grab = None
+            if grab is not None:
+                grab.move_to(goal((simulation.frame - first) / (last - first), simulation.positions()[corner]))
             camera.orbit(-0.00018, 0.0)
-            simulation.advance_frame()
+            simulation.step()
 
 
-def pull(simulation: tc.Simulation) -> None:
-    """Takes the lower left corner, lifts it towards the eye and throws it back."""
-    corner = simulation.topology.particle_count - simulation.scene.cloth.columns + 1
-    share = (simulation.frame - PULL[0]) / (PULL[1] - PULL[0])
-    if 0 <= share < 1:
-        here = simulation.positions()[corner]
-        swing = np.sin(np.pi * min(share / 0.8, 1.0) / 2) if share < 0.8 else 1 - 4 * (share - 0.8)
-        goal = np.array([-1.6, 1.1, 0.4]) + swing * np.array([0.4, 1.2, 1.9])
-        step = goal - here
-        simulation.grab(corner, here + step * min(1.0, 0.06 / max(float(np.linalg.norm(step)), 1e-9)))
-    elif simulation.grabbed is not None:
-        simulation.release()
+def goal(share: float, position: np.ndarray) -> np.ndarray:
+    """Return where the grab moves next [m], at most 6 cm from `position`: toward the camera, then quickly back.
+
+    `share`: elapsed part of the grab's time.
+    """
+    swing = np.sin(np.pi * (share / 0.8) / 2) if share < 0.8 else 1 - 4 * (share - 0.8)
+    step = np.array([-1.6, 1.1, 0.4]) + swing * np.array([0.4, 1.2, 1.9]) - position
+    moved: np.ndarray = position + step * min(1.0, 0.06 / max(float(np.linalg.norm(step)), 1e-9))
+    return moved
 
 
 def still(name: str, view: str = "shaded", size: tuple[int, int] = (960, 540)) -> np.ndarray:
-    """The scene at its moment."""
+    """Return an image of a scene at its frame of `STILL_FRAME`."""
     with tc.Simulation(tc.load_scene(name)) as simulation:
-        for _ in range(STILL_FRAME.get(name, DEFAULT_STILL_FRAME)):
-            simulation.advance_frame()
-        return tc.picture(simulation, *size, view).pixels
+        simulation.step(STILL_FRAME.get(name, DEFAULT_STILL_FRAME))
+        return tc.render_image(simulation, size, view).pixels
 
 
-def gallery(names: list[str]) -> None:
-    """The page that shows every scene, from its title and its thumbnail."""
+def write_gallery(names: list[str]) -> None:
+    """Write the page that shows every scene with its title and thumbnail."""
     rows = [f"| [![{n}](gallery/{n}.png)](../screenshots/{n}.png) | `{n}` | {tc.load_scene(n).title} |" for n in names]
-    what = "Every shipped scene, each there for one idea: `taichi-cloth run NAME`. `make screenshots` wrote this."
-    head = f"# Gallery\n\n{what}\n"
-    GALLERY.write_text("\n".join([head, "| | scene | what it shows |", "|---|---|---|", *rows, ""]), encoding="utf-8")
+    text = "All shipped scenes. Open one with `taichi-cloth run NAME`. This page is generated by `make screenshots`."
+    lines = ["# Gallery", "", text, "", "| | scene | description |", "|---|---|---|", *rows, ""]
+    GALLERY.write_text("\n".join(lines), encoding="utf-8")
 
 
-def window(moment: int) -> np.ndarray:
-    """The real window on a virtual screen, after that many frames of simulated time."""
+def window(frame: int) -> np.ndarray:
+    """Return an image of the real window on a virtual display, once the simulation has reached a frame."""
     sys.path.insert(0, str(HERE.parent / "tests" / "window"))
     from screen import Screen
 
@@ -111,8 +115,8 @@ def window(moment: int) -> np.ndarray:
         try:
             while program.poll() is None:
                 lines = log.read_text().splitlines() if log.exists() else []
-                if len(lines) > 1 and json.loads(lines[-2])["frame"] >= moment:
-                    return screen.pixels()[40:760, 40:1320]  # the window's place: view/window.py
+                if len(lines) > 1 and json.loads(lines[-2])["frame"] >= frame:
+                    return screen.pixels()[40:760, 40:1320]  # position of the window: viewer/window.py
                 time.sleep(0.1)
             raise RuntimeError(f"the window ended with exit code {program.returncode}")
         finally:
@@ -122,15 +126,15 @@ def window(moment: int) -> np.ndarray:
 
 
 def main() -> None:
-    tc.start()
+    tc.init()
     names = scene_names()
     GALLERY.with_suffix("").mkdir(exist_ok=True)
     for name in names:
-        picture = still(name)
-        write_png(HERE / f"{name}.png", picture)
-        write_png(GALLERY.with_suffix("") / f"{name}.png", contact_sheet([picture], 1, THUMBNAIL, gap=0))
+        image = still(name)
+        write_png(HERE / f"{name}.png", image)
+        write_png(GALLERY.with_suffix("") / f"{name}.png", contact_sheet([image], 1, THUMBNAIL, gap=0))
         print(f"{name}.png")
-    gallery(names)
+    write_gallery(names)
     for view in VIEWS[1:]:
         write_png(HERE / f"view_{view}.png", still("curtain", view))
         print(f"view_{view}.png")
@@ -138,11 +142,10 @@ def main() -> None:
         write_png(HERE / "window.png", np.ascontiguousarray(window(DEFAULT_STILL_FRAME)))
         print("window.png")
     else:
-        print("window.png is left as it is: Xvfb is not installed")
-    # 10 s of the curtain at 20 pictures a second.
-    frames = zip(range(600), pictures("curtain", (640, 360)), strict=False)
-    hero = [picture for k, picture in frames if k % 3 == 0]
-    first, *rest = (Image.fromarray(picture) for picture in hero)
+        print("window.png was not drawn: Xvfb is not installed")
+    # 10 s of the curtain at 20 images per second.
+    frames = zip(range(600), animation("curtain", (640, 360)), strict=False)
+    first, *rest = (Image.fromarray(image) for k, image in frames if k % 3 == 0)
     first.save(HERE / "hero.webp", save_all=True, append_images=rest, duration=50, loop=0, quality=60, method=4)
     print(f"hero.webp, {(HERE / 'hero.webp').stat().st_size / 1e6:.2f} MB")
 

@@ -1,15 +1,14 @@
-"""Cloth you can grab, in real time, that tells you how wrong it is.
+"""Interactive real-time cloth simulation with measured errors.
 
     import taichi_cloth as tc
 
     with tc.Simulation(tc.load_scene("curtain", wind_z=6.0)) as simulation:
-        for _ in range(240):
-            simulation.advance_frame()
-        print(simulation.positions(), simulation.measure())
-        tc.picture(simulation).save("curtain.png")
+        simulation.step(240)
+        print(simulation.positions(), simulation.metrics())
+        tc.render_image(simulation).save("curtain.png")
 
-Importing the package does not import Taichi; the first use of `Simulation` or `picture` starts it on the CPU unless
-it runs already (`taichi_cloth.start` gives the choice).
+Importing the package imports neither Taichi nor NumPy. The first use of a name that needs Taichi starts it on the CPU
+unless it is running; call `init` first for another backend.
 """
 
 from __future__ import annotations
@@ -17,35 +16,91 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .runtime import start
-from .scene import Scene, SceneError, load_scene, scene_names
+from .scene import SceneError
+from .scene.collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
+from .scene.presets import scene_names as list_scenes
+from .scene.schema import (
+    Camera,
+    Cloth,
+    Fabric,
+    Forces,
+    Look,
+    Maps,
+    Region,
+    Scene,
+    SelfCollision,
+    Solver,
+    StrainLimit,
+    Tearing,
+    Tethers,
+    VerletSprings,
+    Wind,
+)
+from .system.taichi_runtime import start as init
 
 if TYPE_CHECKING:
-    from .view.picture import Picture, picture
-    from .view.shown import Simulation
+    from .export.clip import export_mesh
+    from .geometry.scene_loader import load_scene
+    from .render.image import Image, render_image
+    from .render.image import NotebookSimulation as Simulation
+    from .simulation.recording import Recorder, replay
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "Picture",
+    "Attachment",
+    "Box",
+    "Camera",
+    "Capsule",
+    "Cloth",
+    "Fabric",
+    "Forces",
+    "Ground",
+    "Image",
+    "Look",
+    "Maps",
+    "Mesh",
+    "Plane",
+    "Recorder",
+    "Region",
     "Scene",
     "SceneError",
+    "SelfCollision",
     "Simulation",
+    "Solver",
+    "Sphere",
+    "StrainLimit",
+    "Tearing",
+    "Tethers",
+    "VerletSprings",
+    "Wind",
     "__version__",
+    "export_mesh",
+    "init",
+    "list_scenes",
     "load_scene",
-    "picture",
-    "scene_names",
-    "start",
+    "render_image",
+    "replay",
 ]
 
-# Public names whose modules need Taichi to run.
-_LATE = {"Simulation": "view.shown", "Picture": "view.picture", "picture": "view.picture"}
+# Public names that are imported on first use: their modules need NumPy, or Taichi to run.
+_NUMPY = {"load_scene": "geometry.scene_loader"}
+_TAICHI = {
+    "Image": "render.image",
+    "Recorder": "simulation.recording",
+    "Simulation": "render.image",
+    "export_mesh": "export.clip",
+    "render_image": "render.image",
+    "replay": "simulation.recording",
+}
+_OTHER_NAME = {"Simulation": "NotebookSimulation"}
 
 
 def __getattr__(name: str) -> Any:
-    if name in _LATE:
-        from .runtime import start_if_needed
+    if name in _TAICHI:
+        from .system.taichi_runtime import start_if_needed
 
         start_if_needed()
-        return getattr(import_module(f".{_LATE[name]}", __name__), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    elif name not in _NUMPY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{(_NUMPY | _TAICHI)[name]}", __name__), _OTHER_NAME.get(name, name))

@@ -1,7 +1,20 @@
-"""`python -m taichi_cloth`."""
+"""The command line: `python -m taichi_cloth`, and the program `taichi-cloth`."""
+
+from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
-from .cli import main
+from .cli import exporting, replaying, run, scenes, serve
+from .cli.main import run_command
+from .evaluation import commands, compare
 
-sys.exit(main())
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code. `argv`: its words, by default those of the process."""
+    modules = (run, serve, compare, exporting, replaying, scenes, commands)  # in the order of `--help`
+    return run_command(modules, sys.argv[1:] if argv is None else argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,63 +1,88 @@
-"""Every test module gets Taichi anew: the field trees of a whole suite would not fit into one process life.
+"""Taichi is restarted for every test module: one process cannot hold the field trees of the whole suite.
 
 Two processes share the tests (`pyproject.toml`). A module stays in one of them, so that a kernel is compiled once. The
-dearest go first, so that both processes end at nearly the same time.
+modules that took longest in the last run start first, so that both processes end at nearly the same time.
 """
 
 from __future__ import annotations
 
 import signal
+from collections import Counter
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-from taichi_cloth import runtime
+from taichi_cloth.system import taichi_runtime as runtime
 
-# How long an example takes says nothing where machines are shared.
+# The time of an example has no meaning on a shared machine.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
 
 
 def pytest_configure() -> None:
-    # A suite that a shell starts in the background ignores Ctrl-C, and so would every program it starts.
+    # A suite started by a shell in the background ignores Ctrl-C, and so would every program that it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-DEAREST = (
-    *("scenes", "window", "pages", "strangers", "paths", "contract", "strips_stages", "cli", "triangles"),
-    *("self_collision", "validate", "tearing", "examples", "bench", "session", "panel", "projective", "renders"),
-    *("simulation", "compare", "lines"),
-)
+DURATIONS = "taichi_cloth/seconds_by_module"  # key in pytest's cache
+_seconds: Counter[str] = Counter()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    def place(item: pytest.Item) -> int:
-        name = item.path.stem.removeprefix("test_")
-        return DEAREST.index(name) if name in DEAREST else len(DEAREST)
+def module_of(node_id: str) -> str:
+    return node_id.partition("::")[0]
 
-    items.sort(key=place)
+
+def last_durations(config: pytest.Config) -> dict[str, float]:
+    cache = cache_of(config)
+    return cache.get(DURATIONS, {}) if cache is not None else {}
+
+
+def cache_of(config: pytest.Config) -> pytest.Cache | None:
+    """Return pytest's cache; with `-p no:cacheprovider` there is none, and no attribute."""
+    return getattr(config, "cache", None)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    last = last_durations(config)
+    items.sort(key=lambda item: -last.get(module_of(item.nodeid), 0.0))
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    _seconds[module_of(report.nodeid)] += report.duration
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    cache = cache_of(session.config)
+    if cache is not None and not hasattr(session.config, "workerinput"):  # not in the workers, which report to this one
+        cache.set(DURATIONS, last_durations(session.config) | _seconds)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def taichi(request: pytest.FixtureRequest) -> Iterator[None]:
-    runtime.start("cpu", random_seed=0)
+    """Run the tests of a module in a Taichi of their own, on one thread.
+
+    Two processes run tests, and two threads in each would wait for the other process's: twice the time on two cores. A
+    module that defines `CPU_THREADS` gets so many.
+    """
+    threads = getattr(request.module, "CPU_THREADS", 1)
+    runtime.start("cpu", random_seed=0, cpu_max_num_threads=threads)
     yield
     runtime.stop()
 
 
 @pytest.fixture
-def on_lists(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cloth takes the list of springs where strips are usual: half the time to compile, for what is above solvers.
+def serial_layout(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulations that name no layout take the serial one instead of SIMD: it compiles in half the time.
 
-    That the paths are equal is for `solvers/test_paths.py`.
+    `solvers/test_layouts.py` tests that all layouts give equal results.
     """
-    from taichi_cloth.solvers.base import Solver
+    from taichi_cloth.solvers import base
 
-    monkeypatch.setattr(Solver, "paths", ("list", "lanes", "gather"))
+    monkeypatch.setattr(base, "LANES", 1 << 20)  # `choose_layout` then finds no grid wide enough for SIMD
 
 
 @pytest.fixture
 def running(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A command goes on with the module's Taichi: started anew, it would compile again what the last one has."""
+    """Commands use the running Taichi of the module: a restart would compile all kernels again."""
     monkeypatch.setattr(runtime, "start", lambda arch: arch)

@@ -1,6 +1,6 @@
-"""What `make long` found, as a small file beside the tests: `long_result.toml`.
+"""The result of `make long` as a small file beside the tests: `long_result.toml`.
 
-`python tests/long_result.py REPORT.xml` reduces pytest's JUnit report to it. A test of every run reads the file.
+`python tests/long_result.py REPORT.xml` reduces pytest's JUnit report to it. `test_long_result.py` reads the file.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import Any
 
 from result_file import commit, written
 
-from taichi_cloth.machine import cpu_model, machine
+from taichi_cloth.system.taichi_runtime import cpu_model, machine
 
 FILE = Path(__file__).with_suffix(".toml")
 TITLE = "# Written by `make long`: its last result, and how long each file of tests took in one process."
 
 
 def reduced(report: str) -> dict[str, Any]:
-    """Counts, names of what failed, date, and seconds by file of tests, from a JUnit report."""
+    """Return counts, names of failed tests, date, and seconds by test file, from a JUnit report."""
     suites = ET.fromstring(report)
     suite = suites if suites.tag == "testsuite" else suites[0]
     seconds: dict[str, float] = defaultdict(float)
@@ -38,8 +38,8 @@ def reduced(report: str) -> dict[str, Any]:
         "failed": failed,
         "seconds": round(float(suite.get("time", "0"))),
     }
-    dearest = sorted(seconds.items(), key=lambda item: -item[1])
-    return {"result": result, "seconds": {name: round(spent) for name, spent in dearest}}
+    slowest = sorted(seconds.items(), key=lambda item: -item[1])
+    return {"result": result, "seconds": {name: round(spent) for name, spent in slowest}}
 
 
 if __name__ == "__main__":

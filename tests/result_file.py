@@ -1,4 +1,4 @@
-"""Small result files beside the tests: what a run of hours found, with the commit that was tried."""
+"""Small result files next to the tests: results of runs of hours, with the tested commit."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from taichi_cloth.scene.writer import toml_value
+from taichi_cloth.scene.toml_io import toml_value
 
 ROOT = Path(__file__).parents[1]
 
 
 def written(title: str, tables: Mapping[str, Mapping[str, Any]]) -> str:
-    """The tables as TOML, below a comment."""
+    """Return the tables as TOML, below a comment."""
     lines = [title]
     for name, table in tables.items():
         lines += ["", f"[{name}]", *(f'"{key}" = {toml_value(value)}' for key, value in table.items())]
@@ -21,6 +21,6 @@ def written(title: str, tables: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def commit() -> str:
-    """The commit of the working tree, with a + where something is changed in it."""
-    said = subprocess.run(["git", "describe", "--always", "--dirty=+"], cwd=ROOT, capture_output=True, text=True)
-    return said.stdout.strip() if said.returncode == 0 else "unknown"
+    """Return the commit of the working tree, with a + if files have changed."""
+    done = subprocess.run(["git", "describe", "--always", "--dirty=+"], cwd=ROOT, capture_output=True, text=True)
+    return done.stdout.strip() if done.returncode == 0 else "unknown"

@@ -1,4 +1,4 @@
-"""The command line as a user meets it: real processes, exit codes, one line for every mistake."""
+"""The command line: processes, exit codes, and one line for every error."""
 
 from __future__ import annotations
 
@@ -8,33 +8,35 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-from taichi_cloth import __version__, cli
-from taichi_cloth.progress import counted
+from taichi_cloth import __main__ as cli
+from taichi_cloth import __version__
+from taichi_cloth.system.console import count_noun
 
 SMALL = ["--size", "96x54"]
 
 
 def run(
-    *words: str, cwd: Path, preexec_fn: Callable[[], None] | None = None, **more: str
+    *words: str, cwd: Path, preexec_fn: Callable[[], None] | None = None, variables: Mapping[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """A command in a process of its own, without a display. `more`: of the environment."""
-    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")} | more
+    """Run a command in its own process without a display. `variables`: added to the environment."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    environment |= variables or {}
     command = [sys.executable, "-m", "taichi_cloth", *words]
     return subprocess.run(
         command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300, preexec_fn=preexec_fn
     )
 
 
-def mistake(capsys: pytest.CaptureFixture[str], *words: str) -> str:
-    """The one line that a wrong command prints."""
+def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """Return the line that an invalid command prints."""
     try:
-        code = cli.main(words)
+        code: object = cli.main(words)
     except SystemExit as error:
         code = error.code
     out, err = capsys.readouterr()
@@ -45,15 +47,15 @@ def mistake(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["rendr"], "did you mean 'render'?"),
         (["render"], "SCENE"),
         (["render", "curtian"], "did you mean 'curtain'?"),
         (["render", "none.toml"], "none.toml: cannot be read: No such file"),
-        (["render", "curtain", "--frames", "0"], "'0' is not a whole number from 1"),
-        (["render", "curtain", "--frames", "-3"], "whole number"),
-        (["render", "curtain", "--frames", "nan"], "whole number"),
+        (["render", "curtain", "--frames", "0"], "'0' is not an integer from 1"),
+        (["render", "curtain", "--frames", "-3"], "not an integer"),
+        (["render", "curtain", "--frames", "nan"], "not an integer"),
         (["render", "curtain", "--size", "960"], "'960' is not WxH"),
         (["render", "curtain", "--size", "0x5"], "WxH"),
         (["render", "curtain", "--size", "9000x5"], "WxH"),
@@ -66,43 +68,44 @@ def mistake(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["render", "curtain", "--solver", "varlet"], "did you mean 'verlet'?"),
         (["render", "curtain", "--without", "sphere"], "did you mean 'spheres'?"),
         (["render", "curtain", "--arch", "cudo"], "invalid choice: 'cudo'"),
-        (["render", "curtain", "--path", "lane"], "verlet has no path 'lane'"),
+        (["render", "curtain", "--layout", "lane"], "unknown layout 'lane': simd, serial, parallel"),
+        (["render", "curtain", "--path", "simd"], "--path was renamed to --layout"),
         (["render", "curtain", "--quick"], "--quick"),
         (["check"], "FILE"),
         (["check", "curtian"], "did you mean 'curtain'?"),
         (["--sett", "x=1"], "--sett"),
     ],
 )
-def test_a_mistake_is_one_line_and_exit_code_2(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], said: str
+def test_an_invalid_command_is_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert said in mistake(capsys, *words)
+    assert message in error_of(capsys, *words)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_list_has_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_prints_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert {"curtain", "drape15", "table"} <= {line.split()[0] for line in lines}
     assert all(len(line.split()) > 3 for line in lines)
     [drape, curtain] = (next(line for line in lines if line.startswith(name)) for name in ("drape15", "curtain"))
-    assert drape.endswith(" · unfinished: stretches 2.0 % beyond its constants")  # ⅓·16·g·h²/5 over 1/7 m, h = 1/60 s
-    assert "unfinished" not in curtain
+    assert drape.endswith(" · not converged: 2.0 % artificial stretch")  # ⅓·16·g·h²/5 over 1/7 m, h = 1/60 s
+    assert "not converged" not in curtain
 
 
 def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[cloth]\nrows = 7\ncolumns = 9\n")
     assert cli.main(["check", str(path)]) == 0
-    told = capsys.readouterr().out
-    assert "fine (9×7 particles" in told
-    assert "unfinished" not in told
+    out = capsys.readouterr().out
+    assert "valid (9×7 particles" in out
+    assert "not converged" not in out
     assert cli.main(["check", "twist"]) == 0
-    assert capsys.readouterr().out.splitlines()[1].startswith("unfinished: its elongation is ")
+    assert capsys.readouterr().out.splitlines()[1].startswith("not converged: elongation is ")
     path.write_text("[cloth]\nrow = 7\n")
-    assert "cloth.row: unknown key (did you mean 'rows'?)" in mistake(capsys, "check", str(path))
-    assert cli.main(["check", "--keys"]) == 0
+    assert "cloth.row: unknown key (did you mean 'rows'?)" in error_of(capsys, "check", str(path))
+    assert cli.main(["schema"]) == 0
     assert "area_density" in capsys.readouterr().out
 
 
@@ -113,7 +116,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_every_command_has_an_example_and_its_defaults(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("run", "render", "export", "bake", "list", "check"):
+    for command in ("run", "render", "export", "list", "check"):
         with pytest.raises(SystemExit, match="0"):
             cli.main([command, "--help"])
         assert "example: taichi-cloth" in capsys.readouterr().out
@@ -122,20 +125,20 @@ def test_every_command_has_an_example_and_its_defaults(capsys: pytest.CaptureFix
     assert "(default: 240)" in capsys.readouterr().out
 
 
-def test_help_tells_a_default_once_and_only_one_that_says_something(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("run", "render", "replay", "export", "bake", "compare", "ablate", "bench", "validate", "stress"):
+def test_help_states_each_default_once_and_omits_empty_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("run", "render", "replay", "export", "compare", "ablate", "bench", "validate", "stress"):
         with pytest.raises(SystemExit, match="0"):
             cli.main([command, "--help"])
         text = " ".join(capsys.readouterr().out.split())
         assert [word for word in ("None)", "False)", "[])", ") (default") if word in text] == [], command
 
 
-def test_one_is_told_as_one() -> None:
-    assert counted(1, "picture") == "1 picture"
-    assert [counted(n, "frame") for n in (0, 2)] == ["0 frames", "2 frames"]
+def test_count_noun_uses_singular_and_plural() -> None:
+    assert count_noun(1, "image") == "1 image"
+    assert [count_noun(n, "frame") for n in (0, 2)] == ["0 frames", "2 frames"]
 
 
-# -- what is in the way ----------------------------------------------------------------------------------------
+# -- existing output ----------------------------------------------------------------------------------------
 
 DRAPE = ["render", "drape15", "--out", "o", "--frames", "2", *SMALL]
 
@@ -146,7 +149,7 @@ def here(running: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def refused(capsys: pytest.CaptureFixture[str], *more: str) -> str:
-    """The one line of a render of `DRAPE` that does not begin."""
+    """Return the error line of a render of `DRAPE` that is refused."""
     capsys.readouterr()
     assert cli.main([*DRAPE, *more]) == 2
     err = capsys.readouterr().err
@@ -154,7 +157,7 @@ def refused(capsys: pytest.CaptureFixture[str], *more: str) -> str:
     return err
 
 
-def test_frames_are_not_overwritten_unasked(here: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_frames_are_not_overwritten_without_force(here: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(DRAPE) == 0
     last = Path("o/frame_00001.png")
     last.write_bytes(b"mine")
@@ -176,7 +179,7 @@ def test_a_resume_over_a_damaged_report_is_refused(
 ) -> None:
     Path("o").mkdir()
     Path("o/run.json").write_bytes(content)
-    assert "use --force to start anew" in refused(capsys, "--resume")
+    assert "use --force to start over" in refused(capsys, "--resume")
     assert Path("o/run.json").read_bytes() == content
 
 
@@ -186,38 +189,42 @@ def test_an_output_that_is_a_file_is_refused(here: None, capsys: pytest.CaptureF
     assert Path("o").read_text() == "mine"
 
 
-# -- rendering, in a process of its own ----------------------------------------------------------------------
+# -- rendering, in its own process ----------------------------------------------------------------------
 
 
-def test_render_writes_pictures_and_what_made_them(tmp_path: Path) -> None:
+def test_render_writes_images_and_their_settings(tmp_path: Path) -> None:
     words = ["render", "curtain", "--frames", "7", "--every", "3", "--out", "o", "--contact-sheet", *SMALL]
     done = run(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     lines = done.stdout.splitlines()
-    assert lines[0] == "curtain · verlet 5×12 · lanes · 30×24 · structural shear bend wind sphere ground · cpu · seed 0"
-    assert lines[-1] == "3 pictures in o, contact_sheet.png among them"
+    assert lines[0] == "curtain · verlet 5×12 · simd · 30×24 · structural shear bend wind sphere ground · cpu · seed 0"
+    assert lines[-1] == "3 images in o, and contact_sheet.png"
     names = sorted(p.name for p in (tmp_path / "o").iterdir())
     assert names == ["contact_sheet.png", "frame_00000.png", "frame_00001.png", "frame_00002.png", "run.json"]
-    with Image.open(tmp_path / "o" / "frame_00002.png") as picture:
-        assert picture.size == (96, 54)
-    told = json.loads((tmp_path / "o" / "run.json").read_text())
-    assert told["complete"]
-    assert [line["frame"] for line in told["frames"]] == list(range(7))
-    assert [line["frame"] for line in told["frames"] if "draw_ms" in line] == [0, 3, 6]
-    assert told["seed"] == 0
-    assert told["settings"]["every"] == 3
-    assert "rows = 24" in told["scene_text"]
-    assert {"taichi", "numpy", "taichi_cloth"} <= told["machine"].keys()
-    assert told["frames"][6]["max_strain"] > 0
-    assert all(line["physics_ms"] > 0 for line in told["frames"])
+    with Image.open(tmp_path / "o" / "frame_00002.png") as image:
+        assert image.size == (96, 54)
+    report = json.loads((tmp_path / "o" / "run.json").read_text())
+    assert report["complete"]
+    assert [line["frame"] for line in report["frames"]] == list(range(7))
+    assert [line["frame"] for line in report["frames"] if "draw_ms" in line] == [0, 3, 6]
+    assert report["seed"] == 0
+    assert report["settings"]["every"] == 3
+    assert "rows = 24" in report["scene_text"]
+    assert {"taichi", "numpy", "taichi_cloth"} <= report["machine"].keys()
+    assert report["frames"][6]["max_strain"] > 0
+    assert all(line["physics_ms"] > 0 for line in report["frames"])
 
 
-def test_two_runs_give_the_same_bytes_whatever_the_environment_says(tmp_path: Path) -> None:
-    """A terminal that knows ASCII only is served, and TI_ARCH does not change the arch."""
-    for out, environment in (("a", {}), ("b", {"PYTHONIOENCODING": "ascii", "TI_ARCH": "bogus"})):
+def test_two_runs_give_the_same_bytes_in_different_environments(tmp_path: Path) -> None:
+    """Output works on a terminal with ASCII only, and TI_ARCH does not change the arch."""
+    environments: dict[str, dict[str, str]] = {
+        "a": {},
+        "b": {"PYTHONIOENCODING": "ascii", "TI_ARCH": "bogus"},
+    }
+    for out, variables in environments.items():
         words = ["render", "drape15", "--frames", "20", "--every", "19", "--out", out, *SMALL]
-        done = run(*words, cwd=tmp_path, **environment)
+        done = run(*words, cwd=tmp_path, variables=variables)
         assert (done.returncode, done.stderr) == (0, "")
         assert ("verlet 1×5" if out == "a" else "verlet 1?5") in done.stdout
     for k in range(2):
@@ -227,7 +234,7 @@ def test_two_runs_give_the_same_bytes_whatever_the_environment_says(tmp_path: Pa
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals to send")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_render_leaves_whole_files_and_resumes_to_the_same_frames(
+def test_an_interrupted_render_leaves_complete_files_and_resumes_to_the_same_frames(
     here: None, tmp_path: Path, number: int
 ) -> None:
     words = ["render", "drape15", *SMALL]
@@ -238,13 +245,13 @@ def test_an_interrupted_render_leaves_whole_files_and_resumes_to_the_same_frames
     process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert err == "taichi-cloth: interrupted; finished files are whole\n"
+    assert err == "taichi-cloth: interrupted; no partial file remains\n"
     assert not list((tmp_path / "o").glob(".*"))
     assert not json.loads((tmp_path / "o" / "run.json").read_text())["complete"]
     made = sorted((tmp_path / "o").glob("frame_*.png"))
     for path in made:
-        with Image.open(path) as picture:
-            picture.load()
+        with Image.open(path) as image:
+            image.load()
     frames = str(len(made) + 3)
     assert cli.main([*words, "--frames", frames, "--out", "o", "--resume"]) == 0
     assert cli.main([*words, "--frames", frames, "--out", "whole"]) == 0
@@ -253,7 +260,7 @@ def test_an_interrupted_render_leaves_whole_files_and_resumes_to_the_same_frames
     assert not list((tmp_path / "o").glob(".*"))
 
 
-def test_a_reader_who_leaves_early_is_no_error(tmp_path: Path) -> None:
+def test_a_closed_pipe_prints_no_error(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "taichi_cloth", "render", "drape15", "--frames", "400", *SMALL]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -265,11 +272,11 @@ def test_a_reader_who_leaves_early_is_no_error(tmp_path: Path) -> None:
     assert process.wait(timeout=60) == 1
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on file sizes to set")
-def test_a_disk_that_refuses_is_one_line_and_leaves_whole_files(tmp_path: Path) -> None:
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of file sizes")
+def test_a_write_error_is_one_line_and_leaves_no_partial_files(tmp_path: Path) -> None:
     import resource
 
-    def limit() -> None:  # the operating system refuses every byte beyond this
+    def limit() -> None:  # of the file size [bytes]
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
     words = ["render", "curtain", "--frames", "4", "--out", "o", "--size", "320x180"]
@@ -281,7 +288,7 @@ def test_a_disk_that_refuses_is_one_line_and_leaves_whole_files(tmp_path: Path) 
     assert not list((tmp_path / "o").glob("*.png"))
 
 
-def test_without_a_display_the_demo_renders_and_says_why(
+def test_without_a_display_run_renders_images_and_states_the_reason(
     here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done = run("run", "drape15", "--frames", "3", cwd=tmp_path)
@@ -293,4 +300,4 @@ def test_without_a_display_the_demo_renders_and_says_why(
     ]
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    assert cli.main(["run", "drape15", "--frames", "2"]) == 0  # a second time, too
+    assert cli.main(["run", "drape15", "--frames", "2"]) == 0  # also a second time

@@ -1,91 +1,92 @@
-"""`compare` without a window: two runs of one scene, their pictures and what is measured of them."""
+"""`compare` without a window: two runs of one scene, their images and measurements."""
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from taichi_cloth.accuracy import gallery
-from taichi_cloth.cli import main
-from taichi_cloth.cli_compare import overrides
-from taichi_cloth.scene import load_scene
-from taichi_cloth.simulation import Simulation
-from taichi_cloth.view.compare_frames import render_both
-from taichi_cloth.view.frames import Plan
-from taichi_cloth.view.sides import SEAM, partners
+from taichi_cloth.__main__ import main
+from taichi_cloth.evaluation.bench import scene_error
+from taichi_cloth.evaluation.compare import overrides
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.render.sequence import RenderPlan
+from taichi_cloth.render.split_view import SEAM, nearest_vertex_map, render_both
+from taichi_cloth.simulation.simulation import Simulation
 
-pytestmark = pytest.mark.usefixtures("running", "on_lists")
+pytestmark = pytest.mark.usefixtures("running", "serial_layout")
 
 SMALL = ["--set", "rows=8,columns=9", "--size", "202x60", "--frames", "12", "--every", "4"]
 
 
-def run(tmp_path: Path, *words: str) -> dict:
+def run(tmp_path: Path, *words: str) -> dict[str, Any]:
     assert main(["compare", "curtain", *SMALL, "--out", str(tmp_path / "o"), *words]) == 0
-    return json.loads((tmp_path / "o" / "compare.json").read_text())
+    report: dict[str, Any] = json.loads((tmp_path / "o" / "compare.json").read_text())
+    return report
 
 
-def halves(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    picture = np.asarray(Image.open(path))
-    assert picture.shape == (60, 202, 3)
-    assert (picture[:, 100 : 100 + SEAM] == 255).all()
-    return picture[:, :100], picture[:, 102:]
+def image_halves(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    image = np.asarray(Image.open(path))
+    assert image.shape == (60, 202, 3)
+    assert (image[:, 100 : 100 + SEAM] == 255).all()
+    return image[:, :100], image[:, 102:]
 
 
-def test_two_methods_side_by_side(
+def test_two_solvers_side_by_side(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gallery, "FRAMES", 15)
-    told = run(tmp_path, "--a", "solver=verlet,iterations=1", "--b", "solver=spring")
+    monkeypatch.setattr(scene_error, "FRAMES", 15)
+    report = run(tmp_path, "--a", "solver=verlet,iterations=1", "--b", "solver=explicit")
     assert sorted(p.name for p in (tmp_path / "o").glob("*.png")) == [f"frame_0000{k}.png" for k in range(3)]
-    assert told["a"]["method"].startswith("verlet 5×1")
-    assert told["b"]["method"].startswith("spring")
-    assert len(told["a"]["physics_ms"]) == len(told["apart"]) == 12
-    wrong = told["rms_error"]
-    assert 0 < wrong[1] < wrong[0] / 10  # against the converged motion
-    assert 0 < told["apart"][-1] < 0.1
-    left, right = halves(tmp_path / "o" / "frame_00000.png")
-    np.testing.assert_array_equal(left, right)  # both begin alike
-    left, right = halves(tmp_path / "o" / "frame_00002.png")
+    assert report["a"]["method"].startswith("verlet 5×1")
+    assert report["b"]["method"].startswith("explicit")
+    assert len(report["a"]["physics_ms"]) == len(report["rms_distance"]) == 12
+    errors = report["rms_error"]
+    assert 0 < errors[1] < errors[0] / 10  # relative to the reference solution
+    assert 0 < report["rms_distance"][-1] < 0.1
+    left, right = image_halves(tmp_path / "o" / "frame_00000.png")
+    np.testing.assert_array_equal(left, right)  # both start in the same state
+    left, right = image_halves(tmp_path / "o" / "frame_00002.png")
     assert (left != right).any()
     out = capsys.readouterr().out
-    assert "error rms" in out
-    assert f"{told['apart'][-1]:.2%} of the side" in out
+    assert "RMS error" in out
+    assert f"{report['rms_distance'][-1]:.2%} of the side" in out
     before = (tmp_path / "o" / "frame_00000.png").read_bytes()
     assert main(["compare", "curtain", *SMALL, "--out", str(tmp_path / "o"), "--b", "wind_z=9"]) == 2
     assert "--force" in capsys.readouterr().err
     assert (tmp_path / "o" / "frame_00000.png").read_bytes() == before
 
 
-def both(tmp_path: Path, **other: object) -> list[float]:
-    """How far a small curtain and another are apart after each of six frames."""
-    grid = {"rows": 8, "columns": 9}
-    plan = Plan(tmp_path, 6, 202, 60, every=5)
+def distances_of(tmp_path: Path, **other: object) -> list[float]:
+    """Return the distance between a small curtain and another after each of six frames."""
+    grid: dict[str, object] = {"rows": 8, "columns": 9}
+    plan = RenderPlan(tmp_path, 6, 202, 60, every=5)
     with (
         Simulation(load_scene("curtain", **grid)) as a,
         Simulation(load_scene("curtain", **(grid | other))) as b,
     ):
         *runs, distances = render_both(a, b, plan, lambda k: None)
         assert [len(run.ms) for run in runs] == [6, 6]
-        there = b.topology.flat[partners(a, b)]
+        there = b.topology.flat[nearest_vertex_map(a, b)]
         np.testing.assert_allclose(there, a.topology.flat, atol=1e-6)
     return distances
 
 
-def test_what_differs_in_its_look_alone_is_not_apart(tmp_path: Path) -> None:
-    assert set(both(tmp_path, look_cloth="#00ff00")) == {0.0}
-    left, right = halves(tmp_path / "frame_00001.png")
+def test_scenes_that_differ_in_look_only_have_distance_zero(tmp_path: Path) -> None:
+    assert set(distances_of(tmp_path, look_color="#00ff00")) == {0.0}
+    left, right = image_halves(tmp_path / "frame_00001.png")
     assert (left != right).any()
 
 
-def test_other_grids_are_compared_where_they_are_one_cloth(tmp_path: Path) -> None:
-    assert 0 < both(tmp_path, rows=15, columns=17)[-1] < 0.05
+def test_grids_of_different_resolution_are_compared(tmp_path: Path) -> None:
+    assert 0 < distances_of(tmp_path, rows=15, columns=17)[-1] < 0.05
 
 
-def test_values_may_hold_commas() -> None:
-    assert overrides(["solver=spring, sphere_center=[1, 2, 3],wind_z=2"]) == {
-        "solver": "spring",
+def test_values_may_contain_commas() -> None:
+    assert overrides(["solver=explicit, sphere_center=[1, 2, 3],wind_z=2"]) == {
+        "solver": "explicit",
         "sphere_center": [1, 2, 3],
         "wind_z": 2,
     }
@@ -95,15 +96,16 @@ def test_values_may_hold_commas() -> None:
     ("words", "line"),
     [
         ([], "both sides are the same scene"),
-        (["--a", "solver=sprin"], "spring"),
+        (["--a", "solver=explict"], "did you mean 'explicit'?"),
+        (["--a", "solver=spring"], "spring was renamed to explicit"),
         (["--a", "iteration=3"], "iterations"),
         (["--a", "iterations"], "KEY=VALUE"),
-        (["--b", "rows=9", "--size", "2x2"], "do not fit into 2 pixels"),
+        (["--b", "rows=9", "--size", "2x2"], "need a width of at least 4 pixels, not 2"),
     ],
 )
-def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], line: str) -> None:
+def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], line: str) -> None:
     assert main(["compare", "curtain", "--out", str(tmp_path / "o"), *words]) == 2
-    told = capsys.readouterr().err
-    assert line in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
     assert not list(tmp_path.glob("o/*.png"))

@@ -1,4 +1,4 @@
-"""The documents do not point at what is not there, quote what is so, and name what exists."""
+"""Links, paths, names, commands and generated blocks of the documents are correct."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.cli import build_parser
+from taichi_cloth.cli import exporting, replaying, run, scenes, serve
+from taichi_cloth.cli.main import build_parser
+from taichi_cloth.evaluation import commands as evaluation_commands
+from taichi_cloth.evaluation import compare
+from taichi_cloth.render.image_files import write_png
 from taichi_cloth.scene import parse_override
-from taichi_cloth.scene.model import PRESET_NAMES, SOLVER_NAMES
-from taichi_cloth.view.png import write_png
+from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES
 
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"
@@ -27,6 +30,7 @@ DOCUMENTS = [*TOP.glob("*.md"), *DOCS.rglob("*.md")]
 LINK = re.compile(r"\]\(([^)#]+)[^)]*\)")
 ANCHOR = re.compile(r"\]\(([^)#]*)#([^)]+)\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+MODULES = (run, serve, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
 
 
 def text_of(document: Path) -> str:
@@ -45,13 +49,29 @@ def each(documents: list[Path]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("document", documents, ids=name_of)
 
 
-# -- links ---------------------------------------------------------------------------------------------
+# -- links and paths ---------------------------------------------------------------------------------------------------
 
 
 @each(DOCUMENTS)
-def test_every_link_to_a_file_leads_to_one(document: Path) -> None:
+def test_linked_files_exist(document: Path) -> None:
     targets = [link for link in LINK.findall(text_of(document)) if "://" not in link]
     assert [link for link in targets if not (document.parent / link).exists()] == []
+
+
+SOURCE_PATH = re.compile(r"`((?:[a-z0-9_.-]+/)+(?:[\w-]+\.(?:py|c|h|mjs|js|html|md|toml|csv|json|yml))?)`")
+
+
+@each(DOCUMENTS)
+def test_paths_in_code_style_exist(document: Path) -> None:
+    paths = [path for path in SOURCE_PATH.findall(text_of(document)) if not path.startswith("out/")]
+    folders = (TOP, TOP / "taichi_cloth", DOCS)
+    wrong = [path for path in paths if not any((folder / path).exists() for folder in folders)]
+    assert [path for path in wrong if not path.endswith("/NAME.py")] == []
+
+
+def test_paths_are_found() -> None:
+    text = "`solvers/rk4.py` `docs/` `a.py` `out/shot.png` `simulation/builder.features_of` `tests/web`"
+    assert SOURCE_PATH.findall(text) == ["solvers/rk4.py", "docs/"]
 
 
 def test_links_are_found() -> None:
@@ -60,13 +80,13 @@ def test_links_are_found() -> None:
 
 
 def slug(heading: str) -> str:
-    """The anchor of a heading where Markdown is browsed and in the site: lower case, no punctuation, dashes."""
+    """Return the anchor of a heading, as repository browsers and the site make it."""
     words = re.sub(r"[`*]|\[([^\]]*)\]\([^)]*\)", r"\1", heading).strip().lower()
     return "".join(c for c in words if c in "-_ " or c not in string.punctuation + "·×→").replace(" ", "-")
 
 
 @each(DOCUMENTS)
-def test_every_anchor_is_a_heading(document: Path) -> None:
+def test_linked_headings_exist(document: Path) -> None:
     wrong = []
     for link, anchor in ANCHOR.findall(text_of(document)):
         target = document.parent / link if link else document
@@ -75,18 +95,18 @@ def test_every_anchor_is_a_heading(document: Path) -> None:
     assert wrong == []
 
 
-def test_an_anchor_is_lower_case_without_punctuation() -> None:
+def test_anchors_are_lower_case_without_punctuation() -> None:
     assert slug("What fails, and why") == "what-fails-and-why"
     assert slug("[[spheres]]") == "spheres"
-    assert slug("`spring` and [lines](lines.md)") == "spring-and-lines"
+    assert slug("`explicit` and [lines](lines.md)") == "explicit-and-lines"
 
 
-# -- what is quoted ------------------------------------------------------------------------------------
+# -- generated blocks --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def generate() -> ModuleType:
-    """docs/generate.py, which loads docs/stored.py and docs/goals.py."""
+    """Return docs/generate.py as a module."""
     spec = spec_from_file_location("generate", DOCS / "generate.py")
     assert spec is not None
     assert spec.loader is not None
@@ -96,11 +116,11 @@ def generate() -> ModuleType:
 
 
 @each([path for path in DOCUMENTS if "<!-- generated:" in text_of(path)])
-def test_quotes_are_up_to_date(document: Path, generate: ModuleType) -> None:
+def test_generated_blocks_are_up_to_date(document: Path, generate: ModuleType) -> None:
     assert generate.brought_up_to_date(text_of(document)) == text_of(document), "run: python docs/generate.py"
 
 
-def test_a_quote_that_is_out_of_date_is_seen(generate: ModuleType) -> None:
+def test_an_outdated_block_is_replaced(generate: ModuleType) -> None:
     old = "a\n<!-- generated: presets -->\nnothing\n<!-- end -->\nb"
     new = generate.brought_up_to_date(old)
     assert "| silk |" in new.replace("[`silk`](#silk)", "silk")
@@ -109,30 +129,32 @@ def test_a_quote_that_is_out_of_date_is_seen(generate: ModuleType) -> None:
 
 
 def blocks_of(document: Path) -> dict[str, str]:
-    """What stands in each generated block of a document."""
+    """Return the content of each generated block of a document, by its name."""
     found = re.findall(r"<!-- generated: ([a-z_ ]+?) -->\n(.*?)<!-- end -->", text_of(document), re.DOTALL)
     return dict(found)
 
 
-QUOTED = {
+BLOCKS = {
     "README.md": {"solvers", "validation_line", "stability_summary"},
     "docs/performance.md": {"goals", "frames", "sheets"},
-    "docs/accuracy.md": {"validation_summary", "knee"},
-    "docs/limits.md": {"bar", "stability_summary", "nobody"},
-    "docs/choosing.md": {"choosing", "unfinished"},
+    "docs/accuracy.md": {"validation_summary", "elbow"},
+    "docs/limits.md": {"bar_friction", "stability_summary", "nobody"},
+    "docs/choosing.md": {"choosing", "unconverged"},
+    "docs/scene_errors.md": {"scene_summary"},
+    "docs/scenes.md": {"feature_costs"},
 }
 
 
-@pytest.mark.parametrize("page", QUOTED)
-def test_results_are_quoted_in_generated_blocks(page: str) -> None:
-    assert set(blocks_of(TOP / page)) == QUOTED[page]
+@pytest.mark.parametrize("page", BLOCKS)
+def test_pages_have_their_generated_blocks(page: str) -> None:
+    assert set(blocks_of(TOP / page)) == BLOCKS[page]
 
 
 @pytest.mark.parametrize(
     ("page", "name"),
     [("README.md", "solvers"), ("docs/performance.md", "goals"), ("docs/performance.md", "frames")],
 )
-def test_a_figure_that_is_edited_by_hand_is_seen(page: str, name: str, generate: ModuleType) -> None:
+def test_a_figure_edited_by_hand_is_replaced(page: str, name: str, generate: ModuleType) -> None:
     block = blocks_of(TOP / page)[name]
     last = block.rindex(re.findall(r"\d", block)[-1])
     edited = text_of(TOP / page).replace(block, f"{block[:last]}{(int(block[last]) + 1) % 10}{block[last + 1 :]}")
@@ -140,58 +162,60 @@ def test_a_figure_that_is_edited_by_hand_is_seen(page: str, name: str, generate:
     assert generate.brought_up_to_date(edited) == text_of(TOP / page)
 
 
-def test_the_readme_is_short_and_tells_the_springs_that_there_are() -> None:
+def test_the_readme_is_short_and_its_numbers_of_springs_are_correct() -> None:
     text = text_of(TOP / "README.md")
-    assert len(text.splitlines()) <= 170
+    assert len(text.splitlines()) <= 150
     scene = tc.load_scene("curtain")
     with tc.Simulation(scene) as simulation:
         counts = simulation.topology.family_counts
         rows, columns = simulation.topology.shape
-    told = f"{columns} × {rows} particles on a pole, {counts['structural']:,} structural, {counts['shear']:,} shear\n"
-    assert f"{told}and {counts['bend']:,} bend springs" in text
-    assert f"{scene.solver.substeps} substeps a frame and {scene.solver.iterations} iterations a substep" in text
+    springs = f"{counts['structural']:,} structural, {counts['shear']:,} shear and {counts['bend']:,} bend springs"
+    words = " ".join(text.split())
+    assert f"{columns} × {rows} particles on a pole" in words
+    assert springs in words
+    assert f"{scene.solver.substeps} substeps per frame and {scene.solver.iterations} iterations per substep" in words
 
 
-# -- figures -------------------------------------------------------------------------------------------
+# -- figures -----------------------------------------------------------------------------------------------------------
 
 FIGURE = re.compile(
     r"\b\d[\d.]*e[-−]?\d+\b|(?<![\w.×])[−-]?\d[\d.,]*[\s\N{NO-BREAK SPACE}]?"
     r"(?:ms|µs|ns|%|[kMG]B|[KMG]iB|times|per cent|pictures a second|×)(?!\w|[\s\N{NO-BREAK SPACE}]?\d)"
 )
-# Pages that a command writes as a whole, and the page that says that its figures are nobody's results.
+# Pages that a command writes completely, and the page of figures that no command repeats.
 WRITTEN = {
     "validation.md",
     "validation_rows.md",
     "stability.md",
     "stability_rows.md",
-    "scene_errors.md",
-    "scenes.md",
+    "scene_errors_rows.md",
+    "scenes_rows.md",
     "trials.md",
 }
-# Figures that are no results: what the program is told or what it allows, and numbers of formulas.
+# Figures that are not results: arguments, limits and numbers of formulas.
 INPUTS = {
-    "docs/performance.md": ["2 times"],  # √2, of a proof
+    "docs/performance.md": ["2 times"],  # √2 of a proof
     "docs/web.md": ["30 times", "2 kB"],  # limits of the server, in web/
-    "docs/parameters.md": ["10 %"],  # the end of the strain view's scale
-    "docs/gallery.md": ["10 %"],  # scene `net`, its [limit]
-    "docs/choosing.md": ["0.5 %", "16.7 ms", "60 pictures a second"],  # what --target-error 0.5 asks for; 1/60 s
-    "docs/controls.md": ["2 %"],  # the first radius of the hand
+    "docs/parameters.md": ["10 %"],  # end of the scale of the strain view
+    "docs/gallery.md": ["10 %"],  # [strain_limit] of the scene `net`
+    "docs/choosing.md": ["0.5 %", "16.7 ms"],  # --target-error 0.5; 1/60 s
+    "docs/controls.md": ["2 %"],  # default grab radius
     "docs/solvers/lines.md": ["18, times"],  # equation 18
 }
 
 
 def figures(text: str) -> list[str]:
-    """Figures with a unit of measured results, outside generated blocks and code that may be typed."""
+    """Return the figures with a unit of measured results, outside generated blocks and code blocks."""
     text = re.sub(r"<!-- generated:.*?<!-- end -->", "", text, flags=re.DOTALL)
     return FIGURE.findall(re.sub(r"^ *```.*?^ *```", "", text, flags=re.DOTALL | re.MULTILINE))
 
 
 @each([path for path in DOCUMENTS if path.name not in WRITTEN])
-def test_no_figure_is_written_by_hand(document: Path) -> None:
+def test_no_result_is_written_by_hand(document: Path) -> None:
     assert figures(text_of(document)) == INPUTS.get(name_of(document), []), "generate it, or move it to docs/trials.md"
 
 
-def test_a_figure_that_is_written_by_hand_is_found() -> None:
+def test_figures_are_found() -> None:
     text = "it takes 0.53 ms at 5×12, 3.4 times C, 2 % more, to 4e-5\n"
     assert figures(text) == ["0.53 ms", "3.4 times", "2 %", "4e-5"]
     memory = "0.2 MiB, 12 MB, 5 kB, 1.5\N{NO-BREAK SPACE}GiB and 3KiB"
@@ -199,26 +223,26 @@ def test_a_figure_that_is_written_by_hand_is_found() -> None:
     assert figures("<!-- generated: goals -->\n9 ms\n<!-- end -->\n```sh\n7 ms\n```\nin 5 s") == []
 
 
-def test_the_page_of_trials_says_what_it_is() -> None:
+def test_the_page_of_trials_says_that_no_command_repeats_them() -> None:
     head = text_of(DOCS / "trials.md")[:600]
     assert "measured once by hand" in head
     assert "No command repeats these figures" in head
 
 
 @pytest.mark.parametrize("name", SOLVER_NAMES)
-def test_every_solver_has_its_page(name: str) -> None:
+def test_every_solver_has_a_page(name: str) -> None:
     page = text_of(DOCS / "solvers" / f"{name}.md")
     assert page.startswith(f"# {name}\n")
     assert f"<!-- generated: solver {name} -->" in page
 
 
-def test_all_that_is_public_is_described() -> None:
+def test_the_api_page_describes_all_public_names() -> None:
     page = text_of(DOCS / "api.md")
     public = [name for name in tc.__all__ if not name.startswith("_")]
     assert [name for name in public if f"### tc.{name}\n" not in page] == []
 
 
-def test_every_strip_is_drawn_and_small(generate: ModuleType) -> None:
+def test_every_strip_of_parameters_has_a_small_image(generate: ModuleType) -> None:
     shown = re.findall(r"\]\((pictures/parameters/.+?\.png)\)", text_of(DOCS / "parameters.md"))
     drawn = [path.relative_to(DOCS).as_posix() for path in (DOCS / "pictures" / "parameters").glob("*.png")]
     assert sorted(shown) == sorted(drawn)
@@ -227,12 +251,13 @@ def test_every_strip_is_drawn_and_small(generate: ModuleType) -> None:
 
 def test_the_gallery_shows_every_scene() -> None:
     rows = re.findall(r"^\| \[!.*\| `([\w-]+)` \| (.+) \|$", text_of(DOCS / "gallery.md"), re.MULTILINE)
-    assert rows == [(name, tc.load_scene(name).title) for name in tc.scene_names()], "run: make screenshots"
+    assert rows == [(name, tc.load_scene(name).title) for name in tc.list_scenes()], "run: make screenshots"
 
 
-# -- commands that store results -----------------------------------------------------------------------
+# -- commands that store results ---------------------------------------------------------------------------------------
 
-STORING = {
+# For each target of make, the commands it runs.
+STORING_TARGETS = {
     "stress": ["stress"],
     "validate": ["ablate", "validate"],
     "errors": ["bench", "bench"],
@@ -241,29 +266,29 @@ STORING = {
 
 
 def fake_programs(folder: Path, status: int) -> None:
-    """`taichi-cloth` and `python` that only write down what they are told; the former ends with a status."""
-    for name, ended in (("taichi-cloth", status), ("python", 0)):
+    """Write programs `taichi-cloth` and `python` that only log their arguments. The former exits with `status`."""
+    for name, exit_status in (("taichi-cloth", status), ("python", 0)):
         file = folder / name
-        file.write_text(f'#!/bin/sh\necho "{name} $*" >> "{folder}/told"\nexit {ended}\n', encoding="utf-8")
+        file.write_text(f'#!/bin/sh\necho "{name} $*" >> "{folder}/log"\nexit {exit_status}\n', encoding="utf-8")
         file.chmod(0o755)
 
 
 @pytest.mark.skipif(shutil.which("make") is None or sys.platform == "win32", reason="needs make and a shell")
 @pytest.mark.parametrize("status", [0, 3])
-@pytest.mark.parametrize("target", STORING)
-def test_documents_are_brought_up_to_date_whatever_the_command_says(target: str, status: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("target", STORING_TARGETS)
+def test_documents_are_updated_whatever_the_exit_status(target: str, status: int, tmp_path: Path) -> None:
     fake_programs(tmp_path, status)
-    given = [f"BIN={tmp_path}", f"RESULTS={tmp_path}", "PYTHON=python"]
-    command = ["make", "-o", ".venv/ready", "-o", ".venv/tools", *given, target]
+    variables = [f"BIN={tmp_path}", f"RESULTS={tmp_path}", "PYTHON=python"]
+    command = ["make", "-o", ".venv/ready", "-o", ".venv/tools", *variables, target]
     done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, encoding="utf-8")
-    told = [line.split()[:2] for line in (tmp_path / "told").read_text(encoding="utf-8").splitlines()]
-    ran = STORING[target] if status == 0 else STORING[target][:1]
-    assert told == [*(["taichi-cloth", name] for name in ran), ["python", "docs/generate.py"]], done.stderr
+    log = [line.split()[:2] for line in (tmp_path / "log").read_text(encoding="utf-8").splitlines()]
+    ran = STORING_TARGETS[target] if status == 0 else STORING_TARGETS[target][:1]
+    assert log == [*(["taichi-cloth", name] for name in ran), ["python", "docs/generate.py"]], done.stderr
     assert (done.returncode == 0) == (status == 0)
     assert (f"Error {status}" in done.stderr) == (status != 0)
 
 
-# -- what is to be typed -------------------------------------------------------------------------------
+# -- commands and scenes -----------------------------------------------------------------------------------------------
 
 
 def commands(document: Path) -> list[str]:
@@ -272,22 +297,22 @@ def commands(document: Path) -> list[str]:
 
 
 @each([path for path in DOCUMENTS if commands(path)])
-def test_commands_are_understood(document: Path) -> None:
-    known = {*tc.scene_names(), "robust"}
+def test_commands_are_valid(document: Path) -> None:
+    known = {*tc.list_scenes(), "robust"}
     for command in commands(document):
         words = shlex.split(command)[1:] or ["run"]
         words = words if not words[0].startswith("-") else ["run", *words]
-        told = vars(build_parser().parse_args(words))  # ends the program where it does not understand
-        scenes = [told.get("scene"), told.get("file"), *(told.get("scenes") or [])]
-        names = [str(name) for scene in scenes for name in (scene if isinstance(scene, list) else [scene]) if name]
+        arguments = vars(build_parser(MODULES).parse_args(words))  # exits if a word is not understood
+        named = [arguments.get("scene"), arguments.get("file"), *(arguments.get("scenes") or [])]
+        names = [str(name) for scene in named for name in (scene if isinstance(scene, list) else [scene]) if name]
         assert [name for name in names if name not in known and not name.endswith(".toml")] == [], command
-        assert told.get("solver") in (None, "robust", *SOLVER_NAMES), command
-        scene = next((name for name in names if name in tc.scene_names()), "curtain")
-        tc.load_scene(scene, **dict(parse_override(text) for text in told.get("set") or []))
+        assert arguments.get("solver") in (None, "robust", *SOLVER_NAMES), command
+        scene = next((name for name in names if name in tc.list_scenes()), "curtain")
+        tc.load_scene(scene, **dict(parse_override(text) for text in arguments.get("set") or []))
 
 
-def own_files(folder: Path) -> None:
-    """What a user would have drawn: a flag of 5×5 points in centimetres with a hoist, and maps for it."""
+def write_files(folder: Path) -> None:
+    """Write the files that the scenes name: a flag of 5×5 vertices in centimeters with two groups, and its maps."""
     points = [f"v {25 * c} {25 * r} 0\nvt {c / 4} {r / 4}" for r in range(5) for c in range(5)]
     corners = [[5 * r + c + k for k in (1, 2, 7, 6)] for c in range(4) for r in range(4)]
     faces = ["f " + " ".join(f"{n}/{n}" for n in face) for face in corners]
@@ -297,15 +322,15 @@ def own_files(folder: Path) -> None:
 
 
 @each([path for path in DOCUMENTS if blocks(path, "toml")])
-def test_scenes_can_be_loaded_block_by_block_and_all_together(document: Path, tmp_path: Path) -> None:
+def test_scenes_load_block_by_block_and_all_together(document: Path, tmp_path: Path) -> None:
     file = tmp_path / "scene.toml"
-    own_files(tmp_path)
+    write_files(tmp_path)
     for block in (*blocks(document, "toml"), "\n".join(blocks(document, "toml"))):
         file.write_text(block, encoding="utf-8")
         tc.load_scene(file)
 
 
-@pytest.mark.usefixtures("on_lists")
+@pytest.mark.usefixtures("serial_layout")
 @each([path for path in DOCUMENTS if blocks(path, "python")])
 def test_python_runs(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -313,22 +338,22 @@ def test_python_runs(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @each(DOCUMENTS)
-def test_names_in_scene_words_exist(document: Path) -> None:
+def test_names_of_solvers_fabrics_and_scenes_exist(document: Path) -> None:
     """`solver = "lines"`, `preset="denim"`, `load_scene("curtain")`, --solver lines, fabric=silk."""
     text = text_of(document)
-    solvers = re.findall(r"""(?:\bsolver ?= ?"|--solver |\[solver\] name = "|change_solver\(")(\w+)""", text)
+    solvers = re.findall(r"""(?:\bsolver ?= ?"|--solver |\[solver\] name = "|switch_solver\(")(\w+)""", text)
     fabrics = re.findall(r"""(?:\bpreset ?= ?"|\bfabric ?= ?"?)([a-z]+)""", text)
     scenes = re.findall(r"""load_scene\("([^"]+)"|taichi-cloth (?:run|render) ([\w-]+)""", text)
     assert {name for name in solvers if not name.isupper()} <= {*SOLVER_NAMES, "robust"}
     assert set(fabrics) <= set(PRESET_NAMES)
     named = {first or second for first, second in scenes}
-    assert {name for name in named if not name.isupper()} <= {*tc.scene_names(), "my_scene", "sheet"}
+    assert {name for name in named if not name.isupper()} <= {*tc.list_scenes(), "my_scene", "sheet"}
 
 
-# -- the site ------------------------------------------------------------------------------------------
+# -- site --------------------------------------------------------------------------------------------------------------
 
 
-def test_the_site_is_built_without_a_warning_and_fetches_nothing(tmp_path: Path) -> None:
+def test_the_site_builds_without_warnings_and_loads_nothing_from_the_network(tmp_path: Path) -> None:
     pytest.importorskip("material", reason="needs the extra docs")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
     done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, encoding="utf-8")

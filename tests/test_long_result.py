@@ -1,4 +1,4 @@
-"""The last result of `make long` is kept, and names no failure; and how it is made of a report."""
+"""The stored result of `make long` has no failures, and how it is made from a report."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ REPORT = """<?xml version="1.0" encoding="utf-8"?>
 
 @pytest.fixture(autouse=True, scope="module")
 def taichi() -> None:
-    """Nothing here needs it."""
+    """No test here needs Taichi."""
 
 
-def test_the_last_run_is_kept_and_nothing_failed_in_it() -> None:
+def test_the_last_run_is_stored_and_has_no_failures() -> None:
     file = HERE / "long_result.toml"
     if not file.exists():
-        pytest.skip("`make long`, which writes tests/long_result.toml, has not been run to its end yet")
+        pytest.skip("`make long`, which writes tests/long_result.toml, has not been completed yet")
     kept = tomllib.loads(file.read_text(encoding="utf-8"))
     result = kept["result"]
     assert result["failed"] == []

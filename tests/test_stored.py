@@ -1,4 +1,4 @@
-"""What documents quote of stored results: counted from the files that commands write, and nothing made up."""
+"""What documents quote from stored results, which commands write."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def taichi() -> None:
 
 @pytest.fixture
 def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder of results, in place of the repository's."""
+    """An empty folder of results instead of the repository's."""
     monkeypatch.syspath_prepend(str(DOCS))
     import stored
 
@@ -51,7 +51,7 @@ STABILITY = {
     "machine": "a machine",
     "planned": [
         *[[1, of, setting] for setting in ("xpbd", "robust") for of in ("1 N/m", "10 N/m")],
-        *[[2, "wide", setting] for setting in ("xpbd", "robust", "spring")],
+        *[[2, "wide", setting] for setting in ("xpbd", "robust", "explicit")],
     ],
     "results": [
         variant(1, "stiffness", "1 N/m", "xpbd"),
@@ -73,8 +73,8 @@ VALIDATION = {
         row("A1", "xpbd", "excellent", 1e-6),
         row("A1", "xpbd", "falls short", 0.25),
         row("A2", "xpbd", "pass", 1e-3),
-        row("A1", "spring", "excellent", 0.0),
-        row("A2", "spring", "too slow", None),
+        row("A1", "explicit", "excellent", 0.0),
+        row("A2", "explicit", "too slow", None),
     ],
 }
 
@@ -83,38 +83,53 @@ def write(folder: Path, name: str, words: Words) -> None:
     (folder / f"{name}.json").write_text(json.dumps(words), encoding="utf-8")
 
 
-def test_without_a_stored_run_documents_say_so(generate: ModuleType) -> None:
-    for block in ("stability_summary", "validation_summary", "validation_line", "nobody", "frames", "sheets", "bar"):
+def test_documents_state_that_no_run_is_stored(generate: ModuleType) -> None:
+    blocks = ("stability_summary", "validation_summary", "validation_line", "nobody", "frames", "sheets")
+    for block in (*blocks, "scene_summary", "bar_friction"):
         assert "o run is stored" in generate.BLOCKS[block](), block
-    assert generate.unfinished().count("no run is stored") == len(generate.USUAL)
+    assert generate.unconverged().count("no run is stored") == len(generate.SOLVER_CATALOG)
     assert "no run is stored" in generate.choosing()
     assert generate.goals().count("not measured") > 10
-    for solver in generate.USUAL:
-        assert generate.solver(solver).count("no run is stored") == 3
+    for solver in generate.SOLVER_CATALOG:
+        assert generate.solver(solver).count("no run is stored") == 4
 
 
-def test_a_case_fails_with_one_variant_and_has_to_have_run(results: Path, generate: ModuleType) -> None:
+def test_a_case_fails_with_one_variant_and_counts_only_if_it_ran(results: Path, generate: ModuleType) -> None:
     write(results, "stability", STABILITY)
     assert generate.stability_summary().splitlines() == [
         "| setting | alive | failed | too slow | not run |",
         "| --- | --- | --- | --- | --- |",
         "| `robust` | 1 | 0 | 0 | 1 |",
         "| `xpbd` | 0 | 1 | 1 | 0 |",
-        "| `spring` | 0 | 0 | 0 | 1 |",
+        "| `explicit` | 0 | 0 | 0 | 1 |",
         "",
         "Runs: `stress`: a machine · date not stored.",
     ]
     assert generate.hard_cases("xpbd").splitlines() == [
         "Cases that break cloth ([stability](../stability.md)) and that it survives: 0 of 2.",
         "",
-        "- 1 stiffness fails (10 N/m): strain 0.175, not 0.013",
+        "- 1 stiffness fails (10 N/m): strain 0.175, bound 0.013",
         "- 2 gap: too slow",
     ]
     assert generate.survives("robust") == "1 of 1, 1 not run"
     assert generate.survives("xpbd") == "0 of 2"
-    assert generate.survives("spring") == "not run"
+    assert generate.survives("explicit") == "not run"
     unknown = "- Not known of 1 cases: no solver that ran them survives them, and not all have."
     assert generate.nobody().splitlines() == ["- 1 stiffness", unknown]
+
+
+def test_documents_count_cases_as_the_report_of_stress_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS))
+    import stored
+
+    from taichi_cloth.evaluation.stress.store import load
+    from taichi_cloth.evaluation.stress.stress_report import cells_of, counts
+
+    words = stored.load("stability")
+    assert words is not None
+    found = {setting: dict(states) for setting, states in stored.survival(words).items()}
+    counted = counts(cells_of(load(stored.RESULTS / "stability.json"))).items()
+    assert found == {setting: {state: n for state, n in states.items() if n} for setting, states in counted}
 
 
 def test_rows_of_references_are_counted_by_verdict(results: Path, generate: ModuleType) -> None:
@@ -127,86 +142,87 @@ def test_rows_of_references_are_counted_by_verdict(results: Path, generate: Modu
     assert generate.validation_summary().splitlines()[2:5] == [
         "| all | 5 | 60.0% | 40.0% |",
         "| `xpbd` | 3 | 66.7% | 33.3% |",
-        "| `spring` | 2 | 50.0% | 50.0% |",
+        "| `explicit` | 2 | 50.0% | 50.0% |",
     ]
     assert generate.references("xpbd").splitlines()[-1] == "| A1 fall | 1 of 2 | 0.25 |"
-    assert generate.references("spring").splitlines()[-1] == "| A2 fall | 1 of 1 | inf |"
+    assert generate.references("explicit").splitlines()[-1] == "| A2 fall | 1 of 1 | inf |"
     assert generate.falls_short("xpbd") == "1 of 2"
 
 
-def exact(number: str, solver: str, what: str, verdict: str, exact: float, measured: float | None) -> Words:
+def exact_row(number: str, solver: str, what: str, verdict: str, exact: float, measured: float | None) -> Words:
     found = {"reference": number, "name": "sheet", "solver": solver, "what": what, "verdict": verdict}
     return found | {"exact": exact, "measured": measured, "error": None}
 
 
-def test_how_far_a_usual_setting_is_off_is_told_by_the_worst_row(results: Path, generate: ModuleType) -> None:
+def test_the_error_of_a_default_setting_is_that_of_its_worst_rows(results: Path, generate: ModuleType) -> None:
     rows = [
-        exact("A3.1", "xpbd", "16 rows: longer by [m]", "excellent", 2.0, 2.0002),
-        exact("A3.1", "xpbd", "128 rows: longer by [m]", "falls short", 2.0, 4.4),
-        exact("A3.1", "lines", "16 rows: longer by [m]", "excellent", 2.0, 1.999),
-        exact("A3.1", "lines", "128 rows: longer by [m]", "too slow", 2.0, None),
-        exact("A5.1", "xpbd", "on the bias [N/m]", "falls short", 100.0, 86.0),
-        exact("A5.1", "xpbd", "along the warp [N/m]", "pass", 100.0, 101.0),
-        exact("A5.1", "lines", "on the bias [N/m]", "pass", 100.0, 98.1),
-        exact("A2.5", "rk4", "sag [m]", "too slow", 1.0, None),
-        exact("A9.9", "spring", "no such reference", "falls short", 1.0, 9.0),
+        exact_row("A3.1", "xpbd", "16 rows: longer by [m]", "excellent", 2.0, 2.0002),
+        exact_row("A3.1", "xpbd", "128 rows: longer by [m]", "falls short", 2.0, 4.4),
+        exact_row("A3.1", "lines", "16 rows: longer by [m]", "excellent", 2.0, 1.999),
+        exact_row("A3.1", "lines", "128 rows: longer by [m]", "too slow", 2.0, None),
+        exact_row("A5.1", "xpbd", "on the bias [N/m]", "falls short", 100.0, 86.0),
+        exact_row("A5.1", "xpbd", "along the warp [N/m]", "pass", 100.0, 101.0),
+        exact_row("A5.1", "lines", "on the bias [N/m]", "pass", 100.0, 98.1),
+        exact_row("A2.5", "rk4", "sag [m]", "too slow", 1.0, None),
+        exact_row("A9.9", "explicit", "no such reference", "falls short", 1.0, 9.0),
     ]
     write(results, "validation", {"machine": "a machine", "rows": rows})
-    off = "it is off the exact values by"
+    differs = "it differs from exact values by"
     space = "\N{NO-BREAK SPACE}"
-    substeps, iterations = generate.USUAL["xpbd"]
+    substeps, iterations = generate.SOLVER_CATALOG["xpbd"].defaults
     assert generate.distance("xpbd") == (
-        f"at its usual setting ({substeps}×{iterations}) {off} +120{space}% in A3.1 sheet (*128 rows: longer by*, falls"
-        f" short); −14{space}% in A5.1 sheet (*on the bias*, falls short)."
+        f"with its default setting ({substeps}×{iterations}) {differs} +120{space}% in A3.1 sheet"
+        f" (*128 rows: longer by*, falls short); −14{space}% in A5.1 sheet (*on the bias*, falls short)."
     )
     assert generate.distance("lines").endswith(
-        f"{off} −0.05{space}% in A3.1 sheet (*16 rows: longer by*), 1 of 2 rows too slow to be known."
+        f"{differs} −0.05{space}% in A3.1 sheet (*16 rows: longer by*), 1 of 2 rows too slow to be measured."
     )
-    assert generate.distance("rk4").endswith(f"{off} A2.5 sheet, 1 of 1 rows too slow to be known.")
-    assert generate.distance("spring").endswith(f"{off} nothing that these references measure.")
+    assert generate.distance("rk4").endswith(f"{differs} A2.5 sheet, 1 of 1 rows too slow to be measured.")
+    assert generate.distance("explicit").endswith(f"{differs} nothing that these references measure.")
 
 
-def test_too_little_friction_round_a_bar_is_what_slips_too_early(results: Path, generate: ModuleType) -> None:
+def test_friction_on_a_bar_is_too_weak_if_the_ends_slip_too_early(results: Path, generate: ModuleType) -> None:
     rows = [
-        exact("A7.4", "verlet", "μ = 0.1", "falls short", 2.0, 1.5),
-        exact("A7.4", "verlet", "μ = 0.3", "falls short", 4.0, 1.0),
-        exact("A7.4", "xpbd", "μ = 0.1", "pass", 2.0, 1.9),
-        exact("A7.4", "spring", "μ = 0.1", "falls short", 2.0, 2.9),
-        exact("A7.4", "rk4", "μ = 0.1", "too slow", 2.0, None),
+        exact_row("A7.4", "verlet", "μ = 0.1", "falls short", 2.0, 1.5),
+        exact_row("A7.4", "verlet", "μ = 0.3", "falls short", 4.0, 1.0),
+        exact_row("A7.4", "xpbd", "μ = 0.1", "pass", 2.0, 1.9),
+        exact_row("A7.4", "explicit", "μ = 0.1", "falls short", 2.0, 2.9),
+        exact_row("A7.4", "rk4", "μ = 0.1", "too slow", 2.0, None),
     ]
     write(results, "validation", {"machine": "a machine", "rows": rows})
-    assert generate.bar() == "Too weak: `verlet` in 2 of 2 rows, by up to −75\N{NO-BREAK SPACE}%."
+    assert generate.bar_friction() == "Too weak: `verlet` in 2 of 2 rows, by up to −75\N{NO-BREAK SPACE}%."
 
 
-def test_a_run_says_where_and_when_it_was_made(results: Path, generate: ModuleType) -> None:
-    from taichi_cloth.bench import report
+RUNS = (("one", "2026-01-04 09:00"), ("two", "2026-01-02 23:59"), ("one", "2026-01-03 00:00"))
 
-    report.write_json(results / "bench.json", [], [], {})
+
+def test_documents_name_the_machine_and_date_of_a_run(results: Path, generate: ModuleType) -> None:
+    from taichi_cloth.evaluation.bench import bench_report
+    from taichi_cloth.system.console import machine
+
+    bench_report.write_json(results / "bench.json", [], [], {})
     today = datetime.now(UTC).date().isoformat()
-    assert generate.frames().splitlines()[0] == " · ".join([*report.machine().values(), today])
-    units = [variant(1, "stiffness", "1 N/m", "xpbd") | {"machine": one, "date": day} for one, day in MADE]
+    assert generate.frames().splitlines()[0] == " · ".join([*machine().values(), today])
+    units = [variant(1, "stiffness", "1 N/m", "xpbd") | {"machine": name, "date": date} for name, date in RUNS]
     write(results, "stability", STABILITY | {"results": units, "older": 1})
-    told = generate.made_lines("bench --goals", "stress")
-    assert told == "Runs: `stress`: one and two · 2026-01-02 to 2026-01-04 (some results are of an older program)."
+    line = generate.runs_line("bench --goals", "stress")
+    assert line == "Runs: `stress`: one and two · 2026-01-02 to 2026-01-04 (some results are of an older version)."
 
 
-MADE = (("one", "2026-01-04 09:00"), ("two", "2026-01-02 23:59"), ("one", "2026-01-03 00:00"))
-
-
-def test_the_curtains_are_of_the_run_whose_times_they_have(results: Path, generate: ModuleType) -> None:
+def test_the_machine_of_the_curtain_is_that_of_the_run_with_the_same_times(results: Path, generate: ModuleType) -> None:
     import stored
 
     with stored.ERRORS.open(encoding="utf-8", newline="") as file:
         points = [{"median_ms": float(row["median_ms"])} for row in csv.DictReader(file)]
-    assert generate.made_curtains() == "machine and date not stored in assets/error.csv"
+    assert generate.machine_and_date_of_curtain() == "machine and date not stored in assets/error.csv"
     write(results, "error", {"machine": "a machine", "date": "2026-01-02", "points": points})
-    assert generate.made_curtains() == "a machine · 2026-01-02"
+    assert generate.machine_and_date_of_curtain() == "a machine · 2026-01-02"
     write(results, "error", {"machine": "a machine", "points": points[1:]})
-    assert generate.made_curtains() == "machine and date not stored in assets/error.csv"
+    assert generate.machine_and_date_of_curtain() == "machine and date not stored in assets/error.csv"
 
 
 @pytest.mark.parametrize(
-    ("figure", "more", "said"),
+    ("figure", "more", "message"),
     [
         (1.5, False, "excellent"),
         (1.51, False, "good; 1 times off excellent"),
@@ -218,28 +234,30 @@ def test_the_curtains_are_of_the_run_whose_times_they_have(results: Path, genera
         (1.0, True, "**missed** by 2.5 times"),
     ],
 )
-def test_a_goal_is_reached_or_missed_by_a_factor(figure: float, more: bool, said: str, results: Path) -> None:
+def test_a_goal_is_reached_or_missed_by_a_factor(figure: float, more: bool, message: str, results: Path) -> None:
     from goals import Goal
 
     bounds = (2.5, 6.0) if more else (4.0, 1.5)
-    assert Goal("what", "times", *bounds, lambda: figure, more_is_better=more).cells()[-1] == said
+    assert Goal("what", "times", *bounds, lambda: figure, more_is_better=more).cells()[-1] == message
 
 
-def test_a_time_with_too_large_an_error_is_a_miss(results: Path) -> None:
+def test_a_time_with_too_large_an_error_misses_the_goal(results: Path) -> None:
     from goals import Goal, sheet
 
-    found = {"name": "denim 64", "rms_error": 1.5e-3, "doubt": 5e-4, "median_ms": 3.0}
+    found = {"name": "denim 64", "rms_error": 1.5e-3, "uncertainty": 5e-4, "median_ms": 3.0}
     goal = Goal("what", "ms", 25, 8, sheet("denim 64", 1e-3))
     assert goal.cells()[-1] == "not measured"
     write(results, "goals", {"machine": {}, "commands": [], "sheets": [found]})
     assert goal.cells()[-2:] == ["0.2\N{NO-BREAK SPACE}% in 3.00\N{NO-BREAK SPACE}ms", "**missed**"]
-    write(results, "goals", {"machine": {}, "commands": [], "sheets": [found | {"rms_error": 7e-4, "doubt": 2e-4}]})
+    write(
+        results, "goals", {"machine": {}, "commands": [], "sheets": [found | {"rms_error": 7e-4, "uncertainty": 2e-4}]}
+    )
     assert goal.cells()[-2:] == ["3\N{NO-BREAK SPACE}ms", "excellent"]
     write(results, "goals", {"machine": {}, "commands": [], "sheets": [found | {"rms_error": 7e-4}]})
-    assert goal.cells()[-1] == "**missed**"  # the reference is not known well enough
+    assert goal.cells()[-1] == "**missed**"  # the reference is not accurate enough
 
 
-def test_times_of_a_busy_machine_are_told_as_such(results: Path) -> None:
+def test_times_of_a_busy_machine_are_marked(results: Path) -> None:
     import stored
 
     quiet = {"median_ms": 1.0, "p95_ms": 1.6}
@@ -248,7 +266,7 @@ def test_times_of_a_busy_machine_are_told_as_such(results: Path) -> None:
     assert "is 3.0 times its median" in stored.disturbed([quiet, quiet | {"p95_ms": 3.0}, quiet | {"p95_ms": 9.0}])
 
 
-def test_the_curtain_counts_with_its_largest_error(
+def test_the_goal_of_the_curtain_uses_its_largest_error(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import stored
@@ -256,17 +274,17 @@ def test_the_curtain_counts_with_its_largest_error(
 
     head = "solver,cells,substeps,iterations,median_ms,rms_error,max_error\n"
     monkeypatch.setattr(stored, "ERRORS", tmp_path / "error.csv")
-    stored.ERRORS.write_text(f"{head}spring,64,110,1,1.5,1e-7,2e-5\nlines,64,5,1,0.5,1e-7,3e-5\n", encoding="utf-8")
+    stored.ERRORS.write_text(f"{head}explicit,64,110,1,1.5,1e-7,2e-5\nlines,64,5,1,0.5,1e-7,3e-5\n", encoding="utf-8")
     goal = Goal("what", "ms", 6, 1.5, curtain(64, 1e-5))
     assert goal.cells()[-1] == "**missed**"
-    assert "`spring` 110 comes nearest: 0.002\N{NO-BREAK SPACE}%" in goal.cells()[-2]
+    assert "`explicit` 110 is closest: 0.002\N{NO-BREAK SPACE}%" in goal.cells()[-2]
     assert Goal("what", "ms", 6, 0.4, curtain(64, 4e-5)).cells()[-1] == "good; 1.2 times off excellent"
 
 
 @pytest.mark.parametrize(
     ("share", "text"), [(0.014, "1.4"), (6.2e-6, "0.00062"), (0.32, "32"), (1.0, "100"), (0.1, "10")]
 )
-def test_errors_have_two_digits_however_small(share: float, text: str, results: Path) -> None:
+def test_errors_have_two_significant_digits(share: float, text: str, results: Path) -> None:
     import stored
 
     assert stored.per_cent(share) == f"{text}\N{NO-BREAK SPACE}%"

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-
 from taichi_cloth.mesh.rings import rings
 
 HERE = Path(__file__).parent

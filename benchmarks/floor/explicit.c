@@ -1,12 +1,11 @@
-// The explicit step of a sheet of springs as fast as C gets on one thread.
+// The explicit step of a sheet of springs in optimized C on one thread.
 //
 //   ./explicit ROWS COLUMNS SUBSTEPS 1 FRAMES [dump]
 //
-// A sheet is let go level, held by the two corners of its first row. A substep is one leapfrog step:
-// forces of all springs and of gravity, then velocities, then positions with the new velocities. There is nothing
-// to iterate, so ITERATIONS is 1.
+// The sheet is level at the start and hangs by the two corners of its first row. A substep is one leapfrog step: forces
+// of all springs and of gravity, then velocities, then positions with the new velocities. ITERATIONS must be 1.
 //
-// A substep must be shorter than 2/ω of the stiffest mode: here that takes about 1.8 · COLUMNS substeps, measured.
+// A substep must be shorter than 2/ω of the stiffest mode: this takes about 1.8 · COLUMNS substeps (measured).
 #include "program.h"
 
 #define FRAME_SECONDS (1.0 / 60)
@@ -17,13 +16,13 @@ static const float GRAVITY = 9.81f;                              // [m/s²]
 static const float DAMPING = 1;                                  // [1/s]
 static const float STRUCTURAL = 2000, SHEAR = 1000, BEND = 20;   // [N/m]
 
-// Spring constants [N/m] at one place, 0 in lanes where the sheet ends before the spring does.
+// Spring constants [N/m] at one packet; 0 in lanes where the spring would end outside the sheet.
 typedef struct {
     floats along, diagonal, skip;  // to the right
     floats down, skip_down;
 } constants;
 
-// A spring along an edge has half the constant: there is cloth on one side of it only. `number` is its row or column.
+// A spring along an edge has half the constant: there is cloth on one side only. `number` is its row or column.
 static float edge_share(int number, int count) { return number % (count - 1) ? 1 : 0.5f; }
 
 typedef struct {
@@ -67,8 +66,8 @@ INLINE void attract(vec p, vec q, floats k, floats rest, vec *on_p, vec *on_q) {
     *on_q = sub(*on_q, pull);
 }
 
-// Adds the forces of the springs that go right or down from a row: on the row itself, on the next and on the one
-// after that. Each spring is found once; sums that the next place goes on with stay in registers.
+// Adds the forces of the springs that go right or down from a row: on this row, the next, and the one after that. Each
+// spring is computed once; sums that the next packet continues stay in registers.
 INLINE void gather_springs(const cloth *c, int row, int rows_below, vec *force, vec *force_below, vec *force_after) {
     const sheet *s = &c->sheet;
     const constants *k = c->k[row % (s->rows - 1) == 0];

@@ -1,8 +1,8 @@
-"""Times the programs beside this file: how fast a frame of cloth is without Python, on this machine, now.
+"""Time the native programs in this folder, which compute a frame of cloth in C and JavaScript.
 
     python benchmarks/floor/floor.py relax 24 30 5 12 300
 
-`relax` and `explicit` are compiled from C the first time; `frame` is run by node.
+The first run of `relax` and `explicit` compiles them from C; node runs `frame`.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ HERE = Path(__file__).resolve().parent
 BUILDS = HERE / ".build"
 PROGRAMS = ("relax", "explicit", "frame")
 
-# Every liberty that a compiler may take, but for the check that the cloth is still finite.
+# All optimizations, except that the program must be able to detect positions that are not finite.
 FLAGS = ("-O3", "-ffast-math", "-fno-finite-math-only", "-Wall", "-Wextra")
-WIDE = 16  # lanes of the second build, where the processor has AVX-512: faster or slower, as the grid fills them
+WIDE = 16  # lanes of the second build on processors with AVX-512, which is faster on some grids
 
 TIME_LIMIT = 600  # [s]
 
 
 class FloorError(RuntimeError):
-    """A program that does not compile, or that ends with an error of its own."""
+    """A program does not compile, or ended with an error."""
 
 
 def compiler() -> str | None:
-    """The C compiler's command: $CC if it is set, else the first of cc, gcc and clang; None if there is none."""
+    """Return the command of the C compiler: $CC, or the first of cc, gcc and clang; None if there is none."""
     wanted = os.environ.get("CC")
     for command in [wanted] if wanted else ["cc", "gcc", "clang"]:
         if shutil.which(shlex.split(command)[0]):
@@ -44,7 +44,7 @@ def compiler() -> str | None:
 
 
 def compile_command(program: str, target: Path, *, native: bool, lanes: int | None = None) -> list[str]:
-    """The call that compiles `program`; `native` uses all that this processor can do, `lanes` None its usual width."""
+    """Return the command that compiles `program`, with `native` for this processor; `lanes`: width of SIMD vectors."""
     command = compiler()
     if command is None:
         raise FloorError("no C compiler: neither $CC nor cc, gcc or clang")
@@ -54,9 +54,9 @@ def compile_command(program: str, target: Path, *, native: bool, lanes: int | No
 
 
 def build(program: str, into: Path, lanes: int | None = None) -> Path:
-    """Compiles `program` into a folder unless it is there already; returns the executable.
+    """Compile `program` into a folder unless that was done before, and return the executable.
 
-    The file's name holds a hash of all that decides about it, sources and machine. Raises FloorError.
+    The name of the file contains a hash of sources, compiler and machine. Raises FloorError.
     """
     key = hashlib.sha256(repr((compiler(), FLAGS, lanes, platform.uname())).encode())
     for source in sorted([*HERE.glob("*.h"), HERE / f"{program}.c"]):
@@ -65,8 +65,8 @@ def build(program: str, into: Path, lanes: int | None = None) -> Path:
     if target.exists():
         return target
     into.mkdir(parents=True, exist_ok=True)
-    fresh = target.with_name(f"{os.getpid()}-{target.name}")  # renamed when whole: another process may build too
-    for native in (True, False):  # not every compiler knows its own machine
+    fresh = target.with_name(f"{os.getpid()}-{target.name}")  # renamed when complete: another process may compile too
+    for native in (True, False):  # not every compiler supports -march=native
         command = compile_command(program, fresh, native=native, lanes=lanes)
         result = subprocess.run(command, capture_output=True, text=True)
         if result.returncode == 0:
@@ -77,15 +77,15 @@ def build(program: str, into: Path, lanes: int | None = None) -> Path:
 
 @cache
 def has_wide_registers(command: str) -> bool:
-    """Whether a compiler that is asked for all of this processor has AVX-512 there."""
+    """Return whether the compiler uses AVX-512 on this processor."""
     words = [*shlex.split(command), "-march=native", "-dM", "-E", "-x", "c", "-"]
     return "__AVX512F__" in subprocess.run(words, input="", capture_output=True, text=True).stdout
 
 
 def commands_of(program: str, into: Path = BUILDS) -> list[list[str]]:
-    """What starts a program, in each width that this processor has; empty without the compiler (C) or node for it."""
+    """Return the command of a program for each SIMD width of this processor; empty without a compiler or node."""
     if program not in PROGRAMS:
-        raise FloorError(f"no program {program!r}: there are {', '.join(PROGRAMS)}")
+        raise FloorError(f"no program {program!r}; choose from {', '.join(PROGRAMS)}")
     if program == "frame":
         node = shutil.which("node")
         return [[node, str(HERE / "frame.mjs")]] if node else []
@@ -99,9 +99,9 @@ def commands_of(program: str, into: Path = BUILDS) -> list[list[str]]:
 def time_floor(
     program: str, rows: int, columns: int, substeps: int, iterations: int, frames: int
 ) -> dict[str, Any] | None:
-    """The line that the fastest build prints, as a dict; None where there is none on this machine. Raises FloorError.
+    """Return the output of the fastest build, or None if the program cannot run on this machine. Raises FloorError.
 
-    `explicit` has nothing to iterate: its `iterations` is 1.
+    `iterations` of `explicit` is 1.
     """
     numbers = [str(n) for n in (rows, columns, substeps, iterations, frames)]
     lines: list[dict[str, Any]] = []
@@ -125,7 +125,7 @@ def main(words: list[str]) -> int:
     except FloorError as error:
         print(error, file=sys.stderr)
         return 1
-    print(json.dumps(line) if line else f"{program}: no compiler or node for it here")
+    print(json.dumps(line) if line else f"{program}: no compiler or node found")
     return 0
 
 

@@ -1,10 +1,10 @@
-// The frame of relax.c in plain JavaScript, the way a browser demo writes it: one spring after the other.
+// The frame of relax.c in plain JavaScript, as in a browser demo: one spring after the other.
 //
 //   node frame.mjs ROWS COLUMNS SUBSTEPS ITERATIONS FRAMES [dump]
 //
-// Same cloth, wind and ball. The springs' order is that in which demos build their lists: particle by particle, row
-// by row, each with its springs right, down, down-right, down-left, two right and two down. Every spring waits for
-// the one before, so arrays of numbers and objects with x, y and z take the same time.
+// Cloth, wind and ball are those of relax.c. The springs have the order of the demos: particle by particle, row by row,
+// each with its springs right, down, down-right, down-left, two right and two down. Every spring depends on the one
+// before, so arrays of numbers and objects with x, y and z take the same time.
 
 const FRAME_SECONDS = 1 / 60;
 const WIDTH = 4.35; // [m]

@@ -1,8 +1,8 @@
-// As many floats as a register holds, treated at once, and vectors of three of them.
+// SIMD vectors of floats, and vec3 of them.
 //
-// GCC's vector extension, which clang has too: eight floats with AVX, four with SSE or NEON. What is wider than a
-// register GCC would keep in memory, twice as slow. With AVX-512, `-DLANES=16` asks for sixteen: up to 1.7 times as
-// fast, but slower on a grid that does not fill them. Only the estimate of an inverse root is particular to a processor.
+// These are vector extensions of GCC and clang: eight floats with AVX, four with SSE or NEON. GCC would store wider
+// vectors in memory, which is twice as slow. With AVX-512, `-DLANES=16` selects sixteen: up to 1.7 times as fast, but
+// slower on a grid that does not fill them. Only the estimate of an inverse square root depends on the processor.
 #pragma once
 
 #if defined(__SSE2__)
@@ -36,7 +36,7 @@ typedef long long words __attribute__((vector_size(4 * LANES)));
 #define BEFORE 4, 0, 1, 2
 #endif
 
-// x, y and z of LANES particles: a structure of arrays in pieces of one register.
+// x, y and z of LANES particles: an array of structures of arrays (AoSoA).
 typedef struct {
     floats x, y, z;
 } vec;
@@ -53,7 +53,7 @@ INLINE int any(ints mask) {
     return some != 0;
 }
 
-// Lane k gets lane k + 1, the last lane keeps its own.
+// Lane k gets lane k + 1; the last lane keeps its value.
 INLINE floats from_next_lane(floats a) {
 #if defined(__clang__)
     return __builtin_shufflevector(a, a, NEXT);

@@ -1,14 +1,15 @@
-// The frame of the browser demos as fast as C gets on one thread: damped Verlet, then position relaxation.
+// The frame of the browser demos in optimized C on one thread: damped Verlet, then position relaxation.
 //
 //   ./relax ROWS COLUMNS SUBSTEPS ITERATIONS FRAMES [dump]
 //
-// The scene `curtain` without its ground and its gusts (three sine waves at every triangle, which are left out here):
-// it hangs by its top edge in the wind and a ball swings through it. A substep is one Verlet step under gravity and air, then ITERATIONS sweeps; a sweep relaxes every spring and pushes every particle out of the ball.
+// The scene is `curtain` without its ground and its gusts: it hangs by its top edge in the wind, and a ball swings
+// through it. A substep is one Verlet step with gravity and air, then ITERATIONS iterations. An iteration relaxes every
+// spring and moves every particle out of the ball.
 //
-// The springs' order is that of taichi_cloth's grids. Direction by direction: along rows, down columns, along the
-// diagonals that fall to the right, along those that fall to the left, then skip-one along rows and down columns.
-// In each direction first the springs at even places of their chain, then those at odd ones (place = row / down,
-// or column / right along a row). Springs of one half share no particle, so none waits for another's result.
+// The springs have the order of taichi_cloth's grids, one direction after the other: along rows, down columns, along
+// the diagonals to the lower right, along those to the lower left, then between particles two apart along rows and down
+// columns. In each direction the springs with an even index in their chain come first (index = row / down, or
+// column / right along a row). The springs of one half share no particle, so they do not depend on each other.
 #include "program.h"
 
 #define FRAME_SECONDS (1.0 / 60)
@@ -18,26 +19,26 @@ static const float WIDTH = 4.35f, TOP = 3.975f;                  // [m] 0.15 m b
 static const float AREA_DENSITY = 0.2f;                          // [kg/m²]
 static const float GRAVITY = 9.81f;                              // [m/s²]
 static const float DAMPING = 1.5f;                               // [1/s]
-static const float STRUCTURAL = 1, SHEAR = 1, BEND = 0.05f;      // share of an error that one sweep puts right
+static const float STRUCTURAL = 1, SHEAR = 1, BEND = 0.05f;      // share of an error corrected in one iteration
 static const float WIND_X = 0.4f, WIND_Z = 0.9f;                 // [m/s]
 static const float AIR_DENSITY = 1.225f, DRAG = 1, LIFT = 1;     // [kg/m³], 1, 1
 static const float BALL_REACH = 0.75f;                           // [m] radius and margin
 
-// What of a spring's length error each end takes: stiffness · w / (w_first + w_second), 0 where there is no spring.
+// Shares of a spring's length error that its ends correct: stiffness · w / (w_first + w_second); 0 without a spring.
 typedef struct {
     floats first, second;
 } shares;
 
-// All springs of one direction: from place p of row r + first_row to place p + right of row r + second_row.
+// All springs of one direction: from column p of row r + first_row to column p + right of row r + second_row.
 typedef struct {
     int first_row, second_row, right;
     float rest;             // [m]
-    const shares **shares;  // [row][place]; equal rows are one, so that the table of any grid stays in the first cache
+    const shares **shares;  // [row][column]; equal rows are shared: the table fits into the L1 cache
 } direction;
 
 typedef struct {
     sheet sheet;
-    vec *x_before;  // [m] where the particles were a substep ago
+    vec *x_before;  // [m] positions one substep ago
     vec *force[2];  // [N] of the air on the row that is stepped and on the one below it
     floats *has_cell;   // by place: 1 in lanes with a cell between this column and the next, else 0
     direction directions[6];
@@ -87,7 +88,7 @@ static cloth hang(arguments a) {
     return c;
 }
 
-// Moves `first` and returns how far `second` is to be moved back (Müller 2007, eq. 10-11).
+// Moves `first`, and returns the correction of `second`, to be subtracted (Müller 2007, eq. 10-11).
 INLINE vec project(vec *first, vec second, shares share, floats rest) {
     vec gap = sub(second, *first);
     floats error = 1 - rest * inverse_root(squared(gap));  // of the gap's length, as a part of it
@@ -102,7 +103,7 @@ INLINE void relax_inside(vec *first, vec *second, shares share, floats rest) {
     *second = sub(q, back);
 }
 
-// The same over the border of a strip: `second` is one lane further.
+// Relaxes springs that cross the border of a strip: `second` is in the next lane.
 INLINE void relax_border(vec *first, vec *second, shares share, floats rest) {
     vec p = *first;
     vec back = project(&p, vec_from_next_lane(*second), share, rest);
@@ -110,8 +111,8 @@ INLINE void relax_border(vec *first, vec *second, shares share, floats rest) {
     *second = sub(*second, vec_from_lane_before(back));
 }
 
-// Springs along rows. A strip is a multiple of four places, so that even and odd are the same in all lanes and
-// only odd ones reach over its border.
+// Springs along rows. The width of a strip is a multiple of four, so that even and odd are equal in all lanes, and
+// only odd springs cross its border.
 INLINE void relax_along(const sheet *s, const direction *d, int right) {
     floats rest = splat(d->rest);
     for (int odd = 0; odd < 2; odd++)
@@ -159,9 +160,9 @@ static void sweep(const cloth *c) {
     push_out(s, c->ball);
 }
 
-// A third of the force [N] of the air on a triangle, what each of its corners gets. `v` are the velocities there.
+// The force [N] of the air on each corner of a triangle: a third of the total. `v` are the velocities of the corners.
 //
-// With n the normal as long as the area A, u the air's velocity relative to the triangle and d = n·u, the force is
+// With the normal n of length A (the area), the velocity u of the air relative to the triangle, and d = n·u, the total is
 // ½ρ·((C_D - C_L)·d²/(A·|u|)·u + C_L·d·|u|/A·n): drag ½ρ·A·|u|²·C_D·cos²θ along the air and lift across it.
 INLINE vec air_on(vec a, vec b, vec c, vec v_a, vec v_b, vec v_c) {
     vec n = scale(cross(sub(b, a), sub(c, a)), splat(0.5f));
@@ -176,7 +177,7 @@ INLINE vec velocity(const cloth *c, int i) {
     return scale(sub(c->sheet.x[i], c->x_before[i]), splat(1 / c->h));
 }
 
-// Adds the air's force on the cells between a row and the one below it. A cell is a b over c d.
+// Adds the force of the air on the cells between a row and the row below. The corners of a cell are a b over c d.
 static void gather_air(const cloth *c, int row, vec *force, vec *force_below) {
     const sheet *s = &c->sheet;
     for (int p = 0; p < s->strip; p++) {

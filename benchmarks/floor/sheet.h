@@ -1,7 +1,7 @@
-// A flat cloth of square cells, cut into LANES upright strips: each lane of a vector is one strip.
+// A flat cloth of square cells, divided into LANES vertical strips: each lane of a vector is one strip.
 //
-// Column j of the cloth is place j % strip of lane j / strip. A spring between two places of a row is then the
-// same expression for LANES particles; only springs over the right border of a strip look into the next lane.
+// Column j of the cloth is packet j % strip, lane j / strip. A spring between two packets of a row is then the same
+// expression for LANES particles; only springs across the right border of a strip use the next lane.
 #pragma once
 
 #include <stdint.h>
@@ -22,14 +22,14 @@ typedef struct {
 
 INLINE int at(const sheet *s, int row, int place) { return row * s->stride + place; }
 
-// Zeros that vectors may be loaded from. Never given back: the program ends with its cloth.
+// Allocates zeros, aligned for vectors. They are never freed: the program ends with its cloth.
 static inline void *zeros(size_t count, size_t size) {
     char *p = calloc(count * size + 64, 1);
     if (p == NULL) abort();
     return p + (64 - (uintptr_t)p % 64);
 }
 
-// 1 in the lanes whose particle has another one `right` columns on, 0 in the others.
+// 1 in the lanes whose particle has another one `right` columns further, 0 in the others.
 static inline floats has_right(const sheet *s, int place, int right) {
     floats has;
     for (int lane = 0; lane < LANES; lane++) has[lane] = lane * s->strip + place + right < s->columns;
@@ -40,24 +40,24 @@ static inline void hold(sheet *s, int row, int column) {
     s->inverse_mass[at(s, row, column % s->strip)][column / s->strip] = 0;
 }
 
-// Copies of the next strip's first places behind the end of a row, in any array of the sheet's shape.
+// Copies the first packets of the next strip behind the end of a row (halo), in any array of the sheet's shape.
 INLINE void copy_halo(const sheet *s, vec *values, int row) {
     for (int p = 0; p < HALO; p++)
         values[at(s, row, s->strip + p)] = vec_from_next_lane(values[at(s, row, p)]);
 }
 
-// Cells are cut into two triangles along alternating diagonals, the first cell from its upper left to its lower right.
-// Whether a cell is: a strip has an even number of places, so that all lanes agree.
+// Cells are divided into two triangles along alternating diagonals, the first cell from its upper left to its lower
+// right. Returns whether a cell is. A strip has an even number of packets, so that all lanes agree.
 INLINE int falling(int row, int place) { return (row + place) % 2 == 0; }
 
-// How many triangles meet at a particle: two of each of its cells where the diagonals meet, one elsewhere.
+// Number of triangles at a particle: two of each of its cells where the diagonals meet, one elsewhere.
 static inline int triangles_at(const sheet *s, int row, int column) {
     int cells = (row % (s->rows - 1) ? 2 : 1) * (column % (s->columns - 1) ? 2 : 1);
     return falling(row, column) ? 2 * cells : cells;
 }
 
-// Columns go along +x and rows along (0, down_y, down_z) from the corner (-width/2, top, 0) [m]; every triangle gives
-// a third of its mass to each of its corners. `strip` becomes a multiple of `unit`, which is even.
+// Columns go along +x and rows along (0, down_y, down_z) from the corner (-width/2, top, 0) [m]; each
+// triangle gives a third of its mass to each corner. `strip` becomes a multiple of `unit`, which is even.
 static inline sheet make_sheet(int rows, int columns, int unit, float width, float top, float down_y, float down_z,
                                float area_density) {
     sheet s = {.rows = rows, .columns = columns, .side = width / (columns - 1)};

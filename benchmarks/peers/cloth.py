@@ -1,8 +1,8 @@
-"""The cloth that every peer is given, and the one line of JSON that its script prints.
+"""The cloth that all peers simulate, and the line of JSON that their scripts print.
 
-A sheet of 1 m × 1 m and 0.2 kg/m², let go at rest and exactly level, hung by the two corners of its first row.
-Where a peer takes stiffness in SI it is 2000 N per metre of width; where it has none its own default stands.
-Nothing collides. A frame is 1/60 s; how a peer divides it is its setting.
+The sheet has 1 m × 1 m and 0.2 kg/m². It is released at rest and level, and hangs by the two corners of its first row.
+The stiffness is 2000 N per meter of width for peers with SI constants, and the default of other peers. Nothing
+collides. A frame is 1/60 s; the setting of a peer defines its steps.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ FRAME = 1 / 60  # [s]
 
 @dataclass(frozen=True)
 class Sheet:
-    """The grid, row by row: columns go along +x, rows along −y, z points up."""
+    """The grid, row by row: rows run along +x, columns along −y, and z is up."""
 
     rows: int
     columns: int
 
     @property
     def points(self) -> Array:
-        """[m] (rows·columns, 3)"""
+        """Positions of the particles at the start [m], (rows·columns, 3)."""
         y, x = np.meshgrid(np.linspace(SIDE, 0, self.rows), np.linspace(0, SIDE, self.columns), indexing="ij")
         return np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
 
     @property
     def triangles(self) -> NDArray[np.int32]:
-        """(T, 3), two a cell, cut along alternating diagonals, all counter-clockwise seen from above."""
+        """Triangles, (T, 3): two per cell, with alternating diagonals, counter-clockwise seen from above."""
         index = np.arange(self.rows * self.columns, dtype=np.int32).reshape(self.rows, self.columns)
         a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]  # a b over c d
         falling = (np.indices(a.shape).sum(axis=0) % 2 == 0)[..., None, None]
@@ -51,7 +51,7 @@ class Sheet:
 
     @property
     def masses(self) -> Array:
-        """[kg] (rows·columns,): a quarter of every cell to each of its corners."""
+        """Masses [kg], (rows·columns,): each corner of a cell gets a quarter of its mass."""
         share = np.full((self.rows, self.columns), AREA_DENSITY * SIDE**2 / (self.rows - 1) / (self.columns - 1))
         share[[0, -1]] /= 2
         share[:, [0, -1]] /= 2
@@ -62,7 +62,7 @@ class Sheet:
         return 0, self.columns - 1
 
     def order_of(self, points: Array) -> NDArray[np.int64]:
-        """Where each particle of this sheet is in a peer's own list of the same points, before anything moved."""
+        """Return the index of each particle of this sheet in a peer's list of the same points at the start."""
         order = np.full(self.rows * self.columns, -1)
         row = np.rint((SIDE - points[:, 1]) / SIDE * (self.rows - 1)).astype(int)
         column = np.rint(points[:, 0] / SIDE * (self.columns - 1)).astype(int)
@@ -73,14 +73,14 @@ class Sheet:
 
 
 def arguments(settings: list[str]) -> tuple[Sheet, int, str]:
-    """Sheet, frames and setting from the command line of a peer's script."""
+    """Return sheet, frames and setting from the command line of a peer's script."""
     parser = argparse.ArgumentParser()
     parser.add_argument("rows", type=int)
     parser.add_argument("columns", type=int)
     parser.add_argument("frames", type=int)
     parser.add_argument("setting", choices=settings)
-    given = parser.parse_args()
-    return Sheet(given.rows, given.columns), given.frames, given.setting
+    args = parser.parse_args()
+    return Sheet(args.rows, args.columns), args.frames, args.setting
 
 
 def run(
@@ -92,10 +92,10 @@ def run(
     advance: Callable[[], object],
     positions: Callable[[], Array],
 ) -> None:
-    """Runs the frames and prints the line; `positions` gives them in the order and the axes of `sheet`.
+    """Run the frames and print the line. `positions` returns positions in the order and the axes of `sheet`.
 
-    The first frame is not timed: peers compile and allocate in it. Reading positions is not timed either. Strain,
-    lowest point [m, the pins are at 0] and kinetic energy [J/kg] are those after the last frame.
+    The first frame is not timed, because peers compile and allocate in it, nor is reading positions. Strain, lowest
+    point [m] (the pins are at 0) and kinetic energy [J/kg] are those after the last frame.
     """
     milliseconds = []
     before = positions()
@@ -108,7 +108,7 @@ def run(
         now = positions()
     timed = sorted(milliseconds[1:]) or milliseconds
     strain = largest_strain(sheet, now)
-    speeds = (now - before) / FRAME  # [m/s] the mean over the last frame: no peer's own velocities are trusted
+    speeds = (now - before) / FRAME  # [m/s] mean of the last frame, equal for all peers
     kinetic = 0.5 * float((sheet.masses * (speeds**2).sum(axis=1)).sum()) / (AREA_DENSITY * SIDE**2)
     line = {
         "peer": peer,
@@ -128,7 +128,7 @@ def run(
 
 
 def largest_strain(sheet: Sheet, positions: Array) -> float:
-    """Largest |strain| between neighbours along rows and columns."""
+    """Return the largest absolute strain between neighbors along rows and columns."""
     grid = positions.reshape(sheet.rows, sheet.columns, 3)
     down = np.linalg.norm(np.diff(grid, axis=0), axis=-1) * (sheet.rows - 1) / SIDE
     along = np.linalg.norm(np.diff(grid, axis=1), axis=-1) * (sheet.columns - 1) / SIDE

@@ -1,4 +1,4 @@
-"""MuJoCo: a 2D flex, linear triangles with stretching and bending as passive forces."""
+"""MuJoCo: a 2D flex of linear triangles, with passive forces for stretching and bending."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 from cloth import AREA_DENSITY, FRAME, GRAVITY, SIDE, STIFFNESS, Array, arguments, run
 
-STEPS = {"8 steps": 8, "1 step": 1}  # a frame
+STEPS = {"8 steps": 8, "1 step": 1}  # per frame
 
-THICKNESS = 1e-3  # [m] Young's modulus times this is the stiffness in N/m
+THICKNESS = 1e-3  # [m] times Young's modulus, this is the stiffness in N/m
 
 sheet, frames, setting = arguments(list(STEPS))
 
-# Its grid starts at the lower left and goes up column by column; `order_of` finds our particles in it.
+# The grid of MuJoCo starts at the lower left and runs up each column.
 pins = " ".join(str(column * sheet.rows + sheet.rows - 1) for column in (0, sheet.columns - 1))
 model = mujoco.MjModel.from_xml_string(f"""
 <mujoco>

@@ -1,4 +1,4 @@
-"""Newton, on Warp: its solvers VBD and Style3D, on the CPU."""
+"""Newton: its solvers VBD and Style3D, on the CPU."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import warp as wp
 from cloth import AREA_DENSITY, FRAME, GRAVITY, STIFFNESS, Array, Sheet, arguments, run
 from newton.solvers import SolverStyle3D, SolverVBD, style3d
 
-# Substeps and iterations. Style3D with two substeps and ten iterations is what Newton's example of hanging cloth has.
+# Substeps and iterations. Newton's example of hanging cloth uses Style3D with two substeps and ten iterations.
 SETTINGS = {"vbd 10x4": (10, 4), "style3d 2x10": (2, 10), "style3d 1x2": (1, 2)}
 
 
@@ -50,7 +50,7 @@ substeps, iterations = SETTINGS[setting]
 model, solver = build(sheet, setting, iterations)
 states = [model.state(), model.state()]
 control = model.control()
-contacts = newton.CollisionPipeline(model).contacts()  # stays empty; Style3D wants one all the same
+contacts = newton.CollisionPipeline(model).contacts()  # empty, but Style3D requires it
 
 
 def advance() -> None:

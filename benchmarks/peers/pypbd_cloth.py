@@ -1,4 +1,4 @@
-"""pyPBD: the Position Based Dynamics library of Bender et al. Distances along the edges of the triangles."""
+"""pyPBD, the position-based dynamics library of Bender et al.: distance constraints on the edges of the triangles."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from cloth import FRAME, STIFFNESS, Array, arguments, run
 DISTANCE, XPBD_DISTANCE = 1, 4  # cloth methods of `addClothConstraints`
 DIHEDRAL, XPBD_ISOMETRIC = 1, 3  # methods of `addBendingConstraints`
 
-# setting: method, stiffness, bending method, bending stiffness, substeps, iterations. 3 × 3 is what its demos use;
-# 60 × 1 spends about as many sweeps as the browser demos' 5 × 12.
+# setting: method, stiffness, bending method, bending stiffness, substeps, iterations. Its demos use 3 × 3;
+# 60 × 1 has as many iterations per frame as the 5 × 12 of the browser demos.
 SETTINGS = {
     "xpbd 3x3": (XPBD_DISTANCE, STIFFNESS, XPBD_ISOMETRIC, 0.01, 3, 3),
     "distance 5x12": (DISTANCE, 1.0, DIHEDRAL, 0.01, 5, 12),

@@ -1,10 +1,10 @@
-"""Runs the same hanging cloth through other cloth programs, each in a virtual environment of its own.
+"""Run the same hanging cloth in other cloth simulators, each in its own virtual environment.
 
-    python benchmarks/peers/run.py [--only NAME] [--json FILE] [--frames N]
+    python benchmarks/peers/run.py [--filter NAME] [--json FILE] [--frames N]
 
-The first run installs the peers with pip under `.env` beside this file. One that cannot be installed, or that fails
-or takes too long, is named with the reason, and the others go on. What the cloth is: `cloth.py`. A low strain can hide
-a wrong motion: the kinetic energy after the last frame tells a cloth that still swings from one that was braked.
+The first run installs the other simulators (peers) with pip in `.env` in this folder. A peer that cannot be installed,
+fails or takes too long is skipped with the reason. `cloth.py` defines the cloth. A small strain can come from a wrong
+motion: the kinetic energy after the last frame shows whether the cloth still swings.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ RUN_SECONDS = 240
 
 @dataclass(frozen=True)
 class Peer:
-    """A peer's package on PyPI, and the settings that its script `NAME_cloth.py` knows."""
+    """Another simulator, measured by the script `NAME_cloth.py`."""
 
     name: str
     package: str
+    """Package on PyPI."""
     settings: tuple[str, ...]
+    """Settings of the script to run."""
 
 
 PEERS = (
@@ -45,7 +47,7 @@ PEERS = (
 
 
 class Skip(Exception):
-    """Why a peer, or one of its runs, is left out; one line."""
+    """A peer, or one of its runs, is skipped. The message is one line with the reason."""
 
 
 def last_line(text: str) -> str:
@@ -54,7 +56,7 @@ def last_line(text: str) -> str:
 
 
 def call(command: list[str], seconds: int) -> str:
-    """Standard output of a command. Raises Skip with the last line of its error output."""
+    """Return the standard output of a command. Raises Skip with the last line of its error output."""
     try:
         result = subprocess.run(command, capture_output=True, text=True, timeout=seconds)
     except subprocess.TimeoutExpired:
@@ -67,7 +69,7 @@ def call(command: list[str], seconds: int) -> str:
 
 
 def environment(peer: Peer) -> Path:
-    """The Python of the peer's environment, made and filled the first time."""
+    """Return the Python of the peer's virtual environment, which is created by the first call."""
     folder = ENVIRONMENTS / peer.name
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     ready = folder / "installed"
@@ -86,22 +88,21 @@ def environment(peer: Peer) -> Path:
 def measure(python: Path, peer: Peer, rows: int, columns: int, frames: int, setting: str) -> dict[str, Any]:
     script = HERE / f"{peer.name}_cloth.py"
     output = call([str(python), str(script), str(rows), str(columns), str(frames), setting], RUN_SECONDS)
-    line: dict[str, Any] = json.loads(last_line(output))  # some peers print greetings of their own before it
+    line: dict[str, Any] = json.loads(last_line(output))  # some peers print other lines first
     return line
 
 
 def table(lines: list[dict[str, Any]]) -> str:
-    """The results as a Markdown table."""
+    """Return the results as a Markdown table."""
     rows = [
-        "| peer | columns × rows | setting | ms a frame | 95 % | max strain | lowest | J/kg |",
+        "| peer | columns × rows | setting | ms per frame | p95 | max strain | lowest | J/kg |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for line in lines:
-        # The strain and energy of what has flown apart are not worth a digit.
-        apart = not line["finite"] or line["max_strain"] > 100
+        diverged = not line["finite"] or line["max_strain"] > 100
         result = (
             "blew up | – | –"
-            if apart
+            if diverged
             else f"{100 * line['max_strain']:.1f} % | {line['lowest']:.3f} m | {line['kinetic_per_kg']:.3f}"
         )
         rows.append(
@@ -112,14 +113,14 @@ def table(lines: list[dict[str, Any]]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="the same hanging cloth through other cloth programs")
-    parser.add_argument("--only", choices=[peer.name for peer in PEERS], help="this peer alone")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all results there too")
+    parser = argparse.ArgumentParser(description="run the same hanging cloth in other cloth simulators")
+    parser.add_argument("--filter", choices=[peer.name for peer in PEERS], help="run one peer only")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all results to FILE")
     parser.add_argument("--frames", type=int, default=60, help="frames of 1/60 s (default 60)")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     lines = []
     for peer in PEERS:
-        if given.only not in (None, peer.name):
+        if arguments.filter not in (None, peer.name):
             continue
         try:
             python = environment(peer)
@@ -129,12 +130,12 @@ def main() -> int:
         for rows, columns in SIZES:
             for setting in peer.settings:
                 try:
-                    lines.append(measure(python, peer, rows, columns, given.frames, setting))
+                    lines.append(measure(python, peer, rows, columns, arguments.frames, setting))
                 except Skip as reason:
                     print(f"{peer.name} {columns} × {rows}, {setting} skipped: {reason}", file=sys.stderr)
     print(table(lines))
-    if given.json:
-        given.json.write_text(json.dumps(lines, indent=1) + "\n")
+    if arguments.json:
+        arguments.json.write_text(json.dumps(lines, indent=1) + "\n")
     return 0 if lines else 1
 
 

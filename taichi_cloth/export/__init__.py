@@ -1,1 +1,1 @@
-"""The cloth as files that other programs read: one moment of it, or a whole clip."""
+"""Export of the cloth to files of other programs: meshes, point caches, USD and HTML pages."""

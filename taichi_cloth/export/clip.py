@@ -1,93 +1,99 @@
-"""A running simulation written as it goes on: the moment after some frames, or a clip."""
+"""Run a simulation and export it: the cloth after some frames, or a clip of all frames."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
+from os import PathLike
 from pathlib import Path
 
-from ..errors import BlewUp, why
-from ..files import new_name
-from ..guard import Guard
-from ..scene.model import FRAME_SECONDS
-from ..simulation import Simulation
-from .obj import write_obj
-from .output import Output
-from .pc2 import pc2_clip
-from .ply import write_ply
-from .sheet import Sheet, sheet_of, turned_up, vertex_normals
+from ..scene.schema import FRAME_SECONDS
+from ..simulation.divergence import DivergenceGuard
+from ..simulation.simulation import Simulation
+from ..system.errors import Diverged, error_text
+from ..system.files import next_free_path
+from .mesh_files import ExportMesh, export_mesh_of, pc2_clip, rotate_to_up, vertex_normals, write_obj, write_ply
+from .output import Output, format_of
 
-Add = Callable[[], None]  # takes a sample: the cloth and the colliders as they are now
+Add = Callable[[], None]  # adds a sample to a clip: the cloth and the colliders as they are now
 
 
 def export(simulation: Simulation, output: Output, on_frame: Callable[[int], None]) -> None:
-    """Runs the simulation for `output.frames` frames and writes what was asked for; folders must be there.
+    """Run the simulation for `output.frames` frames and write its output. The folder must exist.
 
-    `on_frame(k)` is called after every frame. Raises BlewUp when the cloth does, and OSError when a file cannot be
-    written: the numbered files of a clip that are finished stay, any other file is whole or as it was.
+    `on_frame(k)` is called after frame k. Raises Diverged if the cloth blows up, and OSError if a file cannot be
+    written. After an error the finished numbered files of a clip remain; any other file is as it was before.
     """
-    frames = _frames(simulation, output.frames, on_frame)
+    before = output.first if output.clip else output.frames
+    for _ in _frames(simulation, range(before), on_frame):
+        pass
     if output.clip:
         with _clip(output, simulation) as add:
-            for k in frames:
-                if k % output.every == 0:
+            for k in _frames(simulation, range(before, output.frames), on_frame):
+                if (k - before) % output.every == 0:
                     add()
     else:
-        for _ in frames:
-            pass
-        write_moment(output.path, output.format, simulation, output.up)
+        write_frame(output.path, output.format, simulation, output.up)
 
 
-def write_moment(path: Path, format: str, simulation: Simulation, up: str = "y") -> None:
-    """The cloth as it is now, without what is torn, as an OBJ, PLY or USD file. Raises OSError."""
+def write_frame(path: Path, format: str, simulation: Simulation, up: str = "y") -> None:
+    """Write the cloth as it is now, without torn triangles, to an OBJ, PLY or USD file. Raises OSError."""
     sheet, x = _sheet(simulation), simulation.positions()
     if format == "usd":
         from .usd import write_usd
 
-        write_usd(path, sheet, x, simulation.bodies(), up)
+        write_usd(path, sheet, x, simulation.colliders(), up)
     else:
         write = {"obj": write_obj, "ply": write_ply}[format]
-        x = turned_up(x, up)
+        x = rotate_to_up(x, up)
         write(path, sheet, x, vertex_normals(x, sheet.triangles))
 
 
-def snapshot(simulation: Simulation, folder: Path) -> str:
-    """Writes the cloth as it is now to an OBJ file of its own; returns the line that says where, or why not."""
+def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y") -> None:
+    """Write the cloth as it is now to an OBJ, PLY or USD file, by the suffix of `path`. `up`: "y" or "z".
+
+    Raises UsageError for another suffix, and OSError; a partial file never remains.
+    """
+    write_frame(Path(path), format_of(Path(path), None, clip=False), simulation, up)
+
+
+def export_snapshot(simulation: Simulation, folder: Path) -> str:
+    """Write the cloth as it is now to a new OBJ file. Return one line: the file, or why it could not be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        name = new_name(folder, simulation.scene.name)
+        name = next_free_path(folder, simulation.scene.name)
         path = name.with_name(f"{name.name}.obj")
-        write_moment(path, "obj", simulation)
+        write_frame(path, "obj", simulation)
     except OSError as error:
-        return f"no mesh: {why(error)}"
-    return f"frame {simulation.frame} is in {folder.name}/{path.name}"
+        return f"cannot write the mesh: {error_text(error)}"
+    return f"wrote frame {simulation.frame} to {folder.name}/{path.name}"
 
 
-def _sheet(simulation: Simulation) -> Sheet:
-    return sheet_of(simulation.scene.name, simulation.topology)
+def _sheet(simulation: Simulation) -> ExportMesh:
+    return export_mesh_of(simulation.scene.name, simulation.topology)
 
 
-def _frames(simulation: Simulation, frames: int, on_frame: Callable[[int], None]) -> Iterator[int]:
-    """Numbers of frames, each before it is simulated. Raises BlewUp."""
-    guard = Guard(simulation)
-    for k in range(frames):
+def _frames(simulation: Simulation, frames: range, on_frame: Callable[[int], None]) -> Iterator[int]:
+    """Yield the index of each frame before it is simulated. Raises Diverged."""
+    guard = DivergenceGuard(simulation)
+    for k in frames:
         yield k
-        simulation.advance_frame()
-        if not guard.sound():
-            raise BlewUp(guard.restore())
+        simulation.step()
+        if not guard.check_and_snapshot():
+            raise Diverged(guard.roll_back())
         on_frame(k)
 
 
 @contextmanager
 def _clip(output: Output, simulation: Simulation) -> Iterator[Add]:
-    """A function that adds the next sample to a clip. In one file the triangles are those of the first."""
+    """Yield a function that adds a sample to a clip. A clip in one file has the triangles of its first sample."""
     if output.format == "usd":
         from .usd import usd_clip
 
         rate = 1 / (FRAME_SECONDS * output.every)
         with usd_clip(output.path, _sheet(simulation), output.up, rate) as write:
-            yield lambda: write(simulation.positions(), simulation.bodies())
+            yield lambda: write(simulation.positions(), simulation.colliders())
     elif output.format == "pc2":
         yield from _point_cache(output, simulation)
     elif output.format == "html":
@@ -97,12 +103,12 @@ def _clip(output: Output, simulation: Simulation) -> Iterator[Add]:
             yield write_page
     else:
         numbers = count()
-        yield lambda: write_moment(output.numbered(next(numbers)), output.format, simulation, output.up)
+        yield lambda: write_frame(output.sample_path(next(numbers)), output.format, simulation, output.up)
 
 
 def _point_cache(output: Output, simulation: Simulation) -> Iterator[Add]:
-    sheet, first = _sheet(simulation), turned_up(simulation.positions(), output.up)
+    sheet, first = _sheet(simulation), rotate_to_up(simulation.positions(), output.up)
     with pc2_clip(output.path, len(sheet.uv), output.samples) as write:
-        yield lambda: write(turned_up(simulation.positions(), output.up))
-        # Without normals, which would stay behind when the cache moves the mesh.
+        yield lambda: write(rotate_to_up(simulation.positions(), output.up))
+        # Without normals: the cache moves points only, so they would keep their first directions.
         write_obj(output.mesh, sheet, first)

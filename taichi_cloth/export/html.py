@@ -1,7 +1,7 @@
-"""Pages that play a clip: one HTML file with the viewer (`player.html`), the cloth and what is around it.
+"""HTML pages that play a clip: one file with a viewer (`player.html`), the cloth, its colliders and the floor.
 
-Places are whole numbers of 16 bits within the clip's box, so that they are off by half a step at most: 1/131070 of the
-box along each axis. A clip is held in memory until it is whole, 24 bytes for each particle and sample.
+Positions are 16-bit integers within the bounding box of the clip. They are rounded by half a step at most: 1/131070 of
+the box along each axis. A clip stays in memory until it is complete, with 24 bytes per particle and sample.
 """
 
 from __future__ import annotations
@@ -11,73 +11,72 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..files import whole_file
-from ..page.sheet import left_of, quantised, vertices
-from ..page.surroundings import Solids, air
-from ..page.template import filled, script_safe
-from ..simulation import Simulation
-from ..view.patterns import pattern_colours
-from .sheet import Floats
+from ..render.patterns import pattern_colors
+from ..render.webgl import Solids, air, fill_template, merge_vertices, quantize, remaining_triangles, script_safe
+from ..simulation.simulation import Simulation
+from ..system.files import atomic_file
+from .mesh_files import Floats
 
 PLAYER = Path(__file__).with_name("player.html")
 
 
 @contextmanager
 def html_clip(path: Path, simulation: Simulation, rate: float) -> Iterator[Callable[[], None]]:
-    """A function that takes the next sample: the cloth and the colliders as they are; `rate` samples a second.
+    """Yield a function that adds the next sample: the cloth and the colliders as they are now.
 
-    The page appears at the end of the block, whole. Raises OSError.
+    `rate`: samples per second. The file is written at the end of the block. Raises OSError; a partial file never
+    remains.
     """
     samples = Samples(simulation)
     yield samples.add
     head, data = samples.packed()
-    with whole_file(path) as file:
+    with atomic_file(path) as file:
         file.write(page(simulation.scene.title or simulation.scene.name, {**head, "rate": rate}, data).encode())
 
 
-def page(title: str, head: dict[str, Any], data: bytes) -> str:
-    """The viewer with a clip in it; nothing that the title or the clip says is taken for HTML."""
+def page(title: str, head: dict[str, object], data: bytes) -> str:
+    """Return the HTML of the viewer with a clip. Title and clip are escaped."""
     packed = base64.b64encode(zlib.compress(data, 9)).decode()
-    return filled(PLAYER, title, {"head": script_safe(head), "data": packed})
+    return fill_template(PLAYER, title, {"head": script_safe(head), "data": packed})
 
 
 class Samples:
-    """A clip as it grows. Its head is JSON; its data are arrays one after another, little-endian, the widest first."""
+    """The samples of a clip, packed as a JSON head and little-endian arrays, those with the largest elements first."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._whole = self._seen = simulation.topology
+        self._whole = self._current = simulation.topology  # before any tear, and of the last sample
         self._solids = Solids(simulation)
         self._x: list[Floats] = []
         self._poses: list[Floats] = []
-        self._shown = np.zeros(self._whole.triangle_count, np.int64)  # samples that have a triangle
-        self._there = np.ones(self._whole.triangle_count, bool)
+        self._lifetime = np.zeros(self._whole.triangle_count, np.int64)  # of each triangle [samples]
+        self._present = np.ones(self._whole.triangle_count, bool)
 
     def add(self) -> None:
-        """Takes a sample."""
+        """Add a sample."""
         topology = self._simulation.topology
-        if topology is not self._seen:  # it tore
-            self._seen = topology
-            self._there = left_of(self._whole, topology)
-        self._shown += self._there
+        if topology is not self._current:  # it tore
+            self._current = topology
+            self._present = remaining_triangles(self._whole, topology)
+        self._lifetime += self._present
         self._x.append(self._simulation.positions())
         self._poses.append(self._solids.poses())
 
-    def packed(self) -> tuple[dict[str, Any], bytes]:
-        """Head and data. Places are told by their second differences in time, modulo 2¹⁶: numbers that deflate well.
+    def packed(self) -> tuple[dict[str, object], bytes]:
+        """Return head and data. Positions are stored as second differences in time, modulo 2¹⁶, which compress well.
 
-        Triangles that last longest come first: `left` says how many a sample has.
+        Triangles are sorted by the time at which they tear, the last first. `remaining` has their number in each
+        sample.
         """
         x = np.array(self._x)
-        low, step, steps = quantised(x)
-        owner, tint, corners = vertices(self._whole, pattern_colours(self._whole, self._simulation.scene.look))
-        last = np.argsort(-self._shown, kind="stable")
-        solids, solid_vertices, solid_corners = self._solids.packed()
-        poses = self._told_poses(solids)
+        low, step, steps = quantize(x)
+        owner, colors, corners = merge_vertices(self._whole, pattern_colors(self._whole, self._simulation.scene.look))
+        order = np.argsort(-self._lifetime, kind="stable")
+        solids, solid_vertices, solid_corners = self._solids.pack()
+        poses = self._pack_poses(solids)
         head = {
             "samples": len(x),
             "particles": x.shape[1],
@@ -85,7 +84,7 @@ class Samples:
             "step": step.tolist(),
             "vertices": len(owner),
             "triangles": len(corners),
-            "left": [int((self._shown > k).sum()) for k in range(len(x))],
+            "remaining": [int((self._lifetime > k).sum()) for k in range(len(x))],
             "solids": solids,
             "solidVertices": len(solid_vertices),
             "solidCorners": len(solid_corners),
@@ -98,18 +97,21 @@ class Samples:
             np.swapaxes(poses, 1, 2).astype("<f4"),
             solid_corners.astype("<u4"),
             owner.astype("<u4"),
-            corners[last].astype("<u4"),
+            corners[order].astype("<u4"),
             change.astype("<u2"),
-            tint.astype("u1"),
+            colors.astype("u1"),
         ]
         return head, b"".join(array.tobytes() for array in arrays)
 
-    def _told_poses(self, solids: list[dict[str, Any]]) -> Floats:
-        """Of each solid those of all samples, or one if it never moves; where they stand is added to what it is."""
-        poses, placed = np.array(self._poses), 0
+    def _pack_poses(self, solids: list[dict[str, object]]) -> Floats:
+        """Return the poses of all solids, (P, 4, 4): one per sample, or a single one for a solid that never moves.
+
+        Add to each entry of `solids` the index of its first pose and their number.
+        """
+        poses, first = np.array(self._poses), 0
         parts = [np.zeros((0, 4, 4))]
-        for k, (one, moving) in enumerate(zip(solids, self._solids.moving, strict=True)):
+        for k, (solid, moving) in enumerate(zip(solids, self._solids.moving, strict=True)):
             parts.append(poses[:, k] if moving else poses[:1, k])
-            one |= {"pose": placed, "poses": len(parts[-1])}
-            placed += len(parts[-1])
+            solid |= {"pose": first, "poses": len(parts[-1])}
+            first += len(parts[-1])
         return np.concatenate(parts)

@@ -1,81 +1,93 @@
-"""Where an export goes and in which format, from what the user said. Imports nothing heavy."""
+"""Path and format of an export, from the options of the command line. Imports neither NumPy nor Taichi."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import OutputInUse, WrongUse
+from ..system.errors import OutputConflict, UsageError
 
 SUFFIXES = {"obj": (".obj",), "ply": (".ply",), "pc2": (".pc2",), "usd": (".usdc", ".usda", ".usd"), "html": (".html",)}
 BY_SUFFIX = {ending: name for name, endings in SUFFIXES.items() for ending in endings}
 FORMATS = tuple(SUFFIXES)
-UPS = ("y", "z")
-FOLDERS = ("obj", "ply")  # a clip of these is a folder of numbered files
-CLIPS = {"pc2": "a PC2 file holds", "html": "an HTML page plays"}  # and nothing else
+UP_AXES = ("y", "z")
+FOLDER_FORMATS = ("obj", "ply")  # formats whose clips are folders of numbered files
+CLIP_ONLY_FORMATS = {"pc2": "a PC2 file holds", "html": "an HTML page plays"}  # formats for clips only
 
 
 @dataclass(frozen=True)
 class Output:
-    """What to write: one moment, or a clip of `frames` frames of 1/60 s of which every `every`-th is kept."""
+    """What to write, and where: the cloth after some frames, or a clip."""
 
     path: Path
+    """File, or folder if `is_folder`."""
     format: str
+    """One of `FORMATS`."""
     frames: int
+    """Frames to simulate, of 1/60 s each."""
     up: str = "y"
+    """The axis that is up in the file, one of `UP_AXES`."""
     clip: bool = False
+    first: int = 0
+    """Frames before the first sample of a clip."""
     every: int = 1
+    """Frames per sample of a clip."""
 
     @property
     def is_folder(self) -> bool:
-        return self.clip and self.format in FOLDERS
+        """Whether the output is a folder of numbered files."""
+        return self.clip and self.format in FOLDER_FORMATS
 
     @property
     def samples(self) -> int:
-        """Number of moments in a clip: before the first frame, after `every`, …"""
-        return -(-self.frames // self.every)
+        """Number of samples in a clip: after `first` frames, after `every` more, and so on."""
+        return -(-(self.frames - self.first) // self.every)
 
     @property
     def mesh(self) -> Path:
-        """The mesh that a PC2 file moves."""
+        """The mesh file that a PC2 file animates."""
         return self.path.with_suffix(".obj")
 
-    def numbered(self, sample: int) -> Path:
+    def sample_path(self, sample: int) -> Path:
+        """Return the path of a sample in a folder."""
         return self.path / f"frame_{sample:05d}.{self.format}"
 
-    def files(self) -> list[Path]:
-        """Those that it makes beside the numbered ones."""
+    def single_files(self) -> list[Path]:
+        """Return the files to write, without numbered ones."""
         return [] if self.is_folder else [self.path, self.mesh] if self.format == "pc2" else [self.path]
 
-    def earlier(self) -> list[Path]:
-        """Numbered files that are in the folder. Raises OutputInUse where it is none."""
+    def existing_samples(self) -> list[Path]:
+        """Return the numbered files that exist in the folder. Raises OutputConflict if the path is a file."""
         if self.path.exists() and not self.path.is_dir():
-            raise OutputInUse(f"{self.path} is a file: a clip of {self.format.upper()} files is a folder")
+            raise OutputConflict(f"{self.path} is a file; a clip of {self.format.upper()} files needs a folder")
         return sorted(self.path.glob(f"frame_*.{self.format}"))
 
 
 def format_of(path: Path | None, name: str | None, *, clip: bool) -> str:
-    """The format that a path's suffix or its own name tells. Raises WrongUse where they do not agree or say nothing."""
+    """Return the export format from the suffix of `path` and the format `name`, either of which may be None.
+
+    Raises UsageError if they disagree, if they do not determine a format, and for a format that cannot be written so.
+    """
     if path is None:
         chosen = name or ("pc2" if clip else "obj")
     elif path.suffix.lower() not in BY_SUFFIX:
         chosen = name or ("obj" if clip and not path.suffix else "")
-        if chosen not in FOLDERS or not clip:
-            has = f"no format has the suffix {path.suffix!r}" if path.suffix else "a file needs a suffix"
-            raise WrongUse(f"--out {path}: {has}; there are {', '.join(BY_SUFFIX)}")
+        if chosen not in FOLDER_FORMATS or not clip:
+            problem = f"unknown suffix {path.suffix!r}" if path.suffix else "missing suffix"
+            raise UsageError(f"--out {path}: {problem}; use {', '.join(BY_SUFFIX)}")
     else:
-        told = BY_SUFFIX[path.suffix.lower()]
-        chosen = name or told
-        if chosen != told:
-            raise WrongUse(f"--out {path} is a name of {told.upper()} files, and --format says {chosen}")
-        if clip and chosen in FOLDERS:
-            raise WrongUse(f"--out {path}: a clip of {chosen.upper()} files is a folder; name one without a suffix")
-    if chosen in CLIPS and not clip:
-        raise WrongUse(f"{CLIPS[chosen]} a clip: use `bake`, or --clip")
+        by_suffix = BY_SUFFIX[path.suffix.lower()]
+        chosen = name or by_suffix
+        if chosen != by_suffix:
+            raise UsageError(f"--out {path} has the suffix of {by_suffix.upper()} files, but --format is {chosen}")
+        if clip and chosen in FOLDER_FORMATS:
+            raise UsageError(f"--out {path}: a clip of {chosen.upper()} files is a folder; omit the suffix")
+    if chosen in CLIP_ONLY_FORMATS and not clip:
+        raise UsageError(f"{CLIP_ONLY_FORMATS[chosen]} a clip, not one frame: use --frames A:B")
     return chosen
 
 
 def default_path(scene: str, format: str, *, clip: bool) -> Path:
-    """In the folder `out`, by the scene's name."""
+    """Return the default path: in the folder `out`, named after the scene."""
     folder = Path("out")
-    return folder / scene if clip and format in FOLDERS else folder / f"{scene}{SUFFIXES[format][0]}"
+    return folder / scene if clip and format in FOLDER_FORMATS else folder / f"{scene}{SUFFIXES[format][0]}"

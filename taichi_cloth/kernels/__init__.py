@@ -1,1 +1,1 @@
-
+"""Taichi functions on particles and springs: forces, constraints, integration, linear solvers."""

@@ -1,94 +1,102 @@
-"""Into the layout in which a frame is worked on, and back."""
-
-from typing import Any
+"""Access to particles in any layout, and conversion between the serial state and the SIMD layout."""
 
 import taichi as ti
 import taichi.math as tm
 
-from .places import COMPONENTS, LANES, in_kind
+from .vec import COMPONENTS, LANES, cast
 
 
-def kept_by(layout: Any, stages: Any) -> Any:
-    """The field that says how particles move."""
-    return layout.velocity if stages.own_velocity else layout.x_prev
+def motion_field(layout: object, features: object) -> object:
+    """Return the field that holds the motion of particles: velocity, or the previous position."""
+    return layout.velocity if features.stores_velocity else layout.x_prev
 
 
 @ti.func
-def load(work: ti.template(), cloth: ti.template(), stages: ti.template()):
-    """Particles into strips; nothing to do where the particles themselves are worked on."""
-    if ti.static(work.in_lanes):
-        pitch, columns = work.pitch[None], work.columns[None]
-        motion, motion_there = ti.static(kept_by(cloth, stages), kept_by(work, stages))
-        for slot in range(work.slot_count[None]):
-            row, place = slot // pitch, slot % pitch
-            # An empty column is held at the origin, where nothing pulls at it.
-            free, x = ti.Vector.zero(ti.f32, LANES), ti.Matrix.zero(ti.f32, COMPONENTS, LANES)
-            moving = ti.Matrix.zero(ti.f32, COMPONENTS, LANES)  # velocity, or where it was
+def velocity_of(cloth: ti.template(), features: ti.template(), i: int, h: float):
+    """Return the velocity of a particle [m/s], stored or from its previous position."""
+    if ti.static(features.stores_velocity):
+        return cloth.velocity[i]
+    else:
+        return (cloth.x[i] - cloth.x_prev[i]) / h
+
+
+@ti.func
+def pack(layout: ti.template(), cloth: ti.template(), features: ti.template()):
+    """Copy the serial state into the SIMD layout. Other layouts work on the state itself."""
+    if ti.static(layout.is_simd):
+        row_stride, columns = layout.row_stride[None], layout.columns[None]
+        source, target = ti.static(motion_field(cloth, features), motion_field(layout, features))
+        for packet in range(layout.packet_count[None]):
+            row, first = packet // row_stride, packet % row_stride
+            # A lane without a particle is pinned at the origin, where no force acts on it.
+            inverse_mass, x = ti.Vector.zero(ti.f32, LANES), ti.Matrix.zero(ti.f32, COMPONENTS, LANES)
+            motion = ti.Matrix.zero(ti.f32, COMPONENTS, LANES)
             for k in range(LANES):
-                column = place + k * pitch
+                column = first + k * row_stride
                 if column < columns:
                     i = row * columns + column
-                    free[k] = cloth.inverse_mass[i]
+                    inverse_mass[k] = cloth.inverse_mass[i]
                     for c in range(3):
                         x[c, k] = cloth.x[i][c]
-                        moving[c, k] = motion[i][c]
-            work.inverse_mass[slot], work.x[slot] = free, x
-            motion_there[slot] = moving
+                        motion[c, k] = source[i][c]
+            layout.inverse_mass[packet], layout.x[packet] = inverse_mass, x
+            target[packet] = motion
 
 
 @ti.func
-def store(work: ti.template(), cloth: ti.template(), stages: ti.template()):
-    """Strips back into particles."""
-    if ti.static(work.in_lanes):
-        pitch, columns = work.pitch[None], work.columns[None]
-        motion, motion_there = ti.static(kept_by(cloth, stages), kept_by(work, stages))
-        for slot in range(work.slot_count[None]):
-            row, place = slot // pitch, slot % pitch
-            x, moving = work.x[slot], motion_there[slot]
+def unpack(layout: ti.template(), cloth: ti.template(), features: ti.template()):
+    """Copy the SIMD layout back into the serial state."""
+    if ti.static(layout.is_simd):
+        row_stride, columns = layout.row_stride[None], layout.columns[None]
+        target, source = ti.static(motion_field(cloth, features), motion_field(layout, features))
+        for packet in range(layout.packet_count[None]):
+            row, first = packet // row_stride, packet % row_stride
+            x, motion = layout.x[packet], source[packet]
             for k in range(LANES):
-                column = place + k * pitch
+                column = first + k * row_stride
                 if column < columns:
                     i = row * columns + column
                     for c in range(3):
                         cloth.x[i][c] = x[c, k]
-                        motion[i][c] = moving[c, k]
+                        target[i][c] = motion[c, k]
 
 
 @ti.func
-def at(cloth: ti.template(), field: ti.template(), place: int):
-    """A vector of one particle; in strips its place is slot·8 + lane."""
-    if ti.static(cloth.in_lanes):
-        slot, lane = field[place // LANES], place % LANES
-        return tm.vec3(slot[0, lane], slot[1, lane], slot[2, lane])
+def read(cloth: ti.template(), field: ti.template(), index: int):
+    """Return the vector at a layout index."""
+    if ti.static(cloth.is_simd):
+        packet, lane = field[index // LANES], index % LANES
+        return tm.vec3(packet[0, lane], packet[1, lane], packet[2, lane])
     else:
-        return field[place]
+        return field[index]
 
 
 @ti.func
-def put_at(cloth: ti.template(), field: ti.template(), place: int, vector: tm.vec3):
-    """Sets a vector of one particle."""
-    if ti.static(cloth.in_lanes):
-        slot = field[place // LANES]
+def write(cloth: ti.template(), field: ti.template(), index: int, vector: tm.vec3):
+    """Set the vector at a layout index."""
+    if ti.static(cloth.is_simd):
+        packet = field[index // LANES]
         for c in ti.static(range(3)):
-            slot[c, place % LANES] = vector[c]
-        field[place // LANES] = slot
+            packet[c, index % LANES] = vector[c]
+        field[index // LANES] = packet
     else:
-        field[place] = vector
+        field[index] = vector
 
 
 @ti.func
-def inverse_mass_at(cloth: ti.template(), place: int):
-    if ti.static(cloth.in_lanes):
-        slot = cloth.inverse_mass[place // LANES]
-        return slot[place % LANES]
+def read_inverse_mass(cloth: ti.template(), index: int):
+    """Return the inverse mass at a layout index [1/kg]."""
+    if ti.static(cloth.is_simd):
+        packet = cloth.inverse_mass[index // LANES]
+        return packet[index % LANES]
     else:
-        return cloth.inverse_mass[place]
+        return cloth.inverse_mass[index]
 
 
 @ti.func
-def slot_of(cloth: ti.template(), field: ti.template(), i: int):
-    """What a field by place holds for the particle, or the eight particles, of slot i, as floats."""
-    if ti.static(cloth.in_lanes):
+def packet(cloth: ti.template(), field: ti.template(), i: int):
+    """Return the vectors of packet i, as floats, of a field with an element for each layout index."""
+    if ti.static(cloth.is_simd):
         return ti.Matrix(
             [
                 [float(field[i * LANES + k][c]) if ti.static(c < 3) else 0.0 for k in ti.static(range(LANES))]
@@ -96,4 +104,4 @@ def slot_of(cloth: ti.template(), field: ti.template(), i: int):
             ]
         )
     else:
-        return in_kind(field[i], ti.f32)
+        return cast(field[i], ti.f32)

@@ -1,13 +1,12 @@
-"""Scenes: what they may say, and reading and writing them."""
+"""Scene files: their schema, how they are read, checked, overridden and written, and what is shipped."""
 
-from .errors import SceneError
-from .library import scene_names
-from .live import LiveKey, check_live, live_keys
-from .model import Box, Camera, Cloth, Forces, Ground, Look, Scene, Solver, Sphere, Springs, Wind
+from ..system.errors import SceneError
+from .collider_schema import Box, Ground, Sphere
 from .overrides import parse_override
-from .reader import check_scene, load_scene
-from .table import key_table
-from .writer import scene_to_toml
+from .parameters import Parameter, check_parameter, parameters_of
+from .presets import scene_names
+from .schema import Camera, Cloth, Forces, Look, Scene, Solver, VerletSprings, Wind
+from .toml_io import key_table, scene_to_toml
 
 __all__ = [
     "Box",
@@ -15,19 +14,17 @@ __all__ = [
     "Cloth",
     "Forces",
     "Ground",
-    "LiveKey",
     "Look",
+    "Parameter",
     "Scene",
     "SceneError",
     "Solver",
     "Sphere",
-    "Springs",
+    "VerletSprings",
     "Wind",
-    "check_live",
-    "check_scene",
+    "check_parameter",
     "key_table",
-    "live_keys",
-    "load_scene",
+    "parameters_of",
     "parse_override",
     "scene_names",
     "scene_to_toml",

@@ -1,41 +1,51 @@
-"""Keys changed from Python or the command line, before the scene is checked."""
+"""Overrides of scene keys from Python or the command line, and scenes with some sections removed."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
-from .errors import SceneError, nearest
-from .model import Part, Scene, keys_of, parts
-from .toml import parse_toml
+from ..system.errors import SceneError, nearest_name, new_key
+from .keys import keys_of
+from .schema import Scene, Section, sections
+from .toml_io import parse_toml
 
-Place = tuple[Part | None, str]  # a section and a key of it; no section: a key of the scene itself
+KeyTarget = tuple[Section | None, str]  # a section and its key; None: a key of the scene itself
 
 
-def parse_override(text: str) -> tuple[str, Any]:
-    """KEY=VALUE from a command line; VALUE as in TOML, or else a plain text."""
+def parse_override(text: str) -> tuple[str, object]:
+    """Return key and value of KEY=VALUE from a command line. VALUE is read as TOML, and as a string if it is not TOML.
+
+    Raises SceneError if there is no key or no `=`.
+    """
     key, equals, value = (word.strip() for word in text.partition("="))
     if not equals or not key:
-        raise SceneError("--set", text, "an override is written KEY=VALUE, as in wind_z=6")
+        raise SceneError("--set", text, "must be KEY=VALUE, as in wind_z=6")
     try:
         parsed = parse_toml(f"value = {value}")
     except (ValueError, RecursionError):
         return key, value
-    return key, parsed["value"] if len(parsed) == 1 else value  # several: a text of several lines
+    return key, parsed["value"] if len(parsed) == 1 else value  # several keys: VALUE had several lines
 
 
 def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> None:
-    """Writes one override into parsed TOML that is a valid scene. Raises SceneError for a key that is not just one."""
-    places = override_places()
-    if key not in places:
-        hint = nearest(key, places)
-        raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth check --keys` lists them"), hint)
-    meant = [place for place in places[key] if place[0] is None or place[0].name in data] or places[key]
-    if len(meant) > 1:
-        raise SceneError(file, key, "could be " + " or ".join(f"{part.one}_{key}" for part, _ in meant if part))
-    [(part, name)] = meant
+    """Write one override into the parsed TOML of a valid scene. Raises SceneError for an unknown or ambiguous key."""
+    names = override_targets()
+    if key not in names:
+        if (new := new_key(key)) in names:
+            raise SceneError(file, key, f"was renamed to {new}")
+        hint = nearest_name(key, names)
+        raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth schema` lists them"), hint)
+    targets = [target for target in names[key] if target[0] is None or target[0].name in data] or names[key]
+    if len(targets) > 1:
+        raise SceneError(
+            file, key, "ambiguous: use " + " or ".join(f"{part.singular}_{key}" for part, _ in targets if part)
+        )
+    [(part, name)] = targets
     if part is None:
         data[name] = value
-    elif not part.many:
+    elif not part.is_array:
         data.setdefault(part.name, {})[name] = value
     elif data.get(part.name):
         data[part.name][0][name] = value
@@ -43,14 +53,39 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
         raise SceneError(file, key, f"the scene has no {part.name}")
 
 
-def override_places() -> dict[str, list[Place]]:
-    """Every name an override may have, and the keys it can mean."""
-    bare: dict[str, list[Place]] = {}
-    full: dict[str, list[Place]] = {key: [(None, key)] for key in keys_of(Scene)}
-    for part in parts().values():
-        for key in keys_of(part.section):
-            full[f"{part.one}_{key}"] = [(part, key)]
+def override_targets() -> dict[str, list[KeyTarget]]:
+    """Return every name of an override, with the keys it can refer to: more than one if it is ambiguous."""
+    bare: dict[str, list[KeyTarget]] = {}
+    full: dict[str, list[KeyTarget]] = {key: [(None, key)] for key in keys_of(Scene)}
+    for part in sections().values():
+        for key in keys_of(part.cls):
+            full[f"{part.singular}_{key}"] = [(part, key)]
             bare.setdefault(key, []).append((part, key))
             if key in ("name", "preset"):
-                full[part.one] = [(part, key)]
+                full[part.singular] = [(part, key)]
     return bare | full
+
+
+NOT_REMOVABLE = ("attachments", "regions", "maps")  # optional sections that stay: they may pin the cloth
+
+
+def removable_sections(scene: Scene) -> list[str]:
+    """Return the sections of a scene that can be removed, in the order of the schema."""
+    return [
+        name
+        for name, part in sections().items()
+        if part.optional and getattr(scene, name) and name not in NOT_REMOVABLE
+    ]
+
+
+def scene_without(scene: Scene, names: Iterable[str]) -> Scene:
+    """Return the scene without these sections. Raises SceneError for one that cannot be removed."""
+    removed: dict[str, Any] = {}
+    for name in names:
+        section = name.replace("-", "_")
+        removable = removable_sections(scene)
+        if section not in removable:
+            reason = f"{scene.name} has no such feature; removable: {', '.join(removable) or 'none'}"
+            raise SceneError("", name, reason, nearest_name(section, removable))
+        removed[section] = () if sections()[section].is_array else None
+    return replace(scene, **removed)

@@ -1,6 +1,6 @@
-"""The shipped fabrics: measured numbers with their sources, and the spring constants that stand for them.
+"""Shipped assets (scenes, meshes, maps), and fabric presets: measured properties with their sources.
 
-A scene names one with `[fabric] preset = "denim"`; the reader fills in every key that the scene leaves out.
+A scene selects one with `[fabric] preset = "denim"`; the reader then fills in every key that the scene does not set.
 """
 
 from __future__ import annotations
@@ -8,32 +8,93 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass, replace
 from math import isfinite, sqrt
+from pathlib import Path
 from typing import Any
 
-from .errors import SceneError, nearest, shown
-from .library import asset_folder
-from .model import PRESET_NAMES, Cloth, Scene
+from ..system.errors import SceneError, nearest_name, short_repr
+from .schema import PRESET_NAMES, Cloth, Scene
+
+_PACKAGE = Path(__file__).parents[1]
+
+
+def asset_folder() -> Path:
+    """Return the folder `assets` of an installed package or of a checkout."""
+    inside = _PACKAGE / "assets"
+    return inside if (inside / "scenes").is_dir() else _PACKAGE.parent / "assets"
+
+
+def scene_names() -> list[str]:
+    """Return the names of all shipped scenes, sorted."""
+    return sorted(path.stem for path in (asset_folder() / "scenes").glob("*.toml"))
+
+
+def mesh_names() -> list[str]:
+    """Return the names of all shipped meshes, sorted."""
+    return sorted(path.stem for path in (asset_folder() / "meshes").glob("*.obj"))
+
+
+def is_file_name(text: str) -> bool:
+    """Return whether a text is the path of a scene or mesh file, not the name of a shipped one."""
+    return text.endswith((".toml", ".obj")) or "/" in text or "\\" in text
+
+
+def scene_path(name_or_path: str | Path) -> Path:
+    """Return the path of a shipped scene by name, or a path unchanged. Raises SceneError for an unknown name."""
+    text = str(name_or_path)
+    if isinstance(name_or_path, Path) or is_file_name(text):
+        return Path(text)
+    names = scene_names()
+    if text not in names:
+        reason = f"no such scene; use {', '.join(names)}, or the path of a TOML file"
+        raise SceneError(text or "scene", "", reason, nearest_name(text, names))
+    return asset_folder() / "scenes" / f"{text}.toml"
+
+
+def mesh_path(file: str, folder: str) -> Path:
+    """Return the path of an OBJ file: a shipped mesh by name, or a path relative to the scene's `folder`."""
+    return Path(folder) / file if is_file_name(file) else asset_folder() / "meshes" / f"{file}.obj"
+
+
+def is_map_name(text: str) -> bool:
+    """Return whether a text is the name of a shipped map, not a path."""
+    return bool(text) and not (Path(text).suffix or "/" in text or "\\" in text)
+
+
+def map_path(file: str, folder: str) -> Path:
+    """Return the path of a map: a shipped one by name, or a path relative to the scene's `folder`.
+
+    Raises ValueError for an unknown name.
+    """
+    if not is_map_name(file):
+        return Path(folder) / file
+    shipped = {path.stem: path for path in sorted((asset_folder() / "maps").glob("*.csv"))}
+    if file not in shipped:
+        known = ", ".join(shipped)
+        raise ValueError(
+            f"{short_repr(file)} is not a shipped map; use {known}, or the path of an image, .csv or .npy file"
+        )
+    return shipped[file]
+
 
 _MEASURED = ("area_density", "warp", "weft", "bias", "bending", "damping")
-_SHARES = ("structural", "shear", "bend")
-_LOOK = ("cloth", "check", "check_cells", "pattern", "sheen")
+_VERLET_KEYS = ("structural", "shear", "bend")
+_LOOK = ("color", "second_color", "pattern_scale", "pattern", "sheen")
 
-# The keys of a scene that a fabric fills, by section.
-FILLED = {
+# Scene keys that a preset fills in, by section.
+PRESET_KEYS = {
     "cloth": ("area_density",),
-    "fabric": ("warp", "weft", "shear", "bend", "bending", "damping_time"),
-    "springs": _SHARES,
+    "fabric": ("warp", "weft", "shear", "bend_spring", "bending_stiffness", "damping_time"),
+    "verlet": _VERLET_KEYS,
     "look": _LOOK,
 }
 
 
 @dataclass(frozen=True)
 class Preset:
-    """A fabric as it is measured, whatever the grid and the solver; `sources` has a line for every table of its file.
+    """Measured properties of a fabric, independent of grid and solver.
 
-    `warp`, `weft` and `bias` are the tensile stiffness of a narrow strip per metre of its width, cut along the
-    threads and at 45° to them. `damping` is the time by which stress runs ahead of strain, at the first stretch
-    vibration of a sheet 1 m long. The shares are for `verlet` and no physical quantity.
+    `warp`, `weft` and `bias` are the tensile stiffness of a narrow strip per meter of its width, cut along the yarns
+    and at 45° to them. The numbers `structural`, `shear` and `bend` are for `verlet` and are not physical quantities.
     """
 
     name: str
@@ -43,75 +104,84 @@ class Preset:
     weft: float  # [N/m]
     bias: float  # [N/m]
     bending: float  # [N·m]
-    damping: float  # [s]
+    damping: float
+    """Time by which stress leads strain [s], at the first stretch vibration of a sheet 1 m long."""
     structural: float  # 0…1
     shear: float  # 0…1
     bend: float  # 0…1
-    look: dict[str, Any]  # keys of a scene's [look]
+    look: dict[str, object]
+    """Keys of `[look]`."""
     sources: dict[str, str]
+    """Source of the numbers in every table of the preset's file, one line each."""
 
 
 def load_preset(name: str) -> Preset:
-    """A shipped fabric. Raises SceneError for a name that is none, and for a number without a source."""
+    """Return a shipped preset. Raises SceneError for an unknown name, and for a number without a source."""
     if name not in PRESET_NAMES:
-        raise SceneError("", "preset", f"no such fabric: {', '.join(PRESET_NAMES)}", nearest(name, PRESET_NAMES))
+        raise SceneError(
+            "", "preset", f"no such preset; use {', '.join(PRESET_NAMES)}", nearest_name(name, PRESET_NAMES)
+        )
     path = asset_folder() / "presets" / f"{name}.toml"
     file = str(path)
     data = tomllib.loads(path.read_text(encoding="utf-8"))
-    expected = {"title", "springs", "look", *_MEASURED}
+    expected = {"title", "verlet", "look", *_MEASURED}
     if set(data) != expected:
-        raise SceneError(file, "", f"a fabric has {', '.join(sorted(expected))}, not {', '.join(sorted(data))}")
+        raise SceneError(file, "", f"must have {', '.join(sorted(expected))}, got {', '.join(sorted(data))}")
     numbers = {key: _number(data[key], "value", file, key) for key in _MEASURED}
-    shares = {key: _number(data["springs"], key, file, "springs", most=1.0) for key in _SHARES}
-    sources = {key: _source(data[key], file, key) for key in (*_MEASURED, "springs")}
-    return Preset(name, str(data["title"]), **numbers, **shares, look=_look(data["look"], file), sources=sources)
+    verlet = {key: _number(data["verlet"], key, file, "verlet", maximum=1.0) for key in _VERLET_KEYS}
+    sources = {key: _source(data[key], file, key) for key in (*_MEASURED, "verlet")}
+    return Preset(name, str(data["title"]), **numbers, **verlet, look=_look(data["look"], file), sources=sources)
 
 
-def preset_keys(preset: Preset, cloth: Cloth) -> dict[str, dict[str, Any]]:
-    """What the fabric sets in a scene with this grid: section → key → value.
+def preset_values(preset: Preset, cloth: Cloth) -> dict[str, dict[str, object]]:
+    """Return the values that a preset sets in a scene with this cloth: section → key → value.
 
-    Of one diagonal a cell each spring stands for two. The sheet resists bending itself and needs no springs for it.
-    `damping_time` is the measured time as it is: with it the slow
-    stretch vibrations lose what was measured and the fast ones more.
+    With one diagonal per cell, its shear spring is twice as stiff as each of two. Bend springs get no stiffness, since
+    the sheet itself has the measured bending stiffness. `damping_time` is the measured time: slow stretch vibrations
+    lose as much energy as measured, faster ones more.
     """
-    warp, weft, shear = spring_constants(preset.warp, preset.weft, preset.bias)
+    warp, weft, shear = spring_stiffness_of(preset.warp, preset.weft, preset.bias)
     return {
         "cloth": {"area_density": preset.area_density},
         "fabric": {
             "warp": warp,
             "weft": weft,
             "shear": shear * 2 / cloth.diagonals,
-            "bend": 0.0,
-            "bending": preset.bending,
+            "bend_spring": 0.0,
+            "bending_stiffness": preset.bending,
             "damping_time": preset.damping,
         },
-        "springs": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
+        "verlet": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
         "look": preset.look,
     }
 
 
-def in_fabric(scene: Scene, name: str, own: Scene) -> Scene:
-    """The scene in a shipped fabric, or by the name "" in that of the scene `own`. Raises SceneError."""
-    given: dict[str, dict[str, Any]] = {s: {key: getattr(getattr(own, s), key) for key in FILLED[s]} for s in FILLED}
+def with_fabric(scene: Scene, name: str, own: Scene) -> Scene:
+    """Return the scene with a shipped fabric, or if `name` is "" with that of the scene `own`. Raises SceneError."""
+    values: dict[str, dict[str, Any]] = {
+        s: {key: getattr(getattr(own, s), key) for key in PRESET_KEYS[s]} for s in PRESET_KEYS
+    }
     if name:
-        given = {section: dict(keys) for section, keys in preset_keys(load_preset(name), scene.cloth).items()}
-    given["fabric"]["preset"] = name or own.fabric.preset
-    if scene.tear is not None:
-        given["fabric"]["bending"] = 0.0  # it could not be cut
-    changed: dict[str, Any] = {s: replace(getattr(scene, s), **keys) for s, keys in given.items()}
+        values = {section: dict(keys) for section, keys in preset_values(load_preset(name), scene.cloth).items()}
+    values["fabric"]["preset"] = name or own.fabric.preset
+    if scene.tearing is not None:
+        values["fabric"]["bending_stiffness"] = 0.0  # tearing does not support it
+    changed: dict[str, Any] = {s: replace(getattr(scene, s), **keys) for s, keys in values.items()}
     return replace(scene, **changed)
 
 
-def spring_constants(warp: float, weft: float, bias: float) -> tuple[float, float, float]:
-    """Constants down a column, along a row and along both diagonals [N/m] that give strips of a square grid the
-    measured stiffness [N/m] along warp, weft and bias.
+def spring_stiffness_of(warp: float, weft: float, bias: float) -> tuple[float, float, float]:
+    """Return the stiffness of springs along columns, rows and both diagonals [N/m] of a square grid.
+
+    Strips of the grid then have the stiffness [N/m] `warp` along columns, `weft` along rows and `bias` at 45°.
 
     A cell with springs k_w, k_f and two diagonals k_d is a membrane with C11 = k_w + k_d, C22 = k_f + k_d and
-    C12 = C66 = k_d, which is what four springs can do: they have no shear stiffness apart from their Poisson effect.
-    With k_d given, warp and weft have a closed form; the bias grows with k_d, and bisection finds the one asked for.
-    Raises ValueError where it would take a spring that pushes.
+    C12 = C66 = k_d. This is all that four springs can do: their shear stiffness is tied to their Poisson effect. For a
+    given k_d, k_w and k_f have a closed form. The bias stiffness grows with k_d, which is found by bisection.
+
+    Raises ValueError if a spring would need a negative stiffness.
     """
-    low, high = 0.0, bias / 4  # diagonals alone give 4·k_d, and compliances add up
+    low, high = 0.0, bias / 4  # diagonals alone give 4·k_d, and compliances add
     while _bias(warp, weft, high) < bias:
         low, high = high, high * 2
     while low < (middle := (low + high) / 2) < high:
@@ -126,29 +196,31 @@ def spring_constants(warp: float, weft: float, bias: float) -> tuple[float, floa
 
 
 def _diagonal(warp: float, weft: float, shear: float) -> tuple[float, float]:
-    """C11 and C22 from warp = C11 − k_d²/C22 and weft = C22 − k_d²/C11, whose ratio is that of C11 and C22."""
+    """Return C11 and C22 from warp = C11 − k_d²/C22 and weft = C22 − k_d²/C11. Their ratio is that of warp and weft."""
     ratio = warp / weft
     b = (weft + sqrt(weft**2 + 4 * shear**2 / ratio)) / 2
     return ratio * b, b
 
 
 def _bias(warp: float, weft: float, shear: float) -> float:
-    """Stiffness at 45°: 1/E45 = (S11 + S22 + 2·S12 + S66)/4 with the compliances S = C⁻¹."""
+    """Return the stiffness at 45° [N/m]: 1/E45 = (S11 + S22 + 2·S12 + S66)/4 with the compliances S = C⁻¹."""
     a, b = _diagonal(warp, weft, shear)
     return 4 / ((a + b - 2 * shear) / (a * b - shear**2) + 1 / shear)
 
 
-def _number(table: Any, key: str, file: str, where: str, most: float = 1e9) -> float:
+def _number(table: object, key: str, file: str, where: str, maximum: float = 1e9) -> float:
     value = table.get(key) if isinstance(table, dict) else None
-    fine = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value) and 0 < value <= most
-    if not fine:
-        raise SceneError(file, f"{where}.{key}", f"a number above 0 and up to {most:g} is needed, not {shown(value)}")
+    valid = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value) and 0 < value <= maximum
+    if not valid:
+        raise SceneError(
+            file, f"{where}.{key}", f"must be a number above 0 and up to {maximum:g}, got {short_repr(value)}"
+        )
     return float(value)  # type: ignore[arg-type]
 
 
-def _look(table: Any, file: str) -> dict[str, Any]:
+def _look(table: object, file: str) -> dict[str, object]:
     if not isinstance(table, dict) or set(table) != set(_LOOK):
-        raise SceneError(file, "look", f"a fabric's look has {', '.join(_LOOK)}")
+        raise SceneError(file, "look", f"must have the keys {', '.join(_LOOK)}")
     return table
 
 

@@ -1,300 +1,359 @@
-"""What a solver is given, what it must offer, and the frame that all of them share."""
+"""The solver interface, its inputs, the choice of the layout, and the frame loop that all solvers share."""
 
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..kernels.controls import Substep, row, table
-from ..kernels.forces import forget_forces
-from ..kernels.layout import load, store
-from ..kernels.whole import kept_whole
-from ..mesh.frequency import highest_frequency, longest_dashpot
-from ..mesh.topology import Topology
-from ..scene.model import COLLIDERS, FRAME_SECONDS
-from ..state import ClothState, fields, lanes
-from ..state.anchors import anchor
-from ..state.bonds import bond
-from ..state.distances import Distances
-from ..state.gather import gathering
-from ..state.leashes import leash
-from ..state.near import come_near
-from ..state.patches import patch
-from ..state.ties import tie
-from .launches import Launches
+from ..collision.shapes import SHAPES
+from ..geometry.simd_layout import LANES
+from ..geometry.stability_bounds import max_damping_time, max_frequency
+from ..geometry.topology import Topology
+from ..kernels.forces import clear_forces
+from ..kernels.layout import pack, unpack
+from ..kernels.step_params import StepContext, collider_array, param_array
+from ..kernels.tensor_fields import simd_available
+from ..scene.collider_schema import RESPONSES
+from ..scene.schema import FRAME_SECONDS
+from ..scene.solver_catalog import SOLVER_CATALOG, SolverInfo
+from ..state import ClothState
+from ..state import field_pool as fields
+from ..state.cloth_state import Layout
+from ..state.constraint_data import attach_bending_links, attach_max_distances, attach_tethers
+from ..state.contact_data import SdfGrids, attach_colored_triangles, attach_friction_anchors, attach_self_contact
+from ..state.layouts import acquire_parallel, acquire_simd, release_simd
+from ..system.errors import UsageError, nearest_hint
+from ..system.taichi_compat import no_scalarization
+from .graph_runner import GraphRunner
 
-# Largest h·ω of a vibration under forces. Symplectic Euler alone is stable up to 2; with constraints beside the forces
-# a compressed strip lies still at 0.7, shakes for ever with one iteration of `xpbd` at 0.9 and with all others at 1.2.
-FORCED = 0.7
-NONE = (0,) * len(COLLIDERS)
+LAYOUTS = ("simd", "serial", "parallel")  # the first that suits a cloth is used
+# Largest h·ω of a vibration by explicit forces. Symplectic Euler alone is stable up to 2; with constraints and
+# forces a compressed strip is at rest at 0.7, shakes forever with one iteration of `xpbd` at 0.9, and with all other
+# settings at 1.2.
+MAX_FORCE_PHASE = 0.7
 
 
 @dataclass(frozen=True)
-class Stages:
-    """The stages a scene names. Part of the compiled kernel: a stage that is False or 0 is not compiled."""
+class Features:
+    """The features that a scene uses. They are compiled into the kernels: one that is False, 0 or None is left out."""
 
     wind: bool = False
-    spheres: int = 0  # how many that push out
-    capsules: int = 0
-    boxes: int = 0
-    planes: int = 0  # and the ground
-    meshes: int = 0
-    reflecting: tuple[int, ...] = NONE  # of each kind of collider that are not in the counts above
-    repelling: tuple[int, ...] = NONE
-    distances: Distances | None = None  # to the meshes
-    swept: bool = False  # ways are tested too, of one of them at least
-    triangles: bool = False  # whole triangles are kept out too, by one of them at least
-    slack: bool = False  # springs resist being shortened by a share only
+    colliders: tuple[tuple[int, ...], ...] = ((0,) * len(SHAPES),) * len(RESPONSES)
+    """Number of colliders by response and shape."""
+    sdf: SdfGrids | None = None
+    """Signed distance grids of mesh colliders."""
+    continuous: bool = False
+    """Continuous collision detection of at least one collider."""
+    triangles: bool = False
+    """At least one collider collides with triangles."""
+    soft_compression: bool = False
+    """Springs are softer in compression than in tension (`fabric.compression` is below 1)."""
     spring_damping: bool = False
-    strain_limit: int = 0  # sweeps
+    strain_limit: int = 0
+    """Iterations of the strain limit."""
     tethers: bool = False
-    leashes: bool = False
-    grips: bool = False
+    max_distances: bool = False
+    attachments: bool = False
     self_collision: bool = False
-    self_triangles: bool = False  # between triangles and edges too, not particles alone
-    untangles: bool = False  # contact lets go where the cloth is through itself
-    sticks: bool = False  # friction of particles counts from where they met
+    self_triangles: bool = False
+    """Self-collision of triangles and edges, not of particles only."""
+    untangle: bool = False
+    static_friction: bool = False
     bending: bool = False
-    own_velocity: bool = False  # the solver keeps velocity as a field and not as x − x_prev
-    constrained: bool = True  # something needs to know where a particle was a substep ago
+    stores_velocity: bool = False
+    """The solver stores velocities, instead of x − x_prev."""
+    needs_previous_positions: bool = True
 
     @property
-    def bodies(self) -> int:
-        """How many colliders there are."""
-        return sum(getattr(self, kind) for kind in COLLIDERS) + sum(self.reflecting) + sum(self.repelling)
+    def collider_count(self) -> int:
+        return sum(map(sum, self.colliders))
 
 
 @dataclass(frozen=True)
 class FrameInput:
-    """What steers one frame. Columns of the rows and tables: `kernels/controls.py`."""
+    """The arguments of one frame. `kernels/step_params.py` names the columns of both arrays."""
 
     substeps: int
     iterations: int
-    h: float  # [s] length of a substep
-    held: int  # how many particles the hand holds
-    controls: NDArray[np.float32]  # (controls.COUNT,)
-    bodies: NDArray[np.float32]  # (colliders, BODY_COLUMNS)
-    span: tuple[int, int] = (0, 0)  # from which substep up to which; all, if there are none in it
+    h: float
+    """Length of a substep [s]."""
+    grabbed_count: int
+    params: NDArray[np.float32]
+    """(PARAM_COUNT,)."""
+    colliders: NDArray[np.float32]
+    """(colliders + attachments, COLLIDER_COLUMNS)."""
+    span: tuple[int, int] = (0, 0)
+    """First substep and the one after the last; all if empty."""
 
     @property
     def first(self) -> int:
-        """The substep to begin with."""
         return self.span[0]
 
     @property
     def last(self) -> int:
-        """The one not to run any more."""
+        """The substep after the last."""
         return self.span[1] or self.substeps
 
-    def one_by_one(self) -> Iterator["FrameInput"]:
-        """Its substeps, which give the same bits as all at once."""
+    def by_substep(self) -> Iterator["FrameInput"]:
+        """Yield the frame's substeps one by one, which give the same bits as all at once."""
         return (replace(self, span=(s, s + 1)) for s in range(self.substeps))
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """All of it in the order above but for the span, as `run_frame` takes it."""
+    def arguments(self) -> tuple[object, ...]:
+        """All fields but the span, in order, as `run_frame` takes them."""
         return tuple(getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "span")
 
     @property
-    def steering(self) -> dict[str, Any]:
-        """What is the same for every substep, by the names of `Substep`."""
-        own = {"s", *Substep._field_defaults}
-        return {name: getattr(self, name) for name in Substep._fields if name not in own}
+    def shared_arguments(self) -> dict[str, object]:
+        """The fields of `StepContext` that are equal for all substeps, by name."""
+        per_substep = {"s", *StepContext._field_defaults}
+        return {name: getattr(self, name) for name in StepContext._fields if name not in per_substep}
 
 
 @ti.func
-def nothing(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """A part of a substep that a method does without."""
+def no_op(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """An empty phase."""
 
 
 @ti.kernel
 def run_frame(
-    before: ti.template(),
-    sweep: ti.template(),
-    after: ti.template(),
+    predict: ti.template(),
+    iterate: ti.template(),
+    finalize: ti.template(),
     cloth: ti.template(),
-    work: ti.template(),
-    stages: ti.template(),
+    layout: ti.template(),
+    features: ti.template(),
     first: int,
     last: int,
     substeps: int,
     iterations: int,
     h: float,
-    held: int,
-    controls: row,
-    bodies: table,
+    grabbed_count: int,
+    params: param_array,
+    colliders: collider_array,
 ):
-    """A whole frame in one launch, serial: a launch for every colour of every iteration would cost 20 times as much.
+    """Run the substeps from `first` to `last` on one thread. A launch for every color of every iteration would cost 20
+    times as much.
 
-    `work` is the layout that is moved: the cloth itself, or its strips. Substeps are those from `first` up to `last`;
-    of one behind the frame's there is only `before`.
+    `layout` is the cloth's serial state, or its SIMD layout. Substep number `substeps` is the final half step of a
+    solver that has one: only its `predict` runs.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        load(work, cloth, stages)
+        pack(layout, cloth, features)
         for s in range(first, last):
-            now = ti.static(Substep(s, substeps, h, held, controls, bodies))
-            before(work, stages, now)
+            ctx = ti.static(StepContext(s, substeps, h, grabbed_count, params, colliders))
+            predict(layout, features, ctx)
             if s < substeps:
                 for _k in range(iterations):
-                    sweep(work, stages, now)
-                after(work, stages, now)
-        store(work, cloth, stages)
+                    iterate(layout, features, ctx)
+                finalize(layout, features, ctx)
+        unpack(layout, cloth, features)
 
 
 @ti.kernel
-def start_without_forces(cloth: ti.template()):
-    forget_forces(cloth)
+def reset_forces(cloth: ti.template()):
+    clear_forces(cloth)
 
 
 class Solver:
-    """One method: the parts of its substep, and how velocity is kept.
+    """A time integration method. A substep is `predict`, then `iterate` once an iteration, then `finalize`.
 
-    Positions, pins, forces and contact are the same for all; so is the frame. `path` names the layout that is worked
-    on: `list` (springs one by one, any mesh), `lanes` (eight at a time, grids) or `gather` (a thread for each
-    particle or spring of a colour, for GPUs).
+    Positions, pins, forces and contact are shared by all solvers, and so is the frame loop. `layout` is the data layout
+    the solver works on: serial (one particle after another, any mesh), SIMD (eight at a time, grids) or parallel (the
+    serial fields, with a thread for each particle or each spring of a color; for GPUs).
     """
 
     name: ClassVar[str]
-    springs: ClassVar[str]  # the scene's section that holds its spring constants by family
-    before: ClassVar[Any] = staticmethod(nothing)  # a substep is `before`, then `sweep` once an iteration, then `after`
-    sweep: ClassVar[Any] = staticmethod(nothing)
-    after: ClassVar[Any] = staticmethod(nothing)
-    paths: ClassVar[tuple[str, ...]] = ("lanes", "list", "gather")  # the first that fits a grid is taken
-    needs_rows: ClassVar[bool] = False  # whole ones, of a grid
-    own_velocity: ClassVar[bool] = True
-    coloured: ClassVar[bool] = True  # a sweep moves particles as it goes
-    constrains: ClassVar[bool] = True  # springs need to know where a particle was a substep ago
-    iterates: ClassVar[bool] = True  # `iterations` means something
-    closing: ClassVar[bool] = False  # a frame ends with one more `before`
+    """Name in `SOLVER_CATALOG`; `solvers/__init__.py` sets it, and `info`."""
+    info: ClassVar[SolverInfo]
+    predict: ClassVar[Any] = staticmethod(no_op)
+    iterate: ClassVar[Any] = staticmethod(no_op)
+    finalize: ClassVar[Any] = staticmethod(no_op)
+    stores_velocity: ClassVar[bool] = True
+    """Velocity is a field, not x − x_prev."""
+    needs_coloring: ClassVar[bool] = True
+    """An iteration moves particles spring by spring."""
+    needs_previous_positions: ClassVar[bool] = True
+    """Springs need positions at the start of the substep."""
+    final_half_step: ClassVar[bool] = False
+    """A frame ends with one more `predict`."""
 
     def __init__(
-        self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
+        self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], features: Features, layout: str
     ) -> None:
-        """`stiffness`: of every spring, (E,), in the unit of the section `springs`."""
+        """`stiffness` of every spring, (E,), in the unit of `info.stiffness_section`. `layout`: one of `LAYOUTS`."""
         self.cloth = cloth
-        self.path = path
-        moved = stages.bodies or stages.strain_limit or stages.tethers or stages.leashes or stages.self_collision
-        self.stages = replace(
-            stages,
-            own_velocity=self.own_velocity,
-            constrained=self.constrains or bool(moved),
-            bending=len(topology.bonds.ends) > 0,
+        self.layout_name = layout
+        projected = (
+            features.collider_count
+            or features.strain_limit
+            or features.tethers
+            or features.max_distances
+            or features.self_collision
         )
-        coloured = self.coloured or stages.strain_limit > 0
-        self.work: Any = cloth  # the layout that is worked on
-        if path == "lanes":
-            self.work = lanes.take(topology, stiffness, coloured=coloured)
-        self._equip(topology)
-        self.frequency = self._frequency(topology, stiffness)
-        with kept_whole(self.work.in_lanes):
-            start_without_forces(self.work)
-        self.launches = Launches(self.work, self.stages)
+        self.features = replace(
+            features,
+            stores_velocity=self.stores_velocity,
+            needs_previous_positions=self.needs_previous_positions or bool(projected),
+            bending=len(topology.bending_links.ends) > 0,
+        )
+        colored = self.needs_coloring or features.strain_limit > 0
+        self.layout: Layout = cloth
+        if layout == "simd":
+            self.layout = acquire_simd(topology, stiffness, colored=colored)
+        self._attach_features(topology)
+        self.frequency = self._force_frequency(topology, stiffness)
+        """Highest angular frequency by forces that are explicit in time [rad/s]."""
+        with no_scalarization(self.layout.is_simd):
+            reset_forces(self.layout)
+        self.runner = GraphRunner(self.layout, self.features)
 
-    def _equip(self, topology: Topology) -> None:
-        """Gives the layout what its stages need beside the cloth's own fields."""
-        if self.path == "gather":
-            self.work = gathering(self.cloth, topology)
-        if self.stages.triangles:
-            patch(self.work, topology)
-        if self.stages.tethers:
-            tie(self.work, topology)
-        if self.stages.leashes:
-            leash(self.work, topology)
-        if self.stages.bending:
-            bond(self.work, topology)
-        if self.stages.self_collision:
-            come_near(self.work, topology)
-        if self.stages.sticks:
-            anchor(self.work)
+    def _attach_features(self, topology: Topology) -> None:
+        """Set the fields that the features need."""
+        if self.layout_name == "parallel":
+            self.layout = acquire_parallel(self.cloth, topology)
+        if self.features.triangles:
+            attach_colored_triangles(self.layout, topology)
+        if self.features.tethers:
+            attach_tethers(self.layout, topology)
+        if self.features.max_distances:
+            attach_max_distances(self.layout, topology)
+        if self.features.bending:
+            attach_bending_links(self.layout, topology)
+        if self.features.self_collision:
+            attach_self_contact(self.layout, topology)
+        if self.features.static_friction:
+            attach_friction_anchors(self.layout)
 
-    def weave(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
-        """Goes on with other springs and triangles between the same particles, no more than it began with.
+    def rebuild_topology(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
+        """Continue with other springs and triangles, not more than at first, between the same particles.
 
-        `stiffness` of every spring, (E,). Not for strips, which keep that of whole rows.
+        `stiffness` of every spring, (E,). Not for the SIMD layout, which has the springs of whole rows.
         """
-        self.cloth.weave(topology, stiffness)
-        self._equip(topology)
+        self.cloth.upload_topology(topology, stiffness)
+        self._attach_features(topology)
 
-    def advance_frame(self, frame: FrameInput) -> None:
-        """Advances the cloth by `frame.substeps` substeps of `frame.h` seconds."""
-        if self.work.gathers:
-            self._advance_in_parallel(frame)
-        else:
-            parts = (self.before, self.sweep, self.after)
-            last = frame.last + self._closes(frame)
-            with kept_whole(self.work.in_lanes):
-                run_frame(*parts, self.cloth, self.work, self.stages, frame.first, last, *frame.arguments)
+    def step(self, frame: FrameInput) -> None:
+        """Advance the cloth by `frame.substeps` substeps of `frame.h` seconds."""
+        if self.layout.is_parallel:
+            self._step_in_parallel(frame)
+            return
+        last = frame.last + self._has_half_step(frame)
+        phases = self.predict, self.iterate, self.finalize
+        with no_scalarization(self.layout.is_simd):
+            run_frame(*phases, self.cloth, self.layout, self.features, frame.first, last, *frame.arguments)
 
-    def _closes(self, frame: FrameInput) -> bool:
-        """Whether one more `before` follows."""
-        return self.closing and frame.last == frame.substeps
+    def _has_half_step(self, frame: FrameInput) -> bool:
+        return self.final_half_step and frame.last == frame.substeps
 
-    def _advance_in_parallel(self, frame: FrameInput) -> None:
-        """The same frame as one queue of launches."""
-        sweeps = frame.iterations if self.iterates else 0
-        parts: list[tuple[Any, int]] = []
+    def _step_in_parallel(self, frame: FrameInput) -> None:
+        """Queue the phases of all substeps as one sequence of launches."""
+        iterations = 0 if self.info.is_explicit else frame.iterations
+        phases: list[tuple[object, int]] = []
         for s in range(frame.first, frame.last):
-            parts += [(self.before, s), *[(self.sweep, s)] * sweeps, (self.after, s)]
-        if self._closes(frame):
-            parts.append((self.before, frame.substeps))
-        self.launches.run(parts, frame.steering)
+            phases += [(self.predict, s), *[(self.iterate, s)] * iterations, (self.finalize, s)]
+        if self._has_half_step(frame):
+            phases.append((self.predict, frame.substeps))
+        self.runner.run(phases, frame.shared_arguments)
 
-    def _frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:
-        """Bound [rad/s] of what vibrates by forces that are taken at the start of a substep: bending, else nothing."""
-        return highest_frequency(topology, 0 * stiffness) if self.stages.bending else 0.0
+    def _force_frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:
+        """Return a bound of the angular frequency by explicit forces [rad/s]: here those of bending."""
+        return max_frequency(topology, 0 * stiffness) if self.features.bending else 0.0
 
-    def least_substeps(self, damping_time: float) -> int:
-        """The fewest substeps of a frame with which the method is stable, with dashpots of this time [s]."""
-        return max(1, ceil(FRAME_SECONDS * self.frequency / FORCED))
+    def min_stable_substeps(self, damping_time: float) -> int:
+        """Return the fewest substeps of a frame at which the solver is stable, for springs of that damping time [s]."""
+        return max(1, ceil(FRAME_SECONDS * self.frequency / MAX_FORCE_PHASE))
 
-    def damping_time(self, asked: float) -> float:
-        """The damping time [s] of the springs' dashpots that is taken where `asked` is wanted."""
-        return asked
+    def damping_time(self, wanted: float) -> float:
+        """Return the damping time of springs [s] that is used for a requested time `wanted`."""
+        return wanted
 
     def velocities(self, h: float) -> NDArray[np.float64]:
-        """Velocity of every particle [m/s], shape (N, 3), after substeps of h seconds."""
-        return self.cloth.taken(self.cloth.velocity).astype(np.float64)
+        """Return the velocity of every particle [m/s], (N, 3), after substeps of h seconds."""
+        return self.cloth.to_numpy(self.cloth.velocity).astype(np.float64)
 
-    def set_velocities(self, velocities: NDArray[np.float64], h: float, of: Any = slice(None)) -> None:
-        """Gives every particle, or those of some indices, a velocity [m/s] for substeps of h seconds.
+    def set_velocities(self, velocities: NDArray[np.float64], h: float, of: object = slice(None)) -> None:
+        """Set the velocity of all particles, or of some indices, [m/s], for substeps of h seconds.
 
-        `velocities`: a row for each, or one for all; no bit of any other particle changes.
+        `velocities`: a row for each, or one for all. No bit of another particle changes.
         """
-        all_of_them = self.cloth.taken(self.cloth.velocity)
-        all_of_them[of] = velocities
-        fields.put(self.cloth.velocity, all_of_them)
+        all_velocities = self.cloth.to_numpy(self.cloth.velocity)
+        all_velocities[of] = velocities
+        fields.upload(self.cloth.velocity, all_velocities)
 
     def change_substep(self, old: float, new: float) -> None:
-        """Keeps every velocity when the length of a substep [s] changes."""
+        """Keep all velocities when the length of a substep [s] changes."""
 
     def close(self) -> None:
-        """Gives the fields back that are not the cloth's own, and frees what launches hold."""
-        self.launches.close()
-        if self.work.in_lanes:
-            lanes.give_back(self.work)
-        self.work = self.cloth
+        """Release fields that are not the cloth's own, and what the graph runner holds."""
+        self.runner.close()
+        if self.layout.is_simd:
+            release_simd(self.layout)
+        self.layout = self.cloth
 
 
 class ExplicitSolver(Solver):
-    """A method whose substeps are bounded by the fastest vibration of the cloth's springs."""
+    """A solver whose substep is bounded by the highest frequency of the cloth's springs."""
 
-    iterates = False
-    coloured = False
-    constrains = False
+    needs_coloring = False
+    needs_previous_positions = False
 
-    def _frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:
-        return highest_frequency(topology, stiffness)
+    def _force_frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:
+        return max_frequency(topology, stiffness)
 
-    def damping_time(self, asked: float) -> float:
-        """No more than what half as many substeps again can bear.
+    def damping_time(self, wanted: float) -> float:
+        """Return the damping time, reduced to what is stable with 1.5 times as many substeps as without damping.
 
-        Dashpots that follow the stiffness damp fast vibrations out of proportion: those of a fabric would take ten to
-        forty times the substeps (64×64 denim 11246 instead of 280), for vibrations that nobody sees.
+        The damping rate of a vibration grows with the square of its frequency, so the damping of a measured fabric
+        would take ten to forty times the substeps (64×64 denim: 11,246 instead of 280), for vibrations too fast to see.
         """
-        return min(asked, longest_dashpot(self.frequency))
+        return min(wanted, max_damping_time(self.frequency))
+
+
+class Unsupported(NamedTuple):
+    """Reasons why a cloth cannot be simulated by some solvers or in some layouts, for messages; empty if it can be."""
+
+    grid_only: str = ""
+    """Reason against solvers that need a grid with complete rows (`SolverInfo.grid_only`)."""
+    simd: str = ""
+    """Reason against the SIMD layout."""
+    parallel: str = ""
+    """Reason against the parallel layout."""
+
+
+SUPPORTED = Unsupported()
+
+
+def choose_layout(
+    solver: type[Solver], shape: tuple[int, int], wanted: str | None = None, unsupported: Unsupported = SUPPORTED
+) -> str:
+    """Return the layout for a grid of (rows, columns), on the arch that Taichi runs on.
+
+    Raises UsageError for a layout that does not exist, that the cloth does not support, or that a GPU would run on one
+    thread; and where the solver does not support the cloth.
+    """
+    if unsupported.grid_only and solver.info.grid_only:
+        others = ", ".join(name for name, info in SOLVER_CATALOG.items() if not info.grid_only)
+        raise UsageError(f"{solver.name} needs a grid with whole rows, and {unsupported.grid_only}; use {others}")
+    if wanted is not None and wanted not in LAYOUTS:
+        raise UsageError(f"unknown layout {wanted!r}: {', '.join(LAYOUTS)}{nearest_hint(wanted, LAYOUTS)}")
+    if ti.cfg.arch not in (ti.x64, ti.arm64):
+        if wanted not in (None, "parallel"):
+            raise UsageError(f"layout {wanted} is for --arch cpu; a GPU uses parallel")
+        wanted = "parallel"
+    if unsupported.parallel and wanted == "parallel":
+        raise UsageError(f"layout parallel is not supported: {unsupported.parallel}; use serial")
+    if unsupported.simd and wanted == "simd":
+        raise UsageError(f"layout simd is not supported: {unsupported.simd}; use serial or parallel")
+    if wanted == "simd" and not simd_available():
+        raise UsageError("layout simd does not work with this release of Taichi; use serial or parallel")
+    if wanted or unsupported.simd:
+        return wanted or "serial"
+    # Grids narrower than a packet would leave most lanes empty.
+    return "simd" if shape[1] >= LANES and simd_available() else "serial"

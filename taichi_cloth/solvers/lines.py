@@ -1,205 +1,194 @@
-"""`lines`: XPBD in which every row, every column and every diagonal of springs is solved exactly as a chain, in
-implicit steps of second order.
+"""`lines`: XPBD that solves every row, column and diagonal of springs directly, in implicit steps of second order.
 
-A pull passes through the whole sheet in one iteration and not from neighbour to neighbour, so that one iteration is
-enough however stiff and fine the cloth is. Bend springs take one pass of plain XPBD. With `tethers` it is the method
-for pinned sheets that are to be stiff at few substeps.
+A pull passes through the whole sheet in one iteration instead of from neighbor to neighbor, so few iterations suffice
+however stiff and fine the cloth is. Bend springs take one pass of plain XPBD. With `tethers` it is the solver for
+pinned sheets that are to be stiff at few substeps.
 
-What is left then is the error of the steps. XPBD's own are backward Euler's, wrong by the first order of h. Here a
-substep is the two-stage method of Alexander 1977 (*Diagonally implicit Runge–Kutta methods for stiff O.D.E.'s*, section
-2), which damps stiff vibrations as well and is of second order: two backward Euler steps of γh with γ = 1 − √½, and a
-jump between them.
+XPBD's steps are backward Euler, of first order. Here a substep is the two-stage method of Alexander 1977 (*Diagonally
+implicit Runge–Kutta methods for stiff O.D.E.'s*, section 2), which also damps stiff vibrations: two backward Euler
+steps of γh with γ = 1 − √½, and an extrapolation between them.
 
     (1)  x₁ = x + γh·v₁         v₁ = v + γh·a₁
     (2)  x* = x + (1 − γ)h·v₁   v* = v + (1 − γ)h·a₁ = v + (v₁ − v)·(1 − γ)/γ
     (3)  x₂ = x* + γh·v₂        v₂ = v* + γh·a₂
 
-Forces of air and of bending are those of the place that is reached without them. What contact, tethers and the strain
-limit take from a velocity is a stroke c and no acceleration: a jump adds it once, or it would throw back what a
-collider has stopped, v* = v + c + (v₁ − c − v)·(1 − γ)/γ, and where it leads into a collider the place alone is
-put right.
-A frame counts stages: `now.s` goes up by two a substep, and `now.h` is half of one.
+Wind and bending are explicit: their forces are those at the positions after the drift, x + γh·v. Contact, tethers and
+the strain limit change a velocity by an impulse c, which is not part of the acceleration a₁. Equation (2) adds it once,
+v* = v + c + (v₁ − c − v)·(1 − γ)/γ. Extrapolated with the rest, c would throw back a particle that a collider has
+stopped. Where the extrapolation leads into a collider, the position is projected and the velocity is not.
+
+A frame counts stages: `ctx.s` increases by two in a substep, and `ctx.h` is half of one. The iterations of the scene
+are run in each stage, twice in a substep. A stage that solves for γh passes `ctx.h * STAGE_LENGTH`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil, sqrt
-from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..contact.push_out import push_out
-from ..contact.responses import add_repulsion
-from ..contact.self_collision import keep_apart
-from ..contact.sticking import forget_anchors
-from ..contact.tangles import find_tangles
-from ..kernels.chains import begin_frame, forget_chains, solve_chains
-from ..kernels.controls import KEPT
-from ..kernels.forces import add_air, take_acceleration
-from ..kernels.grab import lead_held
-from ..kernels.places import choose
-from ..kernels.springs import RELAX_COMPLIANT, add_bending, for_springs_from, limit_strain
-from ..kernels.tethers import pull_tethers
-from ..mesh.grid import MOST_BENDS
-from ..mesh.topology import Topology
-from ..scene.model import FRAME_SECONDS
+from ..geometry.grid import MAX_BEND_COLORS
+from ..geometry.topology import Topology
+from ..kernels.forces import consume_acceleration
+from ..kernels.integration import move_kinematic_particles
+from ..kernels.line_solver import clear_line_multipliers, prepare_frame, solve_lines
+from ..kernels.springs import DISTANCE_XPBD, add_bending_forces, for_each_spring_from
+from ..kernels.step_params import VELOCITY_FACTOR
+from ..kernels.vec import select
+from ..scene.schema import FRAME_SECONDS
 from ..state import ClothState
-from ..state.chains import list_chains, strip_chains
-from ..state.fields import like_places
-from ..state.pool import attached
-from .base import FrameInput, Solver, Stages
+from ..state.solver_data import attach_line_packets, attach_lines, attach_stage_start
+from .base import Features, FrameInput, Solver
+from .pipeline import (
+    add_external_forces,
+    begin_substep,
+    project_colliders,
+    project_distance_bounds,
+    project_self_contacts,
+    project_strain_limit,
+)
 
 GAMMA = 1 - sqrt(0.5)
-LENGTH = 2 * GAMMA  # of a backward Euler step, in stages
-JUMP = 2 * (1 - 2 * GAMMA)  # from the end of the first one, in stages: (1 − γ)h from its beginning
+STAGE_LENGTH = 2 * GAMMA  # of a backward Euler step, in stages
+EXTRAPOLATION = 2 * (1 - 2 * GAMMA)  # from the end of the first step, in stages: (1 − γ)h from its start
 
 GRAVITY = 9.81  # [m/s²]
-# Chains are linearised where they are, and what tension does across them is not part of that: a substep may not be
-# longer than a wave along a hanging thread, √(g·L), takes for so many cells. (Swinging curtain: 1.33 stable, 1.67 not.)
-COURANT = 1.4
-
-
-@dataclass(eq=False)
-class Start:
-    """What a stage remembers besides where it began, `x_prev`, in the layout that is worked on."""
-
-    velocity: Any  # [m/s]; from the first solution on, what the jump adds to it
+# Lines are linearized at their positions, without the effect of tension across them: a substep may not be longer than a
+# wave of speed √(g·L) takes through this number of cells. (Swinging curtain: 1.33 is stable, 1.67 is not.)
+MAX_COURANT = 1.4
 
 
 @ti.func
-def is_first(now: ti.template()):
-    """Whether this is the first stage of a substep."""
-    return now.s % 2 == 0
+def is_first_stage(ctx: ti.template()):
+    return ctx.s % 2 == 0
 
 
 @ti.func
-def end_of(now: ti.template()):
-    """When the stage ends, in stages from the beginning of the frame."""
-    end = now.s + 1.0
-    if is_first(now):
-        end = now.s + LENGTH
+def stage_end(ctx: ti.template()):
+    """Return the time at which the stage ends, in stages since the start of the frame."""
+    end = ctx.s + 1.0
+    if is_first_stage(ctx):
+        end = ctx.s + STAGE_LENGTH
     return end
 
 
 @ti.func
-def coast(cloth: ti.template(), kept: float, h: float):
-    """v ← kept·v; a pin stays at rest. x ← x + h·v, and remembers where a stage began."""
-    for i in range(cloth.slot_count[None]):
-        x, velocity = cloth.x[i], cloth.velocity[i] * kept
-        velocity = choose(cloth.inverse_mass[i] > 0.0, velocity, velocity * 0.0)
+def drift(cloth: ti.template(), velocity_factor: float, h: float):
+    """Apply v ← velocity_factor·v and x ← x + h·v, and store the start of the stage. Pinned particles keep v = 0."""
+    for i in range(cloth.packet_count[None]):
+        x, velocity = cloth.x[i], cloth.velocity[i] * velocity_factor
+        velocity = select(cloth.inverse_mass[i] > 0.0, velocity, velocity * 0.0)
         cloth.velocity[i] = velocity
-        cloth.start.velocity[i] = velocity
+        cloth.stage_start.velocity[i] = velocity
         cloth.x_prev[i] = x
         cloth.x[i] = x + velocity * h
 
 
 @ti.func
-def accelerate(cloth: ti.template(), controls: ti.template(), h: float):
-    """v ← v + h·a, x ← x + h²·a."""
-    for i in range(cloth.slot_count[None]):
-        gained = take_acceleration(cloth, i, controls) * h
-        gained = choose(cloth.inverse_mass[i] > 0.0, gained, gained * 0.0)
-        cloth.velocity[i] = cloth.velocity[i] + gained
-        cloth.x[i] = cloth.x[i] + gained * h
+def accelerate(cloth: ti.template(), params: ti.template(), h: float):
+    """Apply v ← v + h·a and x ← x + h²·a."""
+    for i in range(cloth.packet_count[None]):
+        change = consume_acceleration(cloth, i, params) * h
+        change = select(cloth.inverse_mass[i] > 0.0, change, change * 0.0)
+        cloth.velocity[i] = cloth.velocity[i] + change
+        cloth.x[i] = cloth.x[i] + change * h
 
 
 @ti.func
-def prepare_jump(cloth: ti.template()):
-    """What (2) adds to a velocity, before contact takes from it."""
-    for i in range(cloth.slot_count[None]):
-        gained = cloth.velocity[i] - cloth.start.velocity[i]
-        cloth.start.velocity[i] = gained * ti.static((1 - GAMMA) / GAMMA - 1)
+def prepare_extrapolation(cloth: ti.template()):
+    """Store what (2) adds to the velocity, before contact changes it."""
+    for i in range(cloth.packet_count[None]):
+        change = cloth.velocity[i] - cloth.stage_start.velocity[i]
+        cloth.stage_start.velocity[i] = change * ti.static((1 - GAMMA) / GAMMA - 1)
 
 
 @ti.func
-def finish(cloth: ti.template(), first: bool, kept: float, ahead: float):
-    """The jump (2), or after a second stage v ← kept·v."""
-    for i in range(cloth.slot_count[None]):
+def end_stage(cloth: ti.template(), first: bool, velocity_factor: float, ahead: float):
+    """Extrapolate (2) after the first stage, `ahead` [s]; after the second apply v ← velocity_factor·v."""
+    for i in range(cloth.packet_count[None]):
         x, velocity = cloth.x[i], cloth.velocity[i]
         cloth.x_prev[i] = x
         if first:
-            x = choose(cloth.inverse_mass[i] > 0.0, x + velocity * ahead, x)
-            velocity = velocity + cloth.start.velocity[i]
+            x = select(cloth.inverse_mass[i] > 0.0, x + velocity * ahead, x)
+            velocity = velocity + cloth.stage_start.velocity[i]
         else:
-            velocity = velocity * kept
+            velocity = velocity * velocity_factor
         cloth.x[i] = x
         cloth.velocity[i] = velocity
 
 
 @ti.func
-def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    if now.s == 0:
-        begin_frame(cloth)
-    h, kept = now.h * LENGTH, 1.0
-    if is_first(now):
-        kept = now.controls[KEPT]
-    find_tangles(cloth, stages, now)
-    forget_anchors(cloth, stages, now)
-    coast(cloth, kept, h)
-    lead_held(cloth, stages, now, end_of(now))
-    add_air(cloth, stages, ti.static(now._replace(h=2.0 * now.h)), 0.5 * end_of(now))
-    add_repulsion(cloth, stages, now, end_of(now))
-    add_bending(cloth, stages, now.controls, h)
-    accelerate(cloth, now.controls, h)
-    forget_chains(cloth)
+def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    if ctx.s == 0:
+        prepare_frame(cloth)
+    h, velocity_factor = ctx.h * STAGE_LENGTH, 1.0
+    if is_first_stage(ctx):
+        velocity_factor = ctx.params[VELOCITY_FACTOR]
+    begin_substep(cloth, features, ctx)
+    drift(cloth, velocity_factor, h)
+    move_kinematic_particles(cloth, features, ctx, stage_end(ctx))
+    add_external_forces(cloth, features, ctx, stage_end(ctx), 2)
+    add_bending_forces(cloth, features, ctx.params, h)
+    accelerate(cloth, ctx.params, h)
+    clear_line_multipliers(cloth)
 
 
 @ti.func
-def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    h = now.h * LENGTH
-    solve_chains(cloth, stages, now.controls, h)
-    first = cloth.chains.first_bend[None]
-    for_springs_from(cloth, stages, first, MOST_BENDS, RELAX_COMPLIANT, now.controls, h)
+def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    h = ctx.h * STAGE_LENGTH
+    solve_lines(cloth, features, ctx.params, h)
+    first = cloth.lines.first_bend[None]
+    for_each_spring_from(cloth, features, first, MAX_BEND_COLORS, DISTANCE_XPBD, ctx.params, h)
 
 
 @ti.func
-def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    prepare_jump(cloth)
-    pull_tethers(cloth, stages, ti.static(now._replace(lasts=LENGTH)))
-    keep_apart(cloth, stages, ti.static(now._replace(lasts=LENGTH)))
-    push_out(cloth, stages, ti.static(now._replace(s=end_of(now) - 1.0, lasts=LENGTH)))
-    limit_strain(cloth, stages, now.controls, now.h * LENGTH)
+def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    prepare_extrapolation(cloth)
+    stage = ti.static(ctx._replace(dt_scale=STAGE_LENGTH))
+    project_distance_bounds(cloth, features, stage)
+    project_self_contacts(cloth, features, stage)
+    project_colliders(cloth, features, ti.static(stage._replace(s=stage_end(ctx) - 1.0)))
+    project_strain_limit(cloth, features, ctx, ctx.h * STAGE_LENGTH)
     ahead = 0.0
-    if is_first(now):
-        ahead = JUMP
-    finish(cloth, is_first(now), now.controls[KEPT], now.h * ahead)
-    # What is led takes part in the jump: dashpots divide the way that it goes in a stage by the stage's length.
-    lead_held(cloth, stages, now, end_of(now) + ahead)
-    pull_tethers(cloth, stages, ti.static(now._replace(pushes=False)))
-    push_out(cloth, stages, ti.static(now._replace(s=end_of(now) + ahead - 1.0, lasts=ahead, pushes=False)))
+    if is_first_stage(ctx):
+        ahead = EXTRAPOLATION
+    end_stage(cloth, is_first_stage(ctx), ctx.params[VELOCITY_FACTOR], ctx.h * ahead)
+    # Driven particles are extrapolated too: damping divides their motion in a stage by the length of the stage.
+    move_kinematic_particles(cloth, features, ctx, stage_end(ctx) + ahead)
+    position_only = ti.static(ctx._replace(update_velocity=False))
+    project_distance_bounds(cloth, features, position_only)
+    project_colliders(
+        cloth, features, ti.static(position_only._replace(s=stage_end(ctx) + ahead - 1.0, dt_scale=ahead))
+    )
 
 
 class Lines(Solver):
-    """Advances a cloth by XPBD on chains, in substeps of two stages."""
+    """XPBD with direct solution of lines of springs, in substeps of two stages."""
 
-    name = "lines"
-    springs = "fabric"
-    before = staticmethod(before)
-    sweep = staticmethod(sweep)
-    after = staticmethod(after)
-    needs_rows = True
-    constrains = False  # springs push velocities themselves
+    predict = staticmethod(predict)
+    iterate = staticmethod(iterate)
+    finalize = staticmethod(finalize)
+    needs_previous_positions = False  # the line solver changes velocities itself
 
     def __init__(
-        self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], stages: Stages, path: str
+        self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], features: Features, layout: str
     ) -> None:
-        super().__init__(cloth, topology, stiffness, stages, path)
-        attached(self.work, "start", lambda: Start(like_places(self.work)))
-        if self.work.in_lanes:
-            strip_chains(self.work, topology, stiffness)
+        super().__init__(cloth, topology, stiffness, features, layout)
+        attach_stage_start(self.layout)
+        if self.layout.is_simd:
+            attach_line_packets(self.layout, topology, stiffness)
         else:
-            list_chains(self.work, topology)
-
-        threads = topology.rest[topology.family("structural")]
+            attach_lines(self.layout, topology)
+        cell_sides = topology.rest[topology.family("structural")]
         side = float(np.ptp(topology.start, axis=0).max())
-        self.crossing = sqrt(GRAVITY * side) / float(threads.min()) if len(threads) else 0.0  # [cells/s]
+        self.wave_rate = sqrt(GRAVITY * side) / float(cell_sides.min()) if len(cell_sides) else 0.0  # [cells/s]
 
-    def least_substeps(self, damping_time: float) -> int:
-        return max(super().least_substeps(damping_time), ceil(FRAME_SECONDS * self.crossing / COURANT))
+    def min_stable_substeps(self, damping_time: float) -> int:
+        return max(super().min_stable_substeps(damping_time), ceil(FRAME_SECONDS * self.wave_rate / MAX_COURANT))
 
-    def advance_frame(self, frame: FrameInput) -> None:
-        controls = frame.controls.copy()
-        controls[KEPT] = sqrt(controls[KEPT])  # half of it before a substep and half behind
+    def step(self, frame: FrameInput) -> None:
+        params = frame.params.copy()
+        params[VELOCITY_FACTOR] = sqrt(params[VELOCITY_FACTOR])  # half of the damping before a substep, half after
         span = (2 * frame.span[0], 2 * frame.span[1])
-        super().advance_frame(replace(frame, substeps=2 * frame.substeps, h=frame.h / 2, controls=controls, span=span))
+        super().step(replace(frame, substeps=2 * frame.substeps, h=frame.h / 2, params=params, span=span))

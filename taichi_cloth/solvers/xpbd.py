@@ -1,56 +1,66 @@
-"""`xpbd`: position-based dynamics with compliance. Springs have SI constants, and what they mean does not change
-with substeps, iterations or grid once the iteration converges (Macklin et al. 2016, *XPBD*, Algorithm 1).
+"""`xpbd`: extended position-based dynamics (Macklin, Müller and Chentanez 2016, *XPBD: position-based simulation of
+compliant constrained dynamics*, Algorithm 1). Numbers such as (4) below are lines of the algorithm.
+
+     (1)  x̃ = x + h·v + h²·M⁻¹·f          prediction
+     (4)  λ = 0
+          in each iteration, for each spring:
+     (7)    Δλ by eq. 18, with damping by eq. 26   `constraint_math.project_distance_xpbd`
+     (8)    Δx = M⁻¹·∇C·Δλ  (eq. 17)
+     (9)    λ ← λ + Δλ
+    (10)    x ← x + Δx
+    (15)  x of the next step
+    (16)  v = (x − x_prev)/h
+
+Springs have SI stiffness. Once the iterations converge, it does not depend on substeps, iterations or grid.
 """
 
 import taichi as ti
 
-from ..contact.push_out import push_out
-from ..contact.responses import add_repulsion
-from ..contact.self_collision import keep_apart
-from ..contact.sticking import forget_anchors
-from ..contact.tangles import find_tangles
-from ..kernels.controls import KEPT
-from ..kernels.forces import add_air
-from ..kernels.grab import lead_held
-from ..kernels.motion import move_freely
-from ..kernels.springs import RELAX_COMPLIANT, add_bending, for_springs, forget_multipliers, limit_strain
-from ..kernels.tethers import pull_tethers
+from ..kernels.integration import integrate, move_kinematic_particles
+from ..kernels.springs import DISTANCE_XPBD, add_bending_forces, clear_multipliers, for_each_spring
+from ..kernels.step_params import VELOCITY_FACTOR
 from .base import Solver
+from .pipeline import (
+    add_external_forces,
+    begin_substep,
+    project_colliders,
+    project_distance_bounds,
+    project_self_contacts,
+    project_strain_limit,
+)
 
 
 @ti.func
-def before(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    find_tangles(cloth, stages, now)
-    forget_anchors(cloth, stages, now)
-    add_air(cloth, stages, now, now.s)
-    add_repulsion(cloth, stages, now, now.s)
-    add_bending(cloth, stages, now.controls, now.h)
-    move_freely(cloth, stages, now.controls, now.h, now.controls[KEPT], now.h)  # (1)
-    lead_held(cloth, stages, now, now.s + 1.0)
-    forget_multipliers(cloth)  # (4)
+def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    begin_substep(cloth, features, ctx)
+    add_external_forces(cloth, features, ctx, ctx.s, 1)
+    add_bending_forces(cloth, features, ctx.params, ctx.h)
+    integrate(cloth, features, ctx.params, ctx.h, ctx.params[VELOCITY_FACTOR], ctx.h)  # (1)
+    move_kinematic_particles(cloth, features, ctx, ctx.s + 1.0)
+    clear_multipliers(cloth)  # (4)
 
 
 @ti.func
-def sweep(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    """Steps (6)–(11), and contact, of the cloth with itself too: a stack is carried, and held by friction, through as
-    many of its layers as there are iterations. Velocities (15) take up at once what moves particles.
+def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Solve springs and contact once. Each correction changes the velocity too: their sum over the substep is (16).
+
+    Self-contact is part of each iteration: a stack is supported, and held by friction, through as many layers as there
+    are iterations.
     """
-    for_springs(cloth, stages, RELAX_COMPLIANT, now.controls, now.h)
-    keep_apart(cloth, stages, now)
-    push_out(cloth, stages, now)
+    for_each_spring(cloth, features, DISTANCE_XPBD, ctx.params, ctx.h)  # (6)–(11)
+    project_self_contacts(cloth, features, ctx)
+    project_colliders(cloth, features, ctx)
 
 
 @ti.func
-def after(cloth: ti.template(), stages: ti.template(), now: ti.template()):
-    pull_tethers(cloth, stages, now)
-    limit_strain(cloth, stages, now.controls, now.h)
+def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    project_distance_bounds(cloth, features, ctx)
+    project_strain_limit(cloth, features, ctx, ctx.h)
 
 
 class Xpbd(Solver):
-    """Advances a cloth by XPBD."""
+    """Extended position-based dynamics."""
 
-    name = "xpbd"
-    springs = "fabric"
-    before = staticmethod(before)
-    sweep = staticmethod(sweep)
-    after = staticmethod(after)
+    predict = staticmethod(predict)
+    iterate = staticmethod(iterate)
+    finalize = staticmethod(finalize)

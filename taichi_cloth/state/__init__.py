@@ -1,5 +1,5 @@
-"""The moving data of a cloth as Taichi fields, in each layout that a solver works on."""
+"""Cloth state: the Taichi fields that kernels read and write, in serial, SIMD and parallel layout."""
 
-from .cloth import ClothState, give_back, inverse_mass, take
+from .cloth_state import ClothState, acquire_state, inverse_mass, release_state
 
-__all__ = ["ClothState", "give_back", "inverse_mass", "take"]
+__all__ = ["ClothState", "acquire_state", "inverse_mass", "release_state"]

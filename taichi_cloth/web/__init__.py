@@ -1,1 +1,1 @@
-"""A running scene in web pages: a server, what it tells, what pages may say, and the page itself."""
+"""The browser view of a running scene: a WebSocket server, its protocol, and the page."""

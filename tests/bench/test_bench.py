@@ -1,4 +1,4 @@
-"""`taichi-cloth bench` measures what it says and writes it down. Nothing here depends on how long a frame takes."""
+"""The command `bench` measures and writes its results. No test depends on how long a frame takes."""
 
 from __future__ import annotations
 
@@ -12,114 +12,120 @@ from dataclasses import asdict, fields
 from math import isfinite, isnan
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from taichi_cloth import cli
-from taichi_cloth.bench import cases, children, floor, report
-from taichi_cloth.bench.cases import Case
-from taichi_cloth.bench.children import Bench, ChildFailed, bench, steps
-from taichi_cloth.bench.report import Row, StageRow
-from taichi_cloth.scene import load_scene
-from taichi_cloth.solvers import SOLVERS
+from taichi_cloth.__main__ import main
+from taichi_cloth.evaluation.bench import bench_report as report
+from taichi_cloth.evaluation.bench import cases, subprocess_runner
+from taichi_cloth.evaluation.bench.bench_report import FeatureRow, Row
+from taichi_cloth.evaluation.bench.cases import Case
+from taichi_cloth.evaluation.bench.subprocess_runner import Bench, ChildFailed, bench, steps
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.solvers import LAYOUTS, SOLVERS
+from taichi_cloth.system.console import write_csv
 
-SEED = Case("curtain", "verlet", 5, 7, 2, 3, "list")
-SHEET = Case("sheet", "spring", 5, 7, 1, 1, "list")
-NOT_A_PATH = Case("curtain", "verlet", 5, 7, 2, 3, "tapestry")
-STAGES = [Case("curtain", "verlet", 5, 7, 2, 3, "list", change) for change in ("", "-wind", "+limit", "=reflection")]
+CURTAIN = Case("curtain", "verlet", 5, 7, 2, 3, "serial")
+SHEET = Case("sheet", "explicit", 5, 7, 1, 1, "serial")
+NOT_A_LAYOUT = Case("curtain", "verlet", 5, 7, 2, 3, "tapestry")
+FEATURES = [
+    Case("curtain", "verlet", 5, 7, 2, 3, "serial", change) for change in ("", "-wind", "+strain_limit", "=reflection")
+]
 
-Measured = tuple[list[Row], list[StageRow], dict[str, str]]
+Measured = tuple[list[Row], list[FeatureRow], dict[str, str]]
 
 
 @pytest.fixture(autouse=True, scope="module")
 def taichi() -> None:
-    """Taichi runs in the children only."""
+    """Taichi runs only in child processes."""
 
 
 @pytest.fixture(scope="module")
 def measured() -> Measured:
-    """Three cases, one of which fails, on a machine without a compiler; and three stages."""
+    """Measure three cases, one of which fails, on a machine without a compiler; and four feature cases."""
     names: list[str] = []
     with pytest.MonkeyPatch.context() as patch, bench(3, names.append) as running:
         patch.setenv("PATH", "")
         patch.delenv("CC", raising=False)
-        rows, stages = running.measure([SEED, SHEET, NOT_A_PATH], STAGES)
+        rows, features = running.measure([CURTAIN, SHEET, NOT_A_LAYOUT], FEATURES)
     assert all(child._process.poll() is not None for child in running._children)
-    assert len(names) == steps([SEED, SHEET, NOT_A_PATH], STAGES) - 1  # what failed is not compiled a second time
-    return rows, stages, running.floor.missing
+    assert len(names) == steps([CURTAIN, SHEET, NOT_A_LAYOUT], FEATURES) - 1  # a failed case is not compiled again
+    return rows, features, running.floor.missing
 
 
-def test_a_row_has_every_number_and_all_are_finite(measured: Measured) -> None:
+def test_a_row_has_every_value_and_all_are_finite(measured: Measured) -> None:
     for row in measured[0][:2]:
-        told = {name: value for name, value in asdict(row).items() if value is not None}
-        not_here = {"over_c", "under_javascript", "error"} | ({"stretch"} if row.scene == "sheet" else set())
-        assert {field.name for field in fields(Row)} - set(told) == not_here
-        numbers = [value for value in told.values() if not isinstance(value, str)]
+        values = {name: value for name, value in asdict(row).items() if value is not None}
+        missing = {"ratio_to_c", "speedup_over_javascript", "error"} | ({"stretch"} if row.scene == "sheet" else set())
+        assert {field.name for field in fields(Row)} - set(values) == missing
+        numbers = [value for value in values.values() if not isinstance(value, str)]
         assert all(isfinite(value) for value in numbers)
         assert row.frames == 3
-        assert (row.columns, row.rows, row.path) == (7, 5, "list")
-        assert min(row.median_ms, row.ns_per_spring, row.cold_s, row.warm_s, row.peak_mb, row.state_mb) > 0
-        assert row.p95_ms >= row.median_ms
+        assert (row.columns, row.rows, row.layout) == (7, 5, "serial")
+        assert min(values[name] for name in ("ns_per_spring", "cold_s", "warm_s", "peak_mb", "state_mb")) > 0
+        assert 0 < values["median_ms"] <= values["p95_ms"]
         sweeps = row.substeps * row.iterations
-        assert row.ns_per_spring * sweeps * row.springs == pytest.approx(1e6 * row.median_ms)
+        assert values["ns_per_spring"] * sweeps * values["springs"] == pytest.approx(1e6 * values["median_ms"])
     curtain, sheet, _ = measured[0]
     assert curtain.springs == sheet.springs == (4 * 7 + 5 * 6) + 2 * 4 * 6 + (5 * 5 + 3 * 7)
     assert curtain.substeps == 2
-    assert sheet.substeps > 1  # the least that are stable
+    assert sheet.substeps > 1  # the fewest that are stable
 
 
-def test_stages_are_compared_with_all_of_them(measured: Measured) -> None:
-    stages = measured[1]
-    assert [stage.change for stage in stages] == ["", "-wind", "+limit", "=reflection"]
-    assert stages[0].more_ms == 0
-    assert all(stage.median_ms > 0 and stage.cold_s > 0 for stage in stages)
-    assert all(stage.frames_per_second == pytest.approx(1e3 / stage.median_ms) for stage in stages)
-    assert stages[0].penetration == 0 < stages[3].penetration
-    assert stages[1].more_ms == pytest.approx(stages[1].median_ms - stages[0].median_ms)
+def test_features_are_compared_with_the_unchanged_curtain(measured: Measured) -> None:
+    features = measured[1]
+    assert [row.change for row in features] == ["", "-wind", "+strain_limit", "=reflection"]
+    assert features[0].more_ms == 0
+    assert all(asdict(row)["median_ms"] > 0 and asdict(row)["cold_s"] > 0 for row in features)
+    ms = [asdict(row)["median_ms"] for row in features]
+    assert [row.frames_per_second for row in features] == pytest.approx([1e3 / one for one in ms])
+    assert features[0].penetration == 0 < asdict(features[3])["penetration"]
+    assert features[1].more_ms == pytest.approx(ms[1] - ms[0])
 
 
-def test_without_a_compiler_the_floor_is_a_dash_and_the_reason_a_line(
+def test_without_a_compiler_the_report_has_dashes_and_the_reason(
     measured: Measured, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rows, stages, missing = measured
+    rows, features, missing = measured
     assert report.cells(rows[0])[9:11] == ["-", "-"]
-    report.print_report(rows, stages, missing)
+    report.print_report(rows, features, missing)
     lines = capsys.readouterr().out.splitlines()
     assert "C: no compiler ($CC, cc, gcc, clang)" in lines
     assert " ".join(report.HEADINGS).split() in [line.split() for line in lines[:2]]
     assert any(line.lstrip().startswith("without wind") for line in lines)
-    assert any(line.lstrip().startswith("with limit") for line in lines)
-    assert any(line.lstrip().startswith("ball with reflection") for line in lines)
+    assert any(line.lstrip().startswith("with strain_limit") for line in lines)
+    assert any(line.lstrip().startswith("sphere with reflection") for line in lines)
     assert " cores · Python 3." in lines[-1]
     assert "Taichi 1." in lines[-1]
 
 
-def test_a_measurement_that_fails_says_why_and_the_others_go_on(measured: Measured) -> None:
+def test_a_failed_measurement_gives_the_reason_and_the_others_continue(measured: Measured) -> None:
     row = measured[0][2]
-    assert (row.solver, row.path, row.median_ms) == ("verlet", "tapestry", None)
-    assert "verlet has no path 'tapestry'" in str(row.error)
+    assert (row.solver, row.layout, row.median_ms) == ("verlet", "tapestry", None)
+    assert "unknown layout 'tapestry'" in str(row.error)
     assert report.cells(row)[5:] == ["-"] * 12
     assert list(report.failures(measured[0], measured[1])) == ["verlet 7×5 tapestry, failed"]
 
 
-def test_csv_and_json_read_back(measured: Measured, tmp_path: Path) -> None:
-    rows, stages, missing = measured
-    report.write_csv(tmp_path / "b.csv", rows)
+def test_csv_and_json_can_be_read_back(measured: Measured, tmp_path: Path) -> None:
+    rows, features, missing = measured
+    write_csv(tmp_path / "b.csv", rows, Row)
     with (tmp_path / "b.csv").open(newline="", encoding="utf-8") as file:
         lines = list(csv.DictReader(file))
-    assert [line["solver"] for line in lines] == ["verlet", "spring", "verlet"]
+    assert [line["solver"] for line in lines] == ["verlet", "explicit", "verlet"]
     assert float(lines[0]["median_ms"]) == rows[0].median_ms
-    assert lines[0]["over_c"] == ""
-    report.write_json(tmp_path / "b.json", rows, stages, missing)
-    told = json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))
-    assert [Row(**row) for row in told["rows"]] == rows
-    assert [StageRow(**row) for row in told["stages"]] == stages
-    assert told["machine"] == report.machine()
-    assert told["missing"] == missing
+    assert lines[0]["ratio_to_c"] == ""
+    report.write_json(tmp_path / "b.json", rows, features, missing)
+    stored = json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))
+    assert [Row(**row) for row in stored["rows"]] == rows
+    assert [FeatureRow(**row) for row in stored["features"]] == features
+    assert stored["machine"] == report.machine()
+    assert stored["missing"] == missing
 
 
-class Told:
-    """A child that answers what it is told to; a frame of it takes 6 ms, but for one that takes 60."""
+class FixedChild:
+    """A child with fixed answers: a frame takes 6 ms, except one that takes 60 ms."""
 
     def frames(self, count: int, seconds: float) -> list[list[float]]:
         return [[6.0] * (count - 1) + [60.0]]
@@ -129,8 +135,8 @@ class Told:
         return {"cases": [outcome], "peak_bytes": 7e6}
 
 
-class ToldFloor:
-    """C takes 2, 3 and 1 ms in three rounds, JavaScript 12, 18 and 6."""
+class FixedTimer:
+    """C takes 2, 3 and 1 ms in three rounds, JavaScript 12, 18 and 6 ms."""
 
     def __init__(self) -> None:
         self.rounds = {"frame": [2.0, 3.0, 1.0], "javascript": [12.0, 18.0, 6.0]}
@@ -140,37 +146,43 @@ class ToldFloor:
 
 
 @pytest.mark.parametrize("compiler", [True, False])
-def test_ratios_are_those_of_medians_round_by_round(tmp_path: Path, compiler: bool) -> None:
+def test_ratios_are_the_medians_of_the_ratios_of_all_rounds(tmp_path: Path, compiler: bool) -> None:
     running = Bench(tmp_path, 30, lambda name: None)
-    running.floor = ToldFloor() if compiler else SimpleNamespace(median_ms=lambda *numbers: None)
+    timer: Any = FixedTimer() if compiler else SimpleNamespace(median_ms=lambda *numbers: None)
+    child: Any = FixedChild()
+    running.floor = timer
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(children, "floor_of", lambda case: SimpleNamespace(in_c="frame", in_javascript="javascript"))
-        row = running._time(SEED, Told(), {"substeps": 2, "springs": 100, "path": "list", "compile_s": 1.0})
+        patch.setattr(
+            subprocess_runner,
+            "native_programs_of",
+            lambda case: SimpleNamespace(in_c="frame", in_javascript="javascript"),
+        )
+        row = running._time(CURTAIN, child, {"substeps": 2, "springs": 100, "layout": "serial", "compile_s": 1.0})
     running.end()
     # 6/2, 6/3 and 6/1; 12/6, 18/6 and 6/6
-    assert (row.over_c, row.under_javascript) == ((3.0, 2.0) if compiler else (None, None))
+    assert (row.ratio_to_c, row.speedup_over_javascript) == ((3.0, 2.0) if compiler else (None, None))
     assert (row.median_ms, row.p95_ms, row.frames) == (6.0, 60.0, 30)
     assert row.ns_per_spring == pytest.approx(6e6 / (2 * 3 * 100))
     assert (row.stretch, row.state_mb, row.peak_mb) == (pytest.approx(0.2), 5.0, 7.0)
 
 
-@pytest.mark.skipif(not floor.FLOOR.exists(), reason="an installed wheel has no benchmarks")
-def test_the_floor_is_timed_at_the_same_numbers(tmp_path: Path) -> None:
+@pytest.mark.skipif(not cases.FLOOR.exists(), reason="an installed wheel has no benchmarks")
+def test_native_programs_are_timed_with_the_same_arguments(tmp_path: Path) -> None:
     (tmp_path / "floor.py").write_text(
         "class FloorError(Exception): pass\n"
         "def time_floor(*numbers):\n"
         "    if numbers[0] == 'explicit': raise FloorError('it does not compile')\n"
         "    return None if numbers[0] == 'frame' else {'median_ms': sum(numbers[1:])}\n"
     )
-    timer = floor.FloorTimer(tmp_path / "floor.py")
+    timer = cases.NativeTimer(tmp_path / "floor.py")
     assert timer.median_ms("relax", 24, 30, 5, 12, 40) == 24 + 30 + 5 + 12 + 40
     assert timer.median_ms("frame", 24, 30, 5, 12, 40) is None
     assert timer.median_ms("explicit", 24, 30, 60, 1, 40) is None
     assert timer.missing == {"JavaScript": "no node", "explicit 30×24": "it does not compile"}
 
 
-def test_a_wheel_has_no_floor(tmp_path: Path) -> None:
-    timer = floor.FloorTimer(tmp_path / "floor.py")
+def test_a_wheel_has_no_native_programs(tmp_path: Path) -> None:
+    timer = cases.NativeTimer(tmp_path / "floor.py")
     assert timer.median_ms("relax", 24, 30, 5, 12, 40) is None
     assert timer.missing == {"C, JavaScript": "benchmarks/floor is only in a checkout"}
 
@@ -179,18 +191,18 @@ def test_a_wheel_has_no_floor(tmp_path: Path) -> None:
     ("ms", "rate"),
     [(0.5, 360), (2.77, 360), (2.78, 144), (6.9, 144), (6.95, 60), (16.6, 60), (16.7, 0), (200.0, 0)],
 )
-def test_the_pictures_a_second_that_a_frame_is_fast_enough_for(ms: float, rate: int) -> None:
+def test_the_highest_frame_rate_of_a_frame_time(ms: float, rate: int) -> None:
     assert cases.highest_rate(ms) == rate
 
 
-def test_the_strain_that_the_weight_explains() -> None:
+def test_the_static_strain_is_that_of_the_weight() -> None:
     # 0.2 kg/m² · 9.81 m/s² · 3.45 m on 2000 N/m
     assert cases.static_strain(load_scene("curtain", solver="xpbd")) == pytest.approx(0.0033845, abs=1e-7)
     assert cases.static_strain(load_scene("curtain")) == 0
     assert isnan(cases.static_strain(cases.scene_of(SHEET)))
 
 
-def test_the_seed_frame_is_that_of_the_floor_on_any_grid() -> None:
+def test_the_curtain_has_square_cells_and_native_programs_on_any_grid() -> None:
     for rows, columns in ((24, 30), (64, 64)):
         scene = cases.scene_of(cases.case_of("verlet", (rows, columns)))
         cloth = scene.cloth
@@ -200,58 +212,58 @@ def test_the_seed_frame_is_that_of_the_floor_on_any_grid() -> None:
         assert scene.wind is not None
         assert len(scene.spheres) == 1
         assert scene.ground is None
-    assert cases.floor_of(cases.case_of("verlet")) == cases.Floor("relax", "frame")
-    assert cases.floor_of(cases.case_of("verlet", (64, 64))) == cases.Floor("relax", None)
-    assert cases.floor_of(cases.case_of("spring")) == cases.Floor("explicit", None)
-    assert cases.floor_of(cases.case_of("xpbd")) == cases.Floor(None, None)
+    assert cases.native_programs_of(cases.case_of("verlet")) == cases.NativePrograms("relax", "frame")
+    assert cases.native_programs_of(cases.case_of("verlet", (64, 64))) == cases.NativePrograms("relax", None)
+    assert cases.native_programs_of(cases.case_of("explicit")) == cases.NativePrograms("explicit", None)
+    assert cases.native_programs_of(cases.case_of("xpbd")) == cases.NativePrograms(None, None)
 
 
-def test_every_solver_and_path_is_among_the_cases() -> None:
+def test_every_solver_and_layout_is_among_the_cases() -> None:
     assert {case.solver for case in cases.default_cases()} == set(SOLVERS)
-    every = {(case.solver, case.path) for case in cases.all_cases()}
-    assert every == {(name, path) for name, kind in SOLVERS.items() for path in kind.paths}
-    assert {case.solver for case in cases.only(cases.all_cases(), "spring")} == {"spring"}
-    changes = [case.change for case in cases.stage_cases()]
-    assert changes[:7] == ["", "-wind", "-sphere", "-ground", "-shear", "-bend", "+limit"]
+    every = {(case.solver, case.layout) for case in cases.all_cases()}
+    assert every == {(name, layout) for name, kind in SOLVERS.items() for layout in LAYOUTS}
+    assert {case.solver for case in cases.filter_cases(cases.all_cases(), "explicit")} == {"explicit"}
+    changes = [case.change for case in cases.feature_cases()]
+    assert changes[:7] == ["", "-wind", "-sphere", "-ground", "-shear", "-bend", "+strain_limit"]
     assert changes[-2:] == ["=reflection", "=repulsion"]
 
 
-def test_stages_are_left_out_and_added() -> None:
+def test_features_are_removed_and_added() -> None:
     curtain = load_scene("curtain")
-    assert cases.changed(curtain, "") == curtain
-    assert cases.changed(curtain, "-wind").wind is None
-    assert cases.changed(curtain, "-sphere").spheres == ()
-    assert cases.changed(curtain, "-shear").springs.shear == 0
-    assert cases.changed(curtain, "-bend").fabric.bend == 0
-    assert cases.changed(curtain, "+limit").limit is not None
-    assert [ball.response for ball in cases.changed(curtain, "=repulsion").spheres] == ["repulsion"]
+    assert cases.with_change(curtain, "") == curtain
+    assert cases.with_change(curtain, "-wind").wind is None
+    assert cases.with_change(curtain, "-sphere").spheres == ()
+    assert cases.with_change(curtain, "-shear").verlet.shear == 0
+    assert cases.with_change(curtain, "-bend").fabric.bend_spring == 0
+    assert cases.with_change(curtain, "+strain_limit").strain_limit is not None
+    assert [ball.response for ball in cases.with_change(curtain, "=repulsion").spheres] == ["repulsion"]
 
 
-def test_a_child_whose_bench_has_ended_is_gone() -> None:
+def test_children_end_with_their_bench() -> None:
     with bench(3) as running:
-        compiling = running._compile("verlet", [SEED], running._cache())
+        compiling = running._compile("verlet", [CURTAIN], running._cache())
         while not running._children:
             pass
     assert running._children[0]._process.poll() is not None
     assert isinstance(compiling.exception(), ChildFailed)
 
 
-def hear_ctrl_c() -> None:
-    """A job that a shell put into the background hears none, and its children neither."""
+def restore_sigint() -> None:
+    """Background jobs of a shell ignore SIGINT, and so do their children."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
-def test_ctrl_c_ends_the_children_too(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "taichi_cloth", "bench", "--only", "verlet"]
+def test_sigint_ends_the_children(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "taichi_cloth", "bench", "--filter", "verlet"]
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     process = subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=restore_sigint
     )
     assert process.stdout is not None
     assert "compiling" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)  # a child that lived on would hold stderr open
+    _, err = process.communicate(timeout=60)  # a remaining child would hold stderr open
     assert (process.returncode, err.count("\n")) == (130, 1)
     assert list(tmp_path.iterdir()) == []
 
@@ -259,24 +271,24 @@ def test_ctrl_c_ends_the_children_too(tmp_path: Path) -> None:
 # -- the command ---------------------------------------------------------------------------------------
 
 
-def test_the_command_prints_and_writes(
+def test_the_command_prints_and_writes_results(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cases, "default_cases", lambda: [SEED, SHEET])
+    monkeypatch.setattr(cases, "default_cases", lambda: [CURTAIN, SHEET])
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     names = [str(tmp_path / "b.csv"), str(tmp_path / "b.json")]
-    assert cli.main(["bench", "--only", "spring", "--frames", "3", "--csv", names[0], "--json", names[1]]) == 0
+    assert main(["bench", "--filter", "explicit", "--frames", "3", "--csv", names[0], "--json", names[1]]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("1/3 spring 7×5 list, compiling\n2/3 spring 7×5 list\n3/3 ")
+    assert out.startswith("1/3 explicit 7×5 serial, compiling\n2/3 explicit 7×5 serial\n3/3 ")
     assert "verlet" not in out
     assert len((tmp_path / "b.csv").read_text(encoding="utf-8").splitlines()) == 2
     assert len(json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))["rows"]) == 1
 
 
-def test_the_stages_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(cases, "stage_cases", lambda: STAGES[:2])
-    assert cli.main(["bench", "--stages", "--frames", "3"]) == 0
+def test_features_can_be_measured_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(cases, "feature_cases", lambda: FEATURES[:2])
+    assert main(["bench", "--features", "--frames", "3"]) == 0
     out = capsys.readouterr().out
     assert "without wind" in out
     assert "solver" not in out
@@ -285,22 +297,23 @@ def test_the_stages_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--only", "varlet"], "did you mean 'verlet'?"),
-        (["--only", "verlet", "--stages"], "not allowed with"),
-        (["--csv", "there.csv"], "there.csv exists already: use --force to replace it"),
-        (["--json", "there.csv"], "there.csv exists already"),
+        (["--filter", "varlet"], "did you mean 'verlet'?"),
+        (["--filter", "verlet", "--features"], "not allowed with"),
+        (["--csv", "there.csv"], "there.csv already exists; use --force to replace it"),
+        (["--json", "there.csv"], "there.csv already exists"),
         (["--csv", "."], ". is a folder, not a file"),
-        (["--json", "none/b.json", "--force"], "none is no folder to write b.json into"),
-        (["--frames", "0"], "whole number"),
+        (["--json", "none/b.json", "--force"], "cannot write b.json: none is not a folder"),
+        (["--frames", "0"], "not an integer"),
     ],
 )
-def test_mistakes_are_one_line_before_anything_is_measured(
+def test_mistakes_are_reported_in_one_line_before_measuring(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str], said: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("there.csv").write_text("mine")
+    code: object
     try:
-        code = cli.main(["bench", *words])
+        code = main(["bench", *words])
     except SystemExit as error:
         code = error.code
     out, err = capsys.readouterr()

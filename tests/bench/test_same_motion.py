@@ -1,4 +1,4 @@
-"""The C programs that `bench` times compute the motion of the cloth that they are compared with. Nothing is timed."""
+"""The C programs that `bench` times compute the same motion as the simulation. Nothing is timed."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from taichi_cloth.bench.cases import Case, floor_of, scene_of
+from taichi_cloth.evaluation.bench.cases import Case, native_programs_of, scene_of
 from taichi_cloth.scene import Scene
-from taichi_cloth.simulation import Simulation
+from taichi_cloth.simulation.simulation import Simulation
 
 FLOOR = Path(__file__).resolve().parents[2] / "benchmarks" / "floor" / "floor.py"
 
 # Positions reach 4 m, where float32 rounds by up to 2.4e-7 m, and both programs round each of some hundred
-# corrections in their own way: 6e-6 m after the frames below. A spring constant that is 1 % off gives 1e-4 m.
+# corrections differently: 6e-6 m after the frames below. An error of 1 % in a spring constant gives 1e-4 m.
 ROUNDING = 2e-5  # [m]
 
-CURTAIN = Case("curtain", "verlet", 24, 30, 5, 12, "list")
-COARSE = Case("curtain", "verlet", 5, 10, 1, 2, "list")  # coarse enough to be compared until the ball has passed
-SHEET = Case("sheet", "spring", 24, 30, 60, 1, "list")
+CURTAIN = Case("curtain", "verlet", 24, 30, 5, 12, "serial")
+COARSE = Case("curtain", "verlet", 5, 10, 1, 2, "serial")  # coarse enough to compare it until the ball has passed
+SHEET = Case("sheet", "explicit", 24, 30, 60, 1, "serial")
 
 
 def load_floor() -> ModuleType:
@@ -44,12 +44,12 @@ needs_compiler = pytest.mark.skipif(floor.compiler() is None, reason="no C compi
 
 
 def without_gusts(scene: Scene) -> Scene:
-    """`relax.c` has the mean wind and leaves out the three gust waves at every triangle."""
+    """Return the scene without gusts: `relax.c` has only the mean wind."""
     return scene if scene.wind is None else replace(scene, wind=replace(scene.wind, turbulence=0.0))
 
 
 def in_c(case: Case, substeps: int, frames: int, builds: Path) -> list[NDArray[np.float64]]:
-    program = floor_of(case).in_c
+    program = native_programs_of(case).in_c
     numbers = [str(n) for n in (case.rows, case.columns, substeps, case.iterations, frames)]
     done = [
         subprocess.run([*command, *numbers, "dump"], capture_output=True, text=True, check=True, timeout=60)
@@ -63,15 +63,15 @@ def largest_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def in_taichi(scene: Scene, frames: int) -> tuple[NDArray[np.float64], int]:
-    """Positions [m] after some frames, and the substeps that were taken."""
-    with Simulation(scene, "list") as simulation:
+    """Return positions [m] after some frames, and the substeps that were used."""
+    with Simulation(scene, "serial") as simulation:
         for _ in range(frames):
-            simulation.advance_frame()
+            simulation.step()
         return simulation.positions(), simulation.substeps
 
 
 def from_first(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions from that of the first particle, which is pinned: `explicit.c` has its sheet at another place."""
+    """Return positions relative to the first particle, which is pinned: `explicit.c` has another origin."""
     return x - x[0]
 
 
@@ -79,20 +79,20 @@ def from_first(x: NDArray[np.float64]) -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("case", "frames"), [(CURTAIN, 12), (COARSE, 80), (SHEET, 12)], ids=["relax", "relax-ball", "explicit"]
 )
-def test_c_and_the_program_move_alike(case: Case, frames: int, tmp_path: Path) -> None:
+def test_c_and_the_simulation_have_equal_motion(case: Case, frames: int, tmp_path: Path) -> None:
     ours, substeps = in_taichi(without_gusts(scene_of(case)), frames)
     found = in_c(case, substeps, frames, tmp_path)
     assert found
     assert max(largest_distance(from_first(ours), from_first(theirs)) for theirs in found) < ROUNDING
 
 
-def test_the_comparison_sees_wind_ball_and_a_spring_constant() -> None:
+def test_the_comparison_detects_wind_ball_and_a_spring_constant() -> None:
     scene = without_gusts(scene_of(COARSE))
     ours, _ = in_taichi(scene, 80)
     assert scene.wind is not None
     others = [
         replace(scene, wind=None),
         replace(scene, spheres=()),
-        replace(scene, springs=replace(scene.springs, bend=1.01 * scene.springs.bend)),
+        replace(scene, verlet=replace(scene.verlet, bend=1.01 * scene.verlet.bend)),
     ]
     assert min(largest_distance(ours, in_taichi(other, 80)[0]) for other in others) > ROUNDING

@@ -1,4 +1,4 @@
-"""Nothing here needs Taichi: the fixture that starts it for every test module is replaced by an empty one."""
+"""These tests do not need Taichi: the fixture that starts it for every test module is replaced by an empty one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cloths of benchmarks/floor written again as plain loops in float64: the same maths, nothing shared."""
+"""The cloths of benchmarks/floor as plain loops in float64: the same equations, no shared code."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def cloth(rows: int, columns: int, width: float, corner: tuple[float, float, flo
 
 
 def triangles(rows: int, columns: int) -> list[list[int]]:
-    """Two a cell, which is a b over c d, cut along alternating diagonals."""
+    """Return two triangles per cell, with corners a b above c d, cut along alternating diagonals."""
     found = []
     for i in range(rows - 1):
         for j in range(columns - 1):
@@ -47,21 +47,21 @@ def triangles(rows: int, columns: int) -> list[list[int]]:
     return found
 
 
-def springs_by_colour(cloth: Cloth, stiffness: tuple[float, float, float]) -> list[Spring]:
-    """Direction by direction; in each first the springs at even places of their chain, then the odd ones."""
+def springs_by_color(cloth: Cloth, stiffness: tuple[float, float, float]) -> list[Spring]:
+    """Return springs by direction; in each, first those with even indices in their chain, then the odd ones."""
     order: list[Spring] = []
     for number, (down, right) in enumerate(DIRECTIONS):
         for odd in (0, 1):
             for i in range(cloth.rows - down):
                 for j in range(max(0, -right), cloth.columns - max(0, right)):
-                    place = i // down if down else j // right
-                    if place % 2 == odd:
+                    index = i // down if down else j // right
+                    if index % 2 == odd:
                         order.append(_spring(cloth, i, j, down, right, stiffness[number // 2]))
     return order
 
 
 def springs_in_grid_order(cloth: Cloth, stiffness: tuple[float, float, float]) -> list[Spring]:
-    """Particle by particle, row by row, each with its springs to the right and down."""
+    """Return springs by particle, row by row, each with its springs to the right and down."""
     return [
         _spring(cloth, i, j, down, right, stiffness[number // 2])
         for i in range(cloth.rows)
@@ -83,14 +83,14 @@ def relax_frames(
     iterations: int,
     frames: int,
     *,
-    by_colour: bool = True,
+    by_color: bool = True,
     wind: bool = True,
     ball: bool = True,
 ) -> Array:
-    """Positions of the curtain of `relax.c` (springs by colour) and `frame.mjs` (grid order)."""
+    """Return positions of the curtain of `relax.c` (springs by color) and `frame.mjs` (grid order)."""
     c = cloth(rows, columns, 4.35, (-4.35 / 2, 3.975, 0), np.array([0, -1, 0]))
     c.inverse_mass[:columns] = 0
-    order = (springs_by_colour if by_colour else springs_in_grid_order)(c, (1, 1, 0.05))
+    order = (springs_by_color if by_color else springs_in_grid_order)(c, (1, 1, 0.05))
     x, before, w, h = c.x, c.x.copy(), c.inverse_mass, FRAME / substeps
     free = w > 0
     for substep in range(1, frames * substeps + 1):
@@ -116,7 +116,7 @@ def relax_frames(
 
 
 def air_forces(c: Cloth, v: Array) -> Array:
-    """Force [N] on each particle: drag and lift of ½·ρ·A·u² on two triangles a cell, C_D = C_L = 1."""
+    """Return the force [N] on each particle: drag and lift of ½·ρ·A·u² on two triangles per cell, C_D = C_L = 1."""
     force = np.zeros_like(c.x)
     for corners in triangles(c.rows, c.columns):
         p, q, r = c.x[corners]
@@ -133,18 +133,16 @@ def air_forces(c: Cloth, v: Array) -> Array:
 
 
 def along_edge(c: Cloth, i: int, j: int) -> bool:
-    """Whether a spring between two particles runs along an edge of the sheet."""
+    """Return whether a spring between two particles is on an edge of the sheet."""
     (row, column), (other_row, other_column) = divmod(i, c.columns), divmod(j, c.columns)
     return (row == other_row and row in (0, c.rows - 1)) or (column == other_column and column in (0, c.columns - 1))
 
 
 def explicit_frames(rows: int, columns: int, substeps: int, frames: int) -> Array:
-    """Positions of the sheet of `explicit.c`: let go level, held by two corners."""
+    """Return positions of the sheet of `explicit.c`: released horizontally, pinned at two corners."""
     c = cloth(rows, columns, 1.45, (-1.45 / 2, 1.0, 0), np.array([0, 0, 1]))
     c.inverse_mass[[0, columns - 1]] = 0
-    springs = [
-        (i, j, rest, k * (0.5 if along_edge(c, i, j) else 1.0)) for i, j, rest, k in springs_by_colour(c, FABRIC)
-    ]
+    springs = [(i, j, rest, k * (0.5 if along_edge(c, i, j) else 1.0)) for i, j, rest, k in springs_by_color(c, FABRIC)]
     x, v, w, h = c.x, np.zeros_like(c.x), c.inverse_mass, FRAME / substeps
     for substep in range(frames * substeps):
         force = np.zeros_like(x)

@@ -1,4 +1,4 @@
-"""The programs of benchmarks/floor compute what they say: against plain loops in float64. Nothing is timed."""
+"""The programs of benchmarks/floor, compared with plain loops in float64. Nothing is timed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def load(path: Path) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module  # dataclasses look their module up there
+    sys.modules[path.stem] = module  # dataclasses look up their module there
     spec.loader.exec_module(module)
     return module
 
@@ -35,10 +35,10 @@ loops = load(HERE / "plain_loops.py")
 needs_compiler = pytest.mark.skipif(floor.compiler() is None, reason="no C compiler: neither $CC nor cc, gcc, clang")
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="no node, which runs frame.mjs")
 
-NEAR = 2e-5  # [m] float32 rounds a place of 4 m to 2.4e-7 m; a few hundred corrections add up
+NEAR = 2e-5  # [m] float32 rounds a position of 4 m to 2.4e-7 m; a few hundred corrections add up
 
-# rows, columns, substeps, iterations, frames. 37 columns reach over the borders of strips of 8 places, 11 leave
-# lanes empty, and after 75 frames the ball has met the cloth.
+# rows, columns, substeps, iterations, frames. 37 columns cross the borders of packets of 8 particles, 11 leave
+# lanes empty, and after 75 frames the ball touches the cloth.
 CURTAINS = [(2, 2, 2, 3, 2), (3, 5, 2, 3, 2), (9, 11, 2, 3, 3), (7, 37, 2, 3, 2), (5, 10, 1, 2, 75)]
 SHEETS = [(2, 2, 20, 3), (3, 3, 20, 3), (6, 11, 20, 4), (4, 37, 70, 2)]
 
@@ -66,30 +66,30 @@ def positions(command: list[str], *numbers: int) -> NDArray[np.float64]:
 
 @needs_compiler
 @pytest.mark.parametrize("numbers", CURTAINS)
-def test_relax_moves_like_the_plain_loop(numbers: tuple[int, ...], builds: Path) -> None:
+def test_relax_has_the_motion_of_the_plain_loop(numbers: tuple[int, ...], builds: Path) -> None:
     for command in each_build("relax", builds):
         np.testing.assert_allclose(positions(command, *numbers), loops.relax_frames(*numbers), rtol=0, atol=NEAR)
 
 
 @needs_node
 @pytest.mark.parametrize("numbers", CURTAINS)
-def test_frame_moves_like_the_plain_loop(numbers: tuple[int, ...], builds: Path) -> None:
-    expected = loops.relax_frames(*numbers, by_colour=False)
+def test_frame_has_the_motion_of_the_plain_loop(numbers: tuple[int, ...], builds: Path) -> None:
+    expected = loops.relax_frames(*numbers, by_color=False)
     [command] = each_build("frame", builds)
     np.testing.assert_allclose(positions(command, *numbers), expected, rtol=0, atol=1e-9)
 
 
 @needs_compiler
 @pytest.mark.parametrize("numbers", SHEETS)
-def test_explicit_moves_like_the_plain_loop(numbers: tuple[int, ...], builds: Path) -> None:
+def test_explicit_has_the_motion_of_the_plain_loop(numbers: tuple[int, ...], builds: Path) -> None:
     rows, columns, substeps, frames = numbers
     expected = loops.explicit_frames(rows, columns, substeps, frames)
     for command in each_build("explicit", builds):
         np.testing.assert_allclose(positions(command, rows, columns, substeps, 1, frames), expected, rtol=0, atol=NEAR)
 
 
-@pytest.mark.parametrize("change", [{"ball": False}, {"wind": False}, {"by_colour": False}])
-def test_the_comparison_sees_ball_wind_and_order(change: dict[str, bool]) -> None:
+@pytest.mark.parametrize("change", [{"ball": False}, {"wind": False}, {"by_color": False}])
+def test_the_comparison_detects_ball_wind_and_order(change: dict[str, bool]) -> None:
     numbers = (5, 10, 1, 2, 75)
     assert np.abs(loops.relax_frames(*numbers) - loops.relax_frames(*numbers, **change)).max() > 20 * NEAR
 
@@ -97,7 +97,9 @@ def test_the_comparison_sees_ball_wind_and_order(change: dict[str, bool]) -> Non
 @needs_compiler
 @pytest.mark.parametrize("native", [True, False])
 @pytest.mark.parametrize("program", ["relax", "explicit"])
-def test_no_warnings_and_the_same_motion_without_avx(program: str, native: bool, tmp_path: Path) -> None:
+def test_programs_compile_without_warnings_and_give_equal_motion_without_avx(
+    program: str, native: bool, tmp_path: Path
+) -> None:
     command = floor.compile_command(program, tmp_path / program, native=native)
     result = run([*command, "-Werror"])
     if native and result.returncode and "march" in result.stderr:
@@ -111,7 +113,7 @@ def test_no_warnings_and_the_same_motion_without_avx(program: str, native: bool,
 @pytest.mark.parametrize(
     "program", [pytest.param("relax", marks=needs_compiler), pytest.param("frame", marks=needs_node)]
 )
-def test_strain_and_height_are_those_of_the_positions(program: str, builds: Path) -> None:
+def test_strain_and_height_match_the_positions(program: str, builds: Path) -> None:
     result = run(each_build(program, builds)[-1], 6, 11, 2, 3, 20, "dump")
     line: dict[str, Any] = json.loads(result.stdout)
     x = np.array(line["positions"]).reshape(6, 11, 3)
@@ -133,7 +135,7 @@ BAD = [(), (24, 30, 5, 12), (1, 30, 5, 12, 1), (24, 30, 0, 12, 1), (24, 30, 5, 1
         pytest.param("frame", marks=needs_node),
     ],
 )
-def test_bad_arguments_give_one_line_and_status_2(program: str, words: tuple[object, ...], builds: Path) -> None:
+def test_invalid_arguments_give_one_line_and_exit_code_2(program: str, words: tuple[object, ...], builds: Path) -> None:
     result = run(each_build(program, builds)[0], *words)
     assert result.returncode == 2
     assert len(result.stderr.splitlines()) == 1
@@ -141,7 +143,7 @@ def test_bad_arguments_give_one_line_and_status_2(program: str, words: tuple[obj
 
 
 @needs_compiler
-def test_explicit_refuses_iterations_and_tells_of_a_blow_up(builds: Path) -> None:
+def test_explicit_refuses_iterations_and_reports_divergence(builds: Path) -> None:
     explicit = each_build("explicit", builds)[0]
     assert run(explicit, 6, 11, 20, 12, 1).returncode == 2
     blown = run(explicit, 24, 30, 5, 1, 60)
@@ -159,7 +161,7 @@ def test_a_program_is_compiled_once(tmp_path: Path) -> None:
 
 
 @needs_compiler
-def test_time_floor_gives_the_line() -> None:
+def test_time_floor_returns_the_result_of_a_program() -> None:
     line = floor.time_floor("relax", 4, 4, 1, 1, 2)
     assert line is not None
     assert (line["program"], line["rows"], line["frames"]) == ("relax", 4, 2)
@@ -167,7 +169,7 @@ def test_time_floor_gives_the_line() -> None:
         floor.time_floor("relax", 1, 4, 1, 1, 2)
 
 
-def test_cc_decides_and_nothing_is_none(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_cc_selects_the_compiler_and_may_select_none(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     tool = tmp_path / "tool"
     tool.write_text("#!/bin/sh\n")
     tool.chmod(0o755)

@@ -1,4 +1,4 @@
-"""A browser for the pages that are exported."""
+"""Fixture: a browser for exported pages."""
 
 from collections.abc import Iterator
 

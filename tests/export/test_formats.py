@@ -1,8 +1,9 @@
-"""Every format is read back by a reader that is not ours."""
+"""Files of every format, read back by other libraries."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,34 +12,43 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pxr import Usd, UsdGeom
 
-from taichi_cloth.contact.bodies import bodies_at, colliders_of
-from taichi_cloth.export.obj import write_obj
-from taichi_cloth.export.pc2 import pc2_clip
-from taichi_cloth.export.ply import write_ply
-from taichi_cloth.export.sheet import Sheet, sheet_of, turned_up, vertex_normals
+from taichi_cloth.collision.colliders import colliders_of, pose_colliders
+from taichi_cloth.export.mesh_files import (
+    ExportMesh,
+    export_mesh_of,
+    pc2_clip,
+    rotate_to_up,
+    vertex_normals,
+    write_obj,
+    write_ply,
+)
 from taichi_cloth.export.usd import usd_clip, write_usd
-from taichi_cloth.mesh.from_scene import topology_of
-from taichi_cloth.mesh.obj import read_obj
-from taichi_cloth.mesh.solid import surface_of
-from taichi_cloth.scene import load_scene, scene_names
-from taichi_cloth.scene.model import Box, Capsule, Cloth, Ground, Mesh, Plane, Scene, Sphere
+from taichi_cloth.geometry.cloth_builder import build_topology
+from taichi_cloth.geometry.obj_reader import read_obj
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.geometry.signed_distance import collider_surface
+from taichi_cloth.scene import scene_names
+from taichi_cloth.scene.collider_schema import Box, Capsule, Ground, Mesh, Plane, Sphere
+from taichi_cloth.scene.schema import Cloth, Scene
 
 USD_SUFFIXES = (".usdc", ".usda", ".usd")
 
 
-def shape_of(name: str) -> tuple[Sheet, np.ndarray]:
-    """A shipped scene's sheet, and where it starts."""
-    topology = topology_of(load_scene(name), "springs")
-    return sheet_of(name, topology), topology.start
+def mesh_of(name: str) -> tuple[ExportMesh, np.ndarray]:
+    """Return the export mesh of a shipped scene, and its positions at the start."""
+    topology = build_topology(load_scene(name), "verlet")
+    return export_mesh_of(name, topology), topology.start
 
 
-def bumpy(name: str = "drape15", seed: int = 0) -> tuple[Sheet, np.ndarray]:
-    sheet, x = shape_of(name)
+def perturbed(name: str = "drape15", seed: int = 0) -> tuple[ExportMesh, np.ndarray]:
+    sheet, x = mesh_of(name)
     return sheet, (x + np.random.default_rng(seed).normal(0, 0.02, x.shape)).astype(np.float32).astype(np.float64)
 
 
 def read(path: Path) -> trimesh.Trimesh:
-    return trimesh.load(path, process=False, maintain_order=True)
+    mesh = trimesh.load(path, process=False, maintain_order=True)
+    assert isinstance(mesh, trimesh.Trimesh)
+    return mesh
 
 
 def opened(path: Path) -> tuple[Usd.Stage, UsdGeom.Mesh]:
@@ -51,7 +61,7 @@ def opened(path: Path) -> tuple[Usd.Stage, UsdGeom.Mesh]:
 
 @pytest.mark.parametrize("name", scene_names())
 def test_every_scene_as_obj_ply_and_usd(name: str, tmp_path: Path) -> None:
-    sheet, x = bumpy(name)
+    sheet, x = perturbed(name)
     normals = vertex_normals(x, sheet.triangles)
     write_obj(tmp_path / "c.obj", sheet, x, normals)
     write_ply(tmp_path / "c.ply", sheet, x, normals)
@@ -59,6 +69,7 @@ def test_every_scene_as_obj_ply_and_usd(name: str, tmp_path: Path) -> None:
     for mesh in (read(tmp_path / "c.obj"), read(tmp_path / "c.ply")):
         assert mesh.vertices == pytest.approx(x, rel=1e-6, abs=0)
         assert (mesh.faces == sheet.triangles).all()
+        assert isinstance(mesh.visual, trimesh.visual.TextureVisuals)
         assert mesh.visual.uv == pytest.approx(sheet.uv, abs=1e-6)
         assert mesh.vertex_normals == pytest.approx(normals, abs=1e-6)
     assert (read(tmp_path / "c.ply").vertices == x.astype(np.float32)).all()
@@ -67,8 +78,8 @@ def test_every_scene_as_obj_ply_and_usd(name: str, tmp_path: Path) -> None:
     assert (np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3) == sheet.triangles).all()
 
 
-def test_obj_keeps_nine_digits_and_our_own_reader_agrees(tmp_path: Path) -> None:
-    sheet, x = bumpy()
+def test_obj_has_nine_digits_and_is_read_back_equal(tmp_path: Path) -> None:
+    sheet, x = perturbed()
     write_obj(tmp_path / "c.obj", sheet, x * 1024)
     points, faces = read_obj(tmp_path / "c.obj")
     assert (points.astype(np.float32) == (x * 1024).astype(np.float32)).all()
@@ -78,38 +89,40 @@ def test_obj_keeps_nine_digits_and_our_own_reader_agrees(tmp_path: Path) -> None
 
 @settings(max_examples=20)
 @given(st.integers(2, 9), st.integers(2, 9), st.integers(1, 3))
-def test_every_grid_and_pile(tmp_path_factory: pytest.TempPathFactory, rows: int, columns: int, sheets: int) -> None:
+def test_every_grid_with_any_number_of_layers(
+    tmp_path_factory: pytest.TempPathFactory, rows: int, columns: int, layers: int
+) -> None:
     path = tmp_path_factory.mktemp("grid") / "c.obj"
-    topology = topology_of(Scene(cloth=Cloth(rows=rows, columns=columns, sheets=sheets, pins=())), "springs")
-    write_obj(path, sheet_of("grid", topology), topology.start)
+    topology = build_topology(Scene(cloth=Cloth(rows=rows, columns=columns, layers=layers, pins=())), "verlet")
+    write_obj(path, export_mesh_of("grid", topology), topology.start)
     mesh = read(path)
     assert mesh.vertices == pytest.approx(topology.start, rel=1e-6, abs=1e-12)
     assert (mesh.faces == topology.triangles).all()
-    assert mesh.body_count == sheets
+    assert mesh.body_count == layers
 
 
 @pytest.mark.parametrize("name", ["line\nend f 1 2 3", "a \udcff b", "Vorhang ä"])
-def test_a_strange_name_does_no_harm(name: str, tmp_path: Path) -> None:
-    sheet, x = bumpy()
-    strange = Sheet(name, sheet.triangles, sheet.uv)
-    write_obj(tmp_path / "c.obj", strange, x)
+def test_special_characters_in_names_are_escaped(name: str, tmp_path: Path) -> None:
+    sheet, x = perturbed()
+    named = ExportMesh(name, sheet.triangles, sheet.uv)
+    write_obj(tmp_path / "c.obj", named, x)
     assert len(read(tmp_path / "c.obj").faces) == len(sheet.triangles)
-    write_usd(tmp_path / "c.usda", strange, x, [], "y")
+    write_usd(tmp_path / "c.usda", named, x, [], "y")
     _stage, mesh = opened(tmp_path / "c.usda")
     assert len(mesh.GetPointsAttr().Get()) == len(x)
 
 
 # -- PC2 -------------------------------------------------------------------------------------------------------
 
-# As Autodesk published it, and as Blender's MOD_meshcache_pc2 reads it.
+# As specified by Autodesk, and as read by MOD_meshcache_pc2 of Blender.
 PC2 = np.dtype(
     [("sign", "S12"), ("version", "<i4"), ("points", "<i4"), ("start", "<f4"), ("rate", "<f4"), ("samples", "<i4")]
 )
 
 
-def test_pc2_holds_every_sample(tmp_path: Path) -> None:
+def test_pc2_contains_every_sample(tmp_path: Path) -> None:
     path = tmp_path / "c.pc2"
-    clip = [bumpy(seed=k)[1] for k in range(4)]
+    clip = [perturbed(seed=k)[1] for k in range(4)]
     with pc2_clip(path, len(clip[0]), 4) as add:
         for x in clip:
             add(x)
@@ -122,8 +135,8 @@ def test_pc2_holds_every_sample(tmp_path: Path) -> None:
     assert (np.frombuffer(content, "<f4", offset=32).reshape(4, -1, 3) == np.array(clip, np.float32)).all()
 
 
-def test_a_pc2_file_with_too_few_samples_does_not_appear(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="32 bytes were written, not 56"), pc2_clip(tmp_path / "c.pc2", 1, 2):
+def test_a_pc2_file_with_too_few_samples_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="wrote 32 bytes, expected 56"), pc2_clip(tmp_path / "c.pc2", 1, 2):
         pass
     assert list(tmp_path.iterdir()) == []
 
@@ -133,8 +146,8 @@ def test_a_pc2_file_with_too_few_samples_does_not_appear(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("suffix", USD_SUFFIXES)
 @pytest.mark.parametrize("up", ["y", "z"])
-def test_usd_holds_every_sample(suffix: str, up: str, tmp_path: Path) -> None:
-    clip = [bumpy(seed=k) for k in range(3)]
+def test_usd_contains_every_sample(suffix: str, up: str, tmp_path: Path) -> None:
+    clip = [perturbed(seed=k) for k in range(3)]
     sheet = clip[0][0]
     with usd_clip(tmp_path / f"c{suffix}", sheet, up, 30.0) as add:
         for _, x in clip:
@@ -150,48 +163,48 @@ def test_usd_holds_every_sample(suffix: str, up: str, tmp_path: Path) -> None:
         mesh.GetFaceVertexIndicesAttr().Get(), mesh.GetFaceVertexCountsAttr().Get(), len(sheet.uv)
     ) == (True, "")
     for k, (_, x) in enumerate(clip):
-        places = turned_up(x, up)
-        got = np.array(mesh.GetPointsAttr().Get(k))
-        assert (got == places.astype(np.float32)).all()
-        assert (np.array(mesh.GetExtentAttr().Get(k)) == [got.min(axis=0), got.max(axis=0)]).all()
+        positions = rotate_to_up(x, up)
+        points = np.array(mesh.GetPointsAttr().Get(k))
+        assert (points == positions.astype(np.float32)).all()
+        assert (np.array(mesh.GetExtentAttr().Get(k)) == [points.min(axis=0), points.max(axis=0)]).all()
         normals = np.array(mesh.GetNormalsAttr().Get(k))
-        assert normals == pytest.approx(vertex_normals(places, sheet.triangles), abs=1e-6)
+        assert normals == pytest.approx(vertex_normals(positions, sheet.triangles), abs=1e-6)
     st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
     assert st.GetInterpolation() == mesh.GetNormalsInterpolation() == "vertex"
     assert np.array(st.Get()) == pytest.approx(sheet.uv, abs=1e-6)
 
 
 COLLIDERS = Scene(
-    spheres=(Sphere(center=(0.0, 1.0, 2.0), radius=0.3, sway=(1.0, 0.0, 0.0), period=(2.0, 2.0, 2.0)),),
+    spheres=(Sphere(center=(0.0, 1.0, 2.0), radius=0.3, oscillation=(1.0, 0.0, 0.0), period=(2.0, 2.0, 2.0)),),
     capsules=(Capsule(center=(1.0, 2.0, 3.0), rotation=(0.0, 0.0, 90.0), length=0.8, radius=0.1),),
     boxes=(Box(center=(1.0, 0.5, 0.0), size=(1.0, 2.0, 4.0), spin=(0.0, 90.0, 0.0)),),
-    planes=(Plane(center=(0.0, -1.0, 0.0), drawn=3.0),),
+    planes=(Plane(center=(0.0, -1.0, 0.0), display_size=3.0),),
     ground=Ground(height=-2.0),
     meshes=load_scene("veil").meshes,
 )
 
 
 def bounds(prim: Usd.Prim, time: float) -> np.ndarray:
-    """The box around a prim in the world, (2, 3), as USD finds it."""
+    """Return the bounding box of a prim in world space, (2, 3), as computed by USD."""
     box = UsdGeom.Imageable(prim).ComputeWorldBound(time, "default").ComputeAlignedRange()
     return np.array([box.GetMin(), box.GetMax()])
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
-def test_colliders_are_where_they_are_at_each_time(up: str, tmp_path: Path) -> None:
-    sheet, x = bumpy()
+def test_usd_colliders_have_their_poses_at_each_time(up: str, tmp_path: Path) -> None:
+    sheet, x = perturbed()
     times = (0.0, 0.5)
     with usd_clip(tmp_path / "c.usdc", sheet, up, 2.0) as add:
         for seconds in times:
-            add(x, bodies_at(colliders_of(COLLIDERS), seconds))
+            add(x, pose_colliders(colliders_of(COLLIDERS), seconds))
     stage, _ = opened(tmp_path / "c.usdc")
     prims = {prim.GetName(): prim for prim in stage.GetDefaultPrim().GetChild("colliders").GetChildren()}
     assert list(prims) == ["sphere_0", "capsule_1", "box_2", "plane_3", "ground_4", "mesh_5"]
     mesh = COLLIDERS.meshes[0]
     assert isinstance(mesh, Mesh)
-    solid = bodies_at([mesh], 0.0)[0]
-    corners = surface_of(mesh).points @ solid.axes.T + solid.center
-    wanted = {  # lowest and highest corner at both times, y up
+    solid = pose_colliders([mesh], 0.0)[0]
+    corners = collider_surface(mesh).vertices @ solid.axes.T + solid.center
+    expected: dict[str, list[Any]] = {  # bounding boxes at both times, y up
         "sphere_0": [[[-0.3, 0.7, 1.7], [0.3, 1.3, 2.3]], [[0.7, 0.7, 1.7], [1.3, 1.3, 2.3]]],
         "capsule_1": [[[0.5, 1.9, 2.9], [1.5, 2.1, 3.1]]] * 2,
         "box_2": [[[0.5, -0.5, -2], [1.5, 1.5, 2]], None],
@@ -199,22 +212,22 @@ def test_colliders_are_where_they_are_at_each_time(up: str, tmp_path: Path) -> N
         "ground_4": [[[-10, -2, -10], [10, -2, 10]]] * 2,
         "mesh_5": [[corners.min(axis=0), corners.max(axis=0)], None],
     }
-    for name, both in wanted.items():
-        for k, box in enumerate(both):
+    for name, boxes in expected.items():
+        for k, box in enumerate(boxes):
             if box is not None:
-                turned = np.sort(turned_up(np.array(box, np.float64), up), axis=0)
-                assert bounds(prims[name], k) == pytest.approx(turned, abs=1e-5), name
-    # The box has turned by 45° about the upright axis: its square base is as wide as its diagonals allow.
-    low, high = turned_up(bounds(prims["box_2"], 1), "y")
+                rotated = np.sort(rotate_to_up(np.array(box, np.float64), up), axis=0)
+                assert bounds(prims[name], k) == pytest.approx(rotated, abs=1e-5), name
+    # The box is rotated by 45° about the vertical axis, so its bounding box is wider.
+    low, high = rotate_to_up(bounds(prims["box_2"], 1), "y")
     assert sorted(high - low) == pytest.approx(sorted([5 / 2**0.5, 2.0, 5 / 2**0.5]), abs=1e-5)
     moving = {name for name, prim in prims.items() if UsdGeom.Xformable(prim).TransformMightBeTimeVarying()}
     assert {"sphere_0", "box_2"} <= moving
     assert not {"capsule_1", "plane_3", "ground_4"} & moving
 
 
-def test_faces_of_slopes_and_floors_look_up(tmp_path: Path) -> None:
-    sheet, x = bumpy()
-    write_usd(tmp_path / "c.usda", sheet, x, bodies_at(colliders_of(COLLIDERS), 0.0), "y")
+def test_faces_of_the_ground_point_up(tmp_path: Path) -> None:
+    sheet, x = perturbed()
+    write_usd(tmp_path / "c.usda", sheet, x, pose_colliders(colliders_of(COLLIDERS), 0.0), "y")
     stage, _ = opened(tmp_path / "c.usda")
     floor = UsdGeom.Mesh(stage.GetPrimAtPath("/drape15/colliders/ground_4"))
     a, b, c, _ = np.array(floor.GetPointsAttr().Get())[np.array(floor.GetFaceVertexIndicesAttr().Get())]
@@ -222,9 +235,9 @@ def test_faces_of_slopes_and_floors_look_up(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", USD_SUFFIXES)
-def test_usd_replaces_a_file_that_is_open_in_this_process(suffix: str, tmp_path: Path) -> None:
+def test_usd_overwrites_a_file_that_is_open_in_this_process(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"c{suffix}"
-    (sheet, x), (_, y) = bumpy(seed=0), bumpy(seed=1)
+    (sheet, x), (_, y) = perturbed(seed=0), perturbed(seed=1)
     write_usd(path, sheet, x, [], "y")
     stage, mesh = opened(path)
     mesh.GetPointsAttr().Get()

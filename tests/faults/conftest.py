@@ -1,4 +1,4 @@
-"""The program as a process of its own, and small disks to spoil."""
+"""The program in its own process, and small file systems that can be full or read-only."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Disk = Callable[..., Path]
 
 @pytest.fixture
 def program(tmp_path: Path) -> Run:
-    """program("render", …, XDG_CACHE_HOME="…"): one command in the test's folder; None takes a variable away."""
+    """program("render", …, XDG_CACHE_HOME="…"): runs one command in the test's folder; None removes a variable."""
 
     def run(*words: str, **environment: str | None) -> subprocess.CompletedProcess[str]:
         changed = {k: v for k, v in {**os.environ, **environment}.items() if v is not None}
@@ -29,7 +29,7 @@ def program(tmp_path: Path) -> Run:
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Disk]:
-    """disk("name", "size=64k"): a folder in the test's own that is a disk in memory, mounted with these options."""
+    """disk("name", "size=64k"): mounts a tmpfs with these options in the test's folder and returns its path."""
     mounted: list[Path] = []
 
     def mount(name: str, options: str) -> Path:

@@ -1,4 +1,4 @@
-"""Any words on the command line: understood, or refused in one line with exit code 2, and nothing is written."""
+"""Random command lines: accepted, or refused in one line with exit code 2, and nothing is written."""
 
 from __future__ import annotations
 
@@ -13,20 +13,26 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from taichi_cloth import cli, runtime
-from taichi_cloth.bench import children
-from taichi_cloth.errors import WrongUse
-from taichi_cloth.scene.overrides import override_places
-from taichi_cloth.stress import running
-from taichi_cloth.validate import running as measuring
-from taichi_cloth.view import display
+from taichi_cloth import __main__ as cli
+from taichi_cloth.cli import exporting, replaying, run, scenes, serve
+from taichi_cloth.cli.main import build_parser
+from taichi_cloth.evaluation import commands as evaluation_commands
+from taichi_cloth.evaluation import compare
+from taichi_cloth.evaluation.bench import subprocess_runner as children
+from taichi_cloth.evaluation.stress import runner as running
+from taichi_cloth.evaluation.validate import references as measuring
+from taichi_cloth.scene.overrides import override_targets
+from taichi_cloth.system import taichi_runtime as runtime
+from taichi_cloth.system.errors import UsageError
+from taichi_cloth.viewer import display_probe as display
 
-STOPPED = "stopped where the run would begin"
+MODULES = (run, serve, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
+STOPPED = "stopped before the run"
 
 
 def commands() -> dict[str, argparse.ArgumentParser]:
-    """The program's own commands."""
-    [action] = [a for a in cli.build_parser()._actions if isinstance(a, argparse._SubParsersAction)]
+    """The commands of the program."""
+    [action] = [a for a in build_parser(MODULES)._actions if isinstance(a, argparse._SubParsersAction)]
     return dict(action.choices)
 
 
@@ -35,9 +41,9 @@ OPTIONS = {
     for name, parser in commands().items()
 }
 
-# What an operating system can hand over: any characters but a zero; bytes that are no text come as half characters.
+# What an operating system can pass: any characters but zero; bytes that are not UTF-8 become lone surrogates.
 text = st.text(st.characters(exclude_characters="\0"), max_size=8)
-scenes = st.sampled_from(["curtain", "curtian", "table", "none.toml", ".", "..", "/", "", "mine.toml", "-"])
+scene_names = st.sampled_from(["curtain", "curtian", "table", "none.toml", ".", "..", "/", "", "mine.toml", "-"])
 values = st.sampled_from(
     [
         "0",
@@ -57,31 +63,32 @@ values = st.sampled_from(
         "x",
         "1x1x1",
     ]
-    + ["verlet", "varlet", "lanes", "cpu", "strain", "a\nb", "a\x1b[31mb", "\udcff", "A2", "", "--", "-", "=", "out"]
+    + ["verlet", "varlet", "simd", "cpu", "strain", "a\nb", "a\x1b[31mb", "\udcff", "A2", "", "--", "-", "=", "out"]
 )
 overrides = st.builds(
     "{}={}".format,
-    st.sampled_from(sorted(override_places())) | text,
+    st.sampled_from(sorted(override_targets())) | text,
     values
     | text
     | st.sampled_from(["nan", "-inf", "[1,2,3]", "[", "{a=1}", "true", "'x'", "[[0,0,0,0],[1]]", "1e400"]),
 )
 
 
-RIGHT = {"--size": "96x54", "--frames": "3", "--out": "o", "--solver": "lines", "--path": "list", "--every": "2"}
-RIGHT |= {"--set": "wind_z=2", "--view": "strain", "--samples": "1", "--arch": "cpu", "--target-error": "2"}
-RIGHT |= {"--only": "A2", "--csv": "file.csv", "--json": "file.json", "--markdown": "file.md", "--scene": "curtain"}
+VALID = {"--size": "96x54", "--frames": "3", "--out": "o", "--solver": "lines", "--layout": "serial", "--every": "2"}
+VALID |= {"--set": "wind_z=2", "--view": "strain", "--samples": "1", "--arch": "cpu", "--target-error": "2"}
+VALID |= {"--filter": "A2", "--csv": "file.csv", "--json": "file.json", "--markdown": "file.md", "--scene": "curtain"}
 
 
 @st.composite
 def words(draw: st.DrawFn) -> list[str]:
-    """A command with some of its own options, not all of them with the values they need."""
+    """A command with some of its options, some of them without their values."""
     name = draw(st.sampled_from(sorted(OPTIONS)))
-    found = [name, *draw(st.just(["curtain"]) | st.lists(scenes, max_size=2))]
-    for option in draw(st.lists(st.sampled_from(OPTIONS[name]), max_size=4)):
+    found = [name, *draw(st.just(["curtain"]) | st.lists(scene_names, max_size=2))]
+    options = st.lists(st.sampled_from(OPTIONS[name]), max_size=4) if OPTIONS[name] else st.just([])
+    for option in draw(options):
         found.append(option)
         if draw(st.booleans()):
-            found += [RIGHT[option]] if option in RIGHT else []
+            found += [VALID[option]] if option in VALID else []
         else:
             found += draw(st.lists(overrides if option == "--set" else values | text, max_size=1))
     return draw(st.permutations(found)) if draw(st.booleans()) else found
@@ -89,11 +96,11 @@ def words(draw: st.DrawFn) -> list[str]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """A folder to be in, and no run that begins."""
+    """An empty working folder, in which no run begins."""
     folder = tmp_path_factory.mktemp("empty")
 
     def stop(*arguments: Any, **options: Any) -> Any:
-        raise WrongUse(STOPPED)
+        raise UsageError(STOPPED)
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(runtime, "start", stop)
@@ -107,24 +114,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Any:
 @given(words() | st.lists(text | values, max_size=4))
 @example(["render", "curtain", "--out", "two\nlines", "--sett", "one\ntwo"])
 @example(["check", "two\nlines.toml"])
-@example(["validate", "--only", "two\nlines"])
+@example(["validate", "--filter", "two\nlines"])
+@example(["validate", "--only", "two\nlines"])  # renamed to --filter
 @example(["bench", "--csv", "no folder/file.csv"])
 @example(["stress"])
 @example(["render", "curtain", "--set", "rows=2048", "--set", "columns=2048"])
-def test_no_words_make_a_traceback(folder: Path, words: list[str]) -> None:
+def test_no_command_line_prints_a_traceback(folder: Path, words: list[str]) -> None:
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", "backslashreplace") for _ in range(2))
     with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            code = cli.main(words)
+            code: object = cli.main(words)
         except SystemExit as ended:
             code = ended.code
     err.seek(0)
-    said = err.read()
+    message = err.read()
     assert code in (0, 1, 2)
     if code:
-        assert said.startswith("taichi-cloth")
-        assert said.count("\n") == 1
-        assert said[:-1].isprintable()
+        assert message.startswith("taichi-cloth")
+        assert message.count("\n") == 1
+        assert message[:-1].isprintable()
     else:
-        assert said == ""
+        assert message == ""
     assert os.listdir(folder) == []

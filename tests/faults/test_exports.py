@@ -1,4 +1,4 @@
-"""Exports onto a full disk: no half file, the older one as it was, and one line."""
+"""Exports to a full disk: no partial file, the older file is kept, and the error is one line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from taichi_cloth import cli
+from taichi_cloth import __main__ as cli
 
 pytestmark = pytest.mark.usefixtures("running")
 
@@ -22,15 +22,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", ["c.pc2", "c.usdc", "c.usda", "c.html"])
-def test_a_clip_that_does_not_fit_leaves_the_older_one(
+def test_a_clip_that_does_not_fit_keeps_the_older_file(
     disk: Disk, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = disk("o", "size=16k")
     older = {out / name, out / "c.obj"}
     for path in older:
         path.write_text("older")
-    words = ["small.toml", "--path", "list", "--frames", "90", "--out", f"o/{name}", "--force"]
-    assert cli.main(["bake", *words]) == 1
+    words = ["small.toml", "--layout", "serial", "--frames", "0:90", "--out", f"o/{name}", "--force"]
+    assert cli.main(["export", *words]) == 1
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert "No space left on device" in err
@@ -39,9 +39,12 @@ def test_a_clip_that_does_not_fit_leaves_the_older_one(
     assert {path.read_text() for path in older} == {"older"}
 
 
-def test_numbered_files_that_fit_stay(disk: Disk, capsys: pytest.CaptureFixture[str]) -> None:
+def test_numbered_files_that_fit_are_kept(disk: Disk, capsys: pytest.CaptureFixture[str]) -> None:
     out = disk("o", "size=64k")
-    assert cli.main(["bake", "small.toml", "--path", "list", "--frames", "90", "--format", "ply", "--out", "o"]) == 1
+    assert (
+        cli.main(["export", "small.toml", "--layout", "serial", "--frames", "0:90", "--format", "ply", "--out", "o"])
+        == 1
+    )
     err = capsys.readouterr().err
     assert re.fullmatch(r"taichi-cloth: o/frame_000\d\d\.ply: No space left on device\n", err)
     names = sorted(path.name for path in out.iterdir())

@@ -1,4 +1,4 @@
-"""A broken folder of compiled kernels costs their compiling, never the process."""
+"""A damaged cache of compiled kernels causes recompilation, never a crash."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from taichi_cloth.kernel_cache import INDEX, LOCK, index_is_sound
+from taichi_cloth.system.taichi_runtime import INDEX, LOCK, is_index_consistent
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 ONE_KERNEL = """
-from taichi_cloth import runtime
+from taichi_cloth.system import taichi_runtime as runtime
 runtime.start()
 import taichi as ti
 field = ti.field(ti.f32, 4)
@@ -28,7 +28,7 @@ print(field[3])
 
 @pytest.fixture
 def works(program: Run, tmp_path: Path) -> Callable[..., None]:
-    """works(XDG_CACHE_HOME="…"): compiles and runs one kernel, and leaves no temporary folder behind."""
+    """works(XDG_CACHE_HOME="…"): compiles and runs one kernel, and checks that no temporary folder remains."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
 
@@ -40,7 +40,7 @@ def works(program: Run, tmp_path: Path) -> Callable[..., None]:
     return once
 
 
-def test_a_file_where_the_folder_should_be(program: Run, tmp_path: Path) -> None:
+def test_a_file_in_place_of_the_cache_folder(program: Run, tmp_path: Path) -> None:
     (tmp_path / "cache").write_text("mine")
     words = ["render", "drape15", "--frames", "1", "--size", "96x54", "--out", "o"]
     done = program(*words, XDG_CACHE_HOME=str(tmp_path / "cache"))
@@ -48,24 +48,24 @@ def test_a_file_where_the_folder_should_be(program: Run, tmp_path: Path) -> None
     assert (tmp_path / "cache").read_text() == "mine"
 
 
-def test_a_folder_that_cannot_be_written(works: Callable[..., None], disk: Callable[..., Path]) -> None:
+def test_a_read_only_cache_folder(works: Callable[..., None], disk: Callable[..., Path]) -> None:
     works(XDG_CACHE_HOME=str(disk("cache", "size=64k,ro")))
 
 
-def test_a_full_disk(works: Callable[..., None], disk: Callable[..., Path]) -> None:
+def test_a_cache_folder_on_a_full_disk(works: Callable[..., None], disk: Callable[..., Path]) -> None:
     cache = disk("cache", "size=16k")
-    for _ in range(2):  # the second reads what the first could write
+    for _ in range(2):  # the second reads what the first wrote
         works(XDG_CACHE_HOME=str(cache))
 
 
-@pytest.mark.skipif(os.name != "posix", reason="elsewhere Taichi has a folder of its own")
-def test_a_user_without_a_home(program: Run) -> None:
+@pytest.mark.skipif(os.name != "posix", reason="Taichi uses another folder on other systems")
+def test_a_user_without_a_home_folder(program: Run) -> None:
     nobody = "import os\ndef home(path): return path\nos.path.expanduser = home\n"
     done = program("-c", nobody + ONE_KERNEL, HOME=None, XDG_CACHE_HOME=None)
     assert (done.returncode, done.stdout, done.stderr) == (0, "2.0\n", "")
 
 
-def test_torn_kernels_a_damaged_index_and_the_lock_of_a_dead_process(
+def test_truncated_kernels_a_damaged_index_and_the_lock_of_a_dead_process(
     works: Callable[..., None], tmp_path: Path
 ) -> None:
     works(XDG_CACHE_HOME=str(tmp_path))
@@ -81,8 +81,8 @@ def test_torn_kernels_a_damaged_index_and_the_lock_of_a_dead_process(
     os.utime(folder / LOCK, (yesterday, yesterday))
     works(XDG_CACHE_HOME=str(tmp_path))
     assert not (folder / LOCK).exists()
-    assert len((folder / INDEX).read_bytes()) == len(good)  # written anew
-    assert index_is_sound((folder / INDEX).read_bytes())
+    assert len((folder / INDEX).read_bytes()) == len(good)  # written again
+    assert is_index_consistent((folder / INDEX).read_bytes())
 
 
 def index(*names: str) -> bytes:
@@ -94,12 +94,12 @@ def index(*names: str) -> bytes:
 
 def test_every_length_in_an_index_is_checked() -> None:
     content = index("first", "second")
-    assert index_is_sound(content)
-    assert index_is_sound(index())
-    assert index_is_sound(content[:-3])  # a torn one Taichi knows by its whole length
-    lengths = [22, 30, 30 + 8 + 5]  # of the kernels, and twice of the first's name
+    assert is_index_consistent(content)
+    assert is_index_consistent(index())
+    assert is_index_consistent(content[:-3])  # Taichi itself detects a truncated index by its total length
+    lengths = [22, 30, 30 + 8 + 5]  # offsets of the number of kernels, and of both lengths of the first name
     for at in lengths:
         for byte in range(8):
             damaged: Any = bytearray(content)
             damaged[at + byte] ^= 0xFF
-            assert not index_is_sound(bytes(damaged))
+            assert not is_index_consistent(bytes(damaged))

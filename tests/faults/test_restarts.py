@@ -1,6 +1,6 @@
-"""Taichi is ended and started anew while things of the last program are there: no crash, and no memory freed twice.
+"""Restarts of Taichi while objects of the previous program exist: no crash, and no memory is freed twice.
 
-Each runs in a process of its own: a crash is then a failed test and not a dead worker.
+Each runs in its own process, so that a crash fails the test instead of ending the worker.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 HEAD = """
 import gc, weakref
 import numpy as np, taichi as ti
-from taichi_cloth import runtime
-from taichi_cloth.scene.model import Cloth, Scene, Solver, Sphere
-from taichi_cloth.simulation import Simulation
-from taichi_cloth.state.device_array import DeviceArray
+from taichi_cloth.system import taichi_runtime as runtime
+from taichi_cloth.scene.schema import Cloth, Scene, Solver
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system.taichi_compat import DeviceArray
 
-def scene(solver="spring"):
+def scene(solver="explicit"):
     return Scene(cloth=Cloth(rows=4, columns=4), solver=Solver(solver, substeps=10))
 
 def mapped(address):
@@ -35,12 +35,12 @@ def addresses(arrays):
 """
 
 
-reads_maps = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="no map of memory to read")
+reads_maps = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs /proc/self/maps")
 
 
 @pytest.fixture
 def survives(program: Run) -> Callable[[str], None]:
-    """survives(code): it ends by itself, and not by a signal."""
+    """survives(code): checks that the program exits normally, not by a signal."""
 
     def check(code: str) -> None:
         done = program("-c", HEAD + code)
@@ -50,39 +50,39 @@ def survives(program: Run) -> Callable[[str], None]:
 
 
 @reads_maps
-@pytest.mark.parametrize("new", ["list", "gather"])
+@pytest.mark.parametrize("new", ["serial", "parallel"])
 @pytest.mark.parametrize("collecting", ["enable", "disable"])
 def test_a_program_that_ends_while_simulations_are_open(
     survives: Callable[[str], None], new: str, collecting: str
 ) -> None:
-    """The pool of strips is used in the first program, and late in the second: what it kept must not go only then.
+    """The pool of SIMD layouts is used in the first program and late in the second: no fields of the first may remain.
 
-    Arrays stand between the simulations' own, for addresses to meet.
+    Arrays are allocated between those of the simulations, so that addresses may coincide.
     """
     survives(f"""
 gc.{collecting}()
 runtime.start("cpu", random_seed=0)
 old = [DeviceArray((100,)) for _ in range(150)]
-Simulation(scene(), "lanes").close()
-simulation = Simulation(scene(), "gather")
-simulation.advance_frame()
+Simulation(scene(), "simd").close()
+simulation = Simulation(scene(), "parallel")
+simulation.step()
 old += [DeviceArray((100,)) for _ in range(150)]
 runtime.stop()
 runtime.start("cpu", random_seed=0)
 new = [DeviceArray((100,)) for _ in range(50)]
 other = Simulation(scene(), "{new}")
-other.advance_frame()
+other.step()
 new += [DeviceArray((100,)) for _ in range(250)]
 x = other.positions()
 at = addresses(new)
 old.clear()
 del simulation
-Simulation(scene(), "lanes").close()
+Simulation(scene(), "simd").close()
 gc.collect()
 assert all(map(mapped, at))
 assert (other.positions() == x).all()
-other.place(x)
-other.advance_frame()
+other.set_state(x)
+other.step()
 assert np.isfinite(other.positions()).all()
 """)
 
@@ -100,7 +100,7 @@ delete = Program.delete_ndarray
 Program.delete_ndarray = lambda program, array: deleted.append(array)
 old.clear()
 gc.collect()
-assert deleted == []  # whatever is at these addresses now
+assert deleted == []  # these addresses may belong to other arrays now
 Program.delete_ndarray = delete
 assert sum(map(mapped, at)) == 200
 for array in new:
@@ -122,31 +122,31 @@ def test_arrays_that_outlive_their_program_free_nothing_of_the_next(survives: Ca
     survives(ARRAYS.format(end=end))
 
 
-@pytest.mark.parametrize("path", ["list", "lanes", "gather"])
+@pytest.mark.parametrize("layout", ["serial", "simd", "parallel"])
 @pytest.mark.parametrize("end", ["runtime.stop()", 'runtime.start("cpu")', "ti.reset()"])
-def test_a_simulation_whose_program_has_ended_says_so(survives: Callable[[str], None], path: str, end: str) -> None:
+def test_a_simulation_whose_program_has_ended_raises(survives: Callable[[str], None], layout: str, end: str) -> None:
     survives(f"""
 runtime.start("cpu")
-simulation = Simulation(scene(), "{path}")
-simulation.advance_frame()
+simulation = Simulation(scene(), "{layout}")
+simulation.step()
 assert not simulation.closed
 {end}
 assert simulation.closed
-changes = [simulation.advance_frame, simulation.reset, lambda: simulation.pin(7),
-           lambda: simulation.place(simulation.topology.start)]
-for use in (*changes, simulation.positions, simulation.measure, lambda: simulation.save("a")):
+changes = [simulation.step, simulation.reset, lambda: simulation.pin(7),
+           lambda: simulation.set_state(simulation.topology.start)]
+for use in (*changes, simulation.positions, simulation.metrics, lambda: simulation.save("a")):
     try:
         use()
     except RuntimeError as error:
-        assert str(error).startswith("Taichi was stopped or started anew"), error
+        assert str(error).startswith("Taichi was stopped or restarted"), error
     else:
         raise AssertionError(use)
 simulation.close()
 simulation.close()
 del simulation
 runtime.start("cpu")
-with Simulation(scene(), "{path}") as simulation:
-    simulation.advance_frame()
+with Simulation(scene(), "{layout}") as simulation:
+    simulation.step()
 """)
 
 
@@ -155,19 +155,19 @@ def test_a_closed_simulation_frees_its_arrays_at_once(survives: Callable[[str], 
     survives("""
 gc.disable()
 runtime.start("cpu")
-simulation = Simulation(scene(), "gather")
-simulation.advance_frame()
-launches = weakref.ref(simulation.solver.launches)
-at = addresses(array for array, _ in simulation.solver.launches._arrays.values())
+simulation = Simulation(scene(), "parallel")
+simulation.step()
+runner = weakref.ref(simulation.solver.runner)
+at = addresses(array for array, _ in simulation.solver.runner._arrays.values())
 assert len(at) == 2 and all(map(mapped, at))
 simulation.close()
-assert launches() is None
+assert runner() is None
 assert not any(map(mapped, at))
 """)
 
 
 @pytest.mark.parametrize(
-    ("keep", "told"),
+    ("keep", "named"),
     [
         ("kept = ti.lang.impl.get_runtime().prog", "__main__: kept"),
         ("kept = [ti.lang.impl.get_runtime().prog]", "a builtins.list"),
@@ -178,17 +178,19 @@ assert not any(map(mapped, at))
     ],
 )
 @pytest.mark.parametrize("end", ["runtime.stop()", 'runtime.start("cpu")'])
-def test_who_keeps_an_ended_program_is_named(survives: Callable[[str], None], keep: str, told: str, end: str) -> None:
+def test_the_error_names_what_refers_to_an_ended_program(
+    survives: Callable[[str], None], keep: str, named: str, end: str
+) -> None:
     survives(f"""
 runtime.start("cpu")
 {keep}
-for _ in range(2):  # it stays refused until it is gone
+for _ in range(2):  # refused until the reference is gone
     try:
         {end}
     except RuntimeError as error:
-        assert str(error) == "Taichi's program has ended, and is still referred to by {told}", error
+        assert str(error) == "Taichi's program has ended but is still referenced by {named}", error
     else:
-        raise AssertionError("nobody noticed")
+        raise AssertionError("no error was raised")
 del kept
 runtime.start("cpu")
 runtime.stop()

@@ -1,4 +1,4 @@
-"""A test run ends at once, and names the test, where a test ends its process or never ends."""
+"""A test run ends at once and names the test if a test crashes its process or never ends."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ import taichi as ti
 def endless(x: ti.template()):
     ti.loop_config(serialize=True)
     for _ in range(1):
-        while x[None] != 1:  # it never is: it stays even
+        while x[None] != 1:  # never true: x stays even
             x[None] = x[None] * 1664525 + 1013904224
 
 def test_before():
@@ -47,7 +47,7 @@ def test_behind():
 
 
 def run(folder: Path, content: str, *options: str) -> tuple[str, float]:
-    """What pytest says of a file of tests, with this project's settings, and how long that takes [s]. It must fail."""
+    """Run pytest on a test file with this project's settings. Return its output and time [s]. It must fail."""
     shutil.copy(ROOT / "tests" / "conftest.py", folder)
     (folder / "test_file.py").write_text(content)
     command = [sys.executable, "-m", "pytest", "-c", str(ROOT / "pyproject.toml"), "--rootdir", str(folder)]
@@ -60,22 +60,22 @@ def run(folder: Path, content: str, *options: str) -> tuple[str, float]:
 
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_a_crashed_worker_ends_the_run(tmp_path: Path, workers: str) -> None:
-    said, seconds = run(tmp_path, CRASHES, "-n", workers)
-    assert "crashed while running 'test_file.py::test_that_crashes'" in said
-    assert "1 failed, 1 passed" in said  # no worker takes its place: xdist has been seen to wait for one for ever
+    output, seconds = run(tmp_path, CRASHES, "-n", workers)
+    assert "crashed while running 'test_file.py::test_that_crashes'" in output
+    assert "1 failed, 1 passed" in output  # no worker replaces it: xdist has been seen to wait for one forever
     assert seconds < 60
 
 
 @pytest.mark.parametrize("workers", ["0", "2"])
-def test_a_kernel_that_never_ends_is_ended(tmp_path: Path, workers: str) -> None:
-    said, seconds = run(tmp_path, STUCK, "-n", workers, "-o", "faulthandler_timeout=5")
-    assert "Timeout (0:00:05)!" in said
-    assert "in test_that_never_ends" in said
+def test_a_kernel_that_never_ends_is_stopped(tmp_path: Path, workers: str) -> None:
+    output, seconds = run(tmp_path, STUCK, "-n", workers, "-o", "faulthandler_timeout=5")
+    assert "Timeout (0:00:05)!" in output
+    assert "in test_that_never_ends" in output
     if workers != "0":
-        assert "crashed while running 'test_file.py::test_that_never_ends'" in said
+        assert "crashed while running 'test_file.py::test_that_never_ends'" in output
     assert seconds < 60
 
 
-def test_a_test_is_given_minutes(pytestconfig: pytest.Config) -> None:
+def test_the_time_limit_of_a_test_is_minutes(pytestconfig: pytest.Config) -> None:
     assert pytestconfig.getini("faulthandler_exit_on_timeout") is True
     assert float(pytestconfig.getini("faulthandler_timeout")) >= 600

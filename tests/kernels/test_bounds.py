@@ -1,4 +1,4 @@
-"""`make bounds` runs the tests of kernels and contact with every index checked: the check must really be on."""
+"""`make bounds` runs the tests of kernels and contact with index checks: these must really be on."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_cloth import runtime
-from taichi_cloth.kernels.whole import kept_whole, placed, whole_field
-from taichi_cloth.scene import load_scene
-from taichi_cloth.simulation import Simulation
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.kernels.tensor_fields import materialized, tensor_field
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system import taichi_runtime as runtime
+from taichi_cloth.system.taichi_compat import no_scalarization
+
+pytestmark = pytest.mark.bounds
 
 row = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
@@ -27,24 +30,24 @@ def of_array(array: row, i: ti.i32) -> ti.f32:
 
 
 @ti.kernel
-def of_slots(field: ti.template(), i: ti.i32) -> ti.f32:
-    slot = field[i]
-    return slot[0]
+def of_packets(field: ti.template(), i: ti.i32) -> ti.f32:
+    packet = field[i]
+    return packet[0]
 
 
 def reads() -> list[Callable[[int], float]]:
-    field, slots = ti.field(ti.f32, 4), placed(lambda: whole_field((8,), ti.f32, 4))
+    field, packets = ti.field(ti.f32, 4), materialized(lambda: tensor_field((8,), ti.f32, 4))
 
-    def of_whole(i: int) -> float:
-        with kept_whole(True):
-            return float(of_slots(slots, i))
+    def of_tensor_field(i: int) -> float:
+        with no_scalarization(True):
+            return float(of_packets(packets, i))
 
-    return [lambda i: of_field(field, i), lambda i: of_array(np.zeros(4, np.float32), i), of_whole]
+    return [lambda i: of_field(field, i), lambda i: of_array(np.zeros(4, np.float32), i), of_tensor_field]
 
 
 @pytest.fixture
 def checked() -> Iterator[None]:
-    """Taichi as `make bounds` has it."""
+    """Run Taichi as `make bounds` does."""
     if os.environ.get("TI_DEBUG") != "1":
         runtime.start("cpu", debug=True)
         yield
@@ -63,12 +66,12 @@ def test_an_index_out_of_range_is_an_error() -> None:
 
 
 @pytest.mark.skipif(os.environ.get("TI_DEBUG") != "1", reason="make bounds runs it")
-@pytest.mark.parametrize("bend", [0.0, 1.0], ids=["two slots", "four"])
-@pytest.mark.parametrize(("solver", "rows", "columns"), [("lines", 40, 8), ("lines", 2, 40), ("spring", 40, 8)])
-def test_strips_stay_within_their_fields(solver: str, rows: int, columns: int, bend: float) -> None:
-    """`lines` in strips has the most slots behind its fields."""
+@pytest.mark.parametrize("bend", [0.0, 1.0], ids=["two packets", "four"])
+@pytest.mark.parametrize(("solver", "rows", "columns"), [("lines", 40, 8), ("lines", 2, 40), ("explicit", 40, 8)])
+def test_the_simd_layout_stays_within_its_fields(solver: str, rows: int, columns: int, bend: float) -> None:
+    """`lines` has the largest halo behind its fields."""
     scene = load_scene("curtain", rows=rows, columns=columns, solver=solver, substeps=2)
-    scene = replace(scene, fabric=replace(scene.fabric, bend=bend))
-    with Simulation(replace(scene, wind=None, spheres=(), ground=None), "lanes") as simulation:
-        simulation.advance_frame()
-        assert simulation.measure().finite
+    scene = replace(scene, fabric=replace(scene.fabric, bend_spring=bend))
+    with Simulation(replace(scene, wind=None, spheres=(), ground=None), "simd") as simulation:
+        simulation.step()
+        assert simulation.metrics().finite

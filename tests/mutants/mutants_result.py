@@ -1,4 +1,4 @@
-"""What `make mutants` found, as a small file beside the tests: `tests/mutants_result.toml`. A test reads it."""
+"""The result of `make mutants` as a small file next to the tests: `tests/mutants_result.toml`. A test reads it."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Any
 
 from mutation import ROOT
 
-from taichi_cloth.machine import cpu_model, machine
+from taichi_cloth.system.taichi_runtime import cpu_model, machine
 
 FILE = ROOT / "tests" / "mutants_result.toml"
-TITLE = "# Written by `make mutants`: its last result over the whole table."
+TITLE = "# Written by `make mutants`: its last result for the complete table."
 KILLED, SURVIVED, BROKEN = "killed", "SURVIVED", "BROKEN"
 
 
-def reduced(verdicts: Mapping[str, str], of: str, seconds: float) -> dict[str, dict[str, Any]]:
-    """Counts, and names of what no test saw or could not be tried, from what became of each mutation by name.
+def reduced(verdicts: Mapping[str, str], commit: str, seconds: float) -> dict[str, dict[str, Any]]:
+    """Return the counts, and the names of mutations that survived or could not be tried, from the verdicts by name.
 
-    `of` is the commit that was tried, `seconds` how long all took.
+    `commit` is the tested commit, `seconds` the duration of the run.
     """
     named = {verdict: [name for name, found in verdicts.items() if found == verdict] for verdict in (SURVIVED, BROKEN)}
     result = {
         "date": date.today().isoformat(),
-        "commit": of,
+        "commit": commit,
         "mutations": len(verdicts),
         "killed": sum(verdict == KILLED for verdict in verdicts.values()),
         "survived": named[SURVIVED],

@@ -1,6 +1,6 @@
-"""The table of mutations fits the program: every text is there once, and every test that it names exists.
+"""The table of mutations fits the program: every text occurs once, and every named test exists.
 
-The last result of the whole table is kept, and no mutation survived in it.
+The last result of the complete table is stored, and no mutation survived.
 """
 
 from __future__ import annotations
@@ -20,83 +20,83 @@ from mutants_result import BROKEN, KILLED, SURVIVED
 from mutation import ROOT, Mutation
 from mutations import MUTATIONS
 from result_file import commit, written
-from run_mutants import Result, chosen, main
+from run_mutants import Result, main, selected
 
 
 @pytest.fixture(autouse=True, scope="module")
 def taichi() -> None:
-    """Nothing here needs it."""
+    """No test of this module needs Taichi."""
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda mutation: mutation.name)
-def test_its_text_is_there_once(mutation: Mutation) -> None:
+def test_the_text_of_each_mutation_occurs_once(mutation: Mutation) -> None:
     text = (ROOT / mutation.path).read_text(encoding="utf-8")
     changed = mutation.applied(text)
     assert changed != text
     compile(changed, str(mutation.path), "exec")
 
 
-def test_names_are_unique_and_faults_too() -> None:
+def test_names_and_faults_are_unique() -> None:
     assert max(Counter(mutation.name for mutation in MUTATIONS).values()) == 1
     assert max(Counter((m.file, m.old, m.new) for m in MUTATIONS).values()) == 1
 
 
-def test_every_test_that_is_named_is_there() -> None:
-    named = sorted({test for mutation in MUTATIONS for test in mutation.node_ids})
+def test_every_named_test_exists() -> None:
+    node_ids = sorted({test for mutation in MUTATIONS for test in mutation.node_ids})
     command = [sys.executable, "-m", "pytest", "-n", "0", "--collect-only", "-q", "-m", "long or not long"]
-    done = subprocess.run([*command, "-p", "no:cacheprovider", *named], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([*command, "-p", "no:cacheprovider", *node_ids], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_what_does_not_fit_is_said() -> None:
-    wrong = Mutation("wrong", "hand.py", "there is no such line", "", ())
-    with pytest.raises(ValueError, match=r"wrong: .*hand\.py has 0 places for 'there is no such line', not one"):
+def test_a_missing_text_is_an_error() -> None:
+    wrong = Mutation("wrong", "simulation/grabbing.py", "there is no such line", "", ())
+    with pytest.raises(ValueError, match=r"wrong: .*grabbing\.py contains 'there is no such line' 0 times, not once"):
         wrong.applied((ROOT / wrong.path).read_text(encoding="utf-8"))
 
 
-def test_a_name_that_is_none_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert [mutation.name for mutation in chosen([MUTATIONS[3].name])] == [MUTATIONS[3].name]
+def test_an_unknown_name_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert [mutation.name for mutation in selected([MUTATIONS[3].name])] == [MUTATIONS[3].name]
     assert main(["--only", "no-such-mutation"]) == 2
     err = capsys.readouterr().err
-    assert err.startswith("mutants: no mutation is called no-such-mutation")
+    assert err.startswith("mutants: unknown mutation no-such-mutation; use ")
     assert err.count("\n") == 1
     assert BROKEN
 
 
-# -- what is kept of a run ---------------------------------------------------------------------------------
+# -- stored result -----------------------------------------------------------------------------------------------------
 
 
-def test_the_last_run_is_kept_and_nothing_survived_in_it() -> None:
-    """It is of the table as it is: who adds a mutation runs `make mutants` again."""
+def test_the_last_run_is_stored_and_no_mutation_survived() -> None:
+    """The result is that of the present table: after a mutation is added, `make mutants` must run again."""
     file = mutants_result.FILE
     if not file.exists():
-        pytest.skip("`make mutants`, which writes tests/mutants_result.toml, has not been run to its end yet")
-    kept = tomllib.loads(file.read_text(encoding="utf-8"))
-    result = kept["result"]
+        pytest.skip("`make mutants`, which writes tests/mutants_result.toml, has not been completed yet")
+    stored = tomllib.loads(file.read_text(encoding="utf-8"))
+    result = stored["result"]
     assert result["survived"] == []
     assert result["broken"] == []
     assert result["killed"] == result["mutations"] == len(MUTATIONS)
     assert result["seconds"] > 0
     assert date.fromisoformat(result["date"]) > date(2026, 1, 1)
     assert result["commit"]
-    assert kept["machine"]["processor"]
+    assert stored["machine"]["processor"]
 
 
 @pytest.fixture
 def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where a result is written. No mutation is run: the last of a table is broken, and that before it survives."""
+    """Return the file of the result. No mutation runs: the last one of a table is broken, the one before survives."""
 
     def run(mutations: Sequence[Mutation], jobs: int) -> list[Result]:
         verdicts = [*[KILLED] * (len(mutations) - 2), SURVIVED, BROKEN][-len(mutations) :]
         results = [Result(mutation, verdict, 1.0) for mutation, verdict in zip(mutations, verdicts, strict=True)]
-        return results[::-1]  # as they end
+        return results[::-1]  # mutations end in any order
 
     monkeypatch.setattr(run_mutants, "run", run)
     monkeypatch.setattr(mutants_result, "FILE", tmp_path / "mutants_result.toml")
     return mutants_result.FILE
 
 
-def test_a_whole_table_is_stored(file: Path) -> None:
+def test_the_result_of_the_complete_table_is_stored(file: Path) -> None:
     assert main([]) == 2
     tables = tomllib.loads(file.read_text(encoding="utf-8"))
     result = tables["result"]
@@ -108,7 +108,7 @@ def test_a_whole_table_is_stored(file: Path) -> None:
     assert tables == tomllib.loads(written(mutants_result.TITLE, tables))
 
 
-def test_survivors_are_named_in_the_order_of_the_table() -> None:
+def test_survivors_are_listed_in_the_order_of_the_table() -> None:
     verdicts = {"a": SURVIVED, "b": KILLED, "c": SURVIVED, "d": BROKEN}
     result = mutants_result.reduced(verdicts, "abc+", 12.6)["result"]
     assert (result["survived"], result["broken"]) == (["a", "c"], ["d"])
@@ -116,14 +116,14 @@ def test_survivors_are_named_in_the_order_of_the_table() -> None:
     assert result["commit"] == "abc+"
 
 
-def test_chosen_mutations_are_not_stored(file: Path) -> None:
+def test_the_result_of_selected_mutations_is_not_stored(file: Path) -> None:
     assert main(["--only", MUTATIONS[0].name, MUTATIONS[1].name]) == 2
     assert not file.exists()
 
 
-def test_nothing_is_stored_where_tests_fail_without_a_fault(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_stored_if_tests_fail_without_a_mutation(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(mutations: Sequence[Mutation], jobs: int) -> list[Result]:
-        raise ValueError("without a fault the tests do not pass")
+        raise ValueError("the tests fail without a mutation")
 
     monkeypatch.setattr(run_mutants, "run", run)
     assert main([]) == 2

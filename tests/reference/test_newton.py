@@ -1,4 +1,4 @@
-"""The reference against another way to the same motion: implicit steps, each solved by Newton's method to the end."""
+"""The reference compared with another method: implicit steps, each solved by Newton's method until it converges."""
 
 from dataclasses import replace
 
@@ -6,29 +6,31 @@ import numpy as np
 import pytest
 
 from taichi_cloth import load_scene
-from taichi_cloth.reference.blocks import BlockSystem
-from taichi_cloth.reference.dynamics import Motion
-from taichi_cloth.reference.springs import Floats, SpringModel, spring_model
-from taichi_cloth.scene.model import FRAME_SECONDS, Scene
+from taichi_cloth.evaluation.reference.solution import Motion
+from taichi_cloth.evaluation.reference.spring_model import Floats, SpringModel, spring_model
+from taichi_cloth.evaluation.reference.static_solution import BlockSystem
+from taichi_cloth.scene.schema import FRAME_SECONDS, Scene
 
 
 def cloth_of(name: str) -> Scene:
-    """The cloth of a shipped scene under its weight alone."""
+    """Return a shipped scene with the cloth and its weight only."""
     scene = load_scene(name)
-    still = tuple(replace(grip, sway=(0.0, 0.0, 0.0), rock=(0.0, 0.0, 0.0), path=()) for grip in scene.grips)
+    still = tuple(
+        replace(one, oscillation=(0.0, 0.0, 0.0), rocking=(0.0, 0.0, 0.0), keyframes=()) for one in scene.attachments
+    )
     solver = replace(scene.solver, damping=0.0)
-    return replace(scene, spheres=(), capsules=(), grips=still, wind=None, ground=None, solver=solver)
+    return replace(scene, spheres=(), capsules=(), attachments=still, wind=None, ground=None, solver=solver)
 
 
 def implicit_midpoint(model: SpringModel, frames: int, steps: int) -> Floats:
-    """Places (3, N) by M·(x½ − x − h/2·v)·4/h² = F(x½), solved until nothing moves by more than 1e-13 m."""
+    """Return positions (3, N) by M·(x½ − x − h/2·v)·4/h² = F(x½), solved until no component changes by 1e-13 m."""
     h, system = FRAME_SECONDS / steps, BlockSystem(model)
     x, v = model.start, np.zeros_like(model.start)
     for _ in range(frames * steps):
         ahead = x + h / 2 * v
         middle = ahead.copy()
         for _ in range(20):
-            force = model.elastic(middle) + model.weight()
+            force = model.elastic_force(middle) + model.weight()
             wrong = (force - 4 / h**2 * model.mass * (middle - ahead)) * model.free
             change = system.solve(4 / h**2 * model.mass, model.stiffness_blocks(middle), wrong)
             middle += change
@@ -43,14 +45,16 @@ def implicit_midpoint(model: SpringModel, frames: int, steps: int) -> Floats:
     ("name", "frames", "steps", "bound"),
     [("drape15", 5, 16, 3e-7), pytest.param("cape", 2, 24, 3e-6, marks=pytest.mark.long)],
 )
-def test_both_ways_agree(name: str, frames: int, steps: int, bound: float) -> None:
-    """To a share of the side that the shorter implicit steps reach, by Richardson's extrapolation of both."""
+def test_both_methods_agree(name: str, frames: int, steps: int, bound: float) -> None:
+    """Richardson extrapolation of two runs with implicit steps agrees to a small share of the side."""
     scene = cloth_of(name)
     model = spring_model(scene)
     explicit = Motion(scene, 400)
     for _ in range(frames):
-        explicit.frame()
+        explicit.step_frame()
     coarse, fine = (implicit_midpoint(model, frames, n) for n in (steps, 2 * steps))
-    away = [np.abs(x - explicit.x).max() / model.topology.side for x in (coarse, fine, (4 * fine - coarse) / 3)]
-    assert away[2] < bound
-    assert away[1] < away[0] / 2
+    errors = [
+        np.abs(x - explicit.x).max() / model.topology.longest_side for x in (coarse, fine, (4 * fine - coarse) / 3)
+    ]
+    assert errors[2] < bound
+    assert errors[1] < errors[0] / 2

@@ -1,4 +1,4 @@
-"""Scene files that a test writes, and the one line that refuses them."""
+"""Fixtures: a scene file with a given text, and the error of loading an invalid one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from taichi_cloth.scene import SceneError, load_scene
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.system.errors import SceneError
 
 Write = Callable[[str | bytes], Path]
 Refuse = Callable[..., SceneError]
@@ -16,7 +17,7 @@ Refuse = Callable[..., SceneError]
 
 @pytest.fixture(scope="module")
 def write(tmp_path_factory: pytest.TempPathFactory) -> Write:
-    """write(text): the path of a scene file `mine.toml` with that text."""
+    """Return a function that writes a text to the scene file `mine.toml` and returns its path."""
     path = tmp_path_factory.mktemp("scene") / "mine.toml"
 
     def to_file(text: str | bytes) -> Path:
@@ -28,12 +29,12 @@ def write(tmp_path_factory: pytest.TempPathFactory) -> Write:
 
 @pytest.fixture(scope="session")
 def refuse() -> Refuse:
-    """refuse(name_or_path, **overrides): the error of loading it, which is a single line."""
+    """Return a function that loads a scene and returns the error, after checking that it is one line."""
 
     def error_of(scene: str | Path, /, **overrides: Any) -> SceneError:
         with pytest.raises(SceneError) as caught:
             load_scene(scene, **overrides)
-        assert str(caught.value).isprintable()  # so it has no line end either
+        assert str(caught.value).isprintable()  # so it has no line end
         return caught.value
 
     return error_of

@@ -1,16 +1,18 @@
-"""Scenes whose cloth is a mesh file: what they may say beside it, and their pins."""
+"""Scenes whose cloth is a mesh file: the keys they may set, and their pins."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from taichi_cloth.mesh.from_scene import topology_of
-from taichi_cloth.scene import SceneError, check_scene, load_scene
-from taichi_cloth.scene.model import GRID_KEYS, Cloth, Scene
+from taichi_cloth.geometry.cloth_builder import build_topology
+from taichi_cloth.geometry.scene_loader import check_scene, load_scene
+from taichi_cloth.scene.schema import GRID_KEYS, Cloth, Scene
+from taichi_cloth.system.errors import SceneError
 
 Write = Callable[[str | bytes], Path]
 Refuse = Callable[..., SceneError]
@@ -20,8 +22,8 @@ FILE = "[cloth]\nfile = 'flag.obj'\n"
 
 
 @pytest.fixture
-def beside(write: Write) -> Write:
-    """Writes a scene with `flag.obj` beside it."""
+def write_with_mesh(write: Write) -> Write:
+    """Return a function that writes a scene, with `flag.obj` in the same folder."""
 
     def to_file(text: str | bytes) -> Path:
         path = write(text)
@@ -33,32 +35,33 @@ def beside(write: Write) -> Write:
 
 def pinned(path: Path) -> list[int]:
     scene = load_scene(path)
-    return np.flatnonzero(topology_of(scene, "springs").pinned).tolist()
+    return np.flatnonzero(build_topology(scene, "verlet").pinned).tolist()
 
 
-def test_a_file_stands_for_the_grid(beside: Write) -> None:
-    scene = load_scene(beside(FILE + "scale = 2.0\nrotation = [90.0, 0.0, 0.0]\n"))
-    assert (scene.cloth.pins, topology_of(scene, "springs").pinned.any()) == ((), False)
-    places = topology_of(scene, "springs").start
-    assert places.round(6).tolist() == [[-1, 2.2, -1], [1, 2.2, -1], [1, 2.2, 1], [-1, 2.2, 1]]
+def test_a_mesh_file_replaces_the_grid(write_with_mesh: Write) -> None:
+    scene = load_scene(write_with_mesh(FILE + "scale = 2.0\nrotation = [90.0, 0.0, 0.0]\n"))
+    assert (scene.cloth.pins, build_topology(scene, "verlet").pinned.any()) == ((), False)
+    positions = build_topology(scene, "verlet").start
+    assert positions.round(6).tolist() == [[-1, 2.2, -1], [1, 2.2, -1], [1, 2.2, 1], [-1, 2.2, 1]]
 
 
 @pytest.mark.parametrize("key", GRID_KEYS)
-def test_keys_of_a_grid_beside_a_file(beside: Write, refuse: Refuse, key: str) -> None:
-    value = {"lumping": "'area'", "weight_at": "'top-left'"}.get(key, 2)
-    error = refuse(beside(FILE + f"{key} = {value}\n"))
-    assert (error.key, error.reason.split(",")[0]) == (f"cloth.{key}", "is for a sheet")
+def test_grid_keys_with_a_mesh_file_are_refused(write_with_mesh: Write, refuse: Refuse, key: str) -> None:
+    value = {"mass_lumping": "'area'", "corner_mass_at": "'top-left'"}.get(key, 2)
+    error = refuse(write_with_mesh(FILE + f"{key} = {value}\n"))
+    assert (error.key, error.reason.split(",")[0]) == (f"cloth.{key}", "applies to grids only")
     if isinstance(value, int):
-        with pytest.raises(SceneError, match=f"cloth.{key}: is for a sheet"):
-            check_scene(Scene(cloth=Cloth(file="round", **{key: 3})))
+        keys: dict[str, Any] = {key: 3}
+        with pytest.raises(SceneError, match=f"cloth.{key}: applies to grids only"):
+            check_scene(Scene(cloth=Cloth(file="round", **keys)))
 
 
-def test_a_scene_made_in_python_needs_no_more_than_the_file() -> None:
+def test_a_scene_made_in_python_needs_only_the_mesh_file() -> None:
     assert check_scene(Scene(cloth=Cloth(file="round"))).cloth.pins == ()
 
 
 @pytest.mark.parametrize(
-    ("pins", "held"),
+    ("pins", "pinned_particles"),
     [
         ("[]", []),
         ("[3]", [3]),
@@ -67,48 +70,48 @@ def test_a_scene_made_in_python_needs_no_more_than_the_file() -> None:
         ("['region:left']", [0, 3]),
     ],
 )
-def test_pins_of_a_file(beside: Write, pins: str, held: list[int]) -> None:
-    region = "[[regions]]\nname = 'left'\nlow = [-9, -9, -9]\nhigh = [0, 9, 9]\n"
-    assert pinned(beside(FILE + f"pins = {pins}\n" + region)) == held
+def test_pins_of_a_mesh_file(write_with_mesh: Write, pins: str, pinned_particles: list[int]) -> None:
+    region = "[[regions]]\nname = 'left'\nmin = [-9, -9, -9]\nmax = [0, 9, 9]\n"
+    assert pinned(write_with_mesh(FILE + f"pins = {pins}\n" + region)) == pinned_particles
 
 
-def test_regions_of_a_sheet_and_of_a_grip(write: Write) -> None:
-    region = "[[regions]]\nname = 'a'\nlow = [-9, 0.49, -9]\nhigh = [-0.2, 9, 9]\n"
+def test_regions_pin_a_sheet_and_an_attachment(write: Write) -> None:
+    region = "[[regions]]\nname = 'a'\nmin = [-9, 0.49, -9]\nmax = [-0.2, 9, 9]\n"
     sheet = "[cloth]\nrows = 3\ncolumns = 5\nwidth = 1\nheight = 1\ncenter = [0, 0, 0]\n"
     assert pinned(write(sheet + "pins = ['region:a', 'bottom-right']\n" + region)) == [0, 1, 14]
-    assert pinned(write(sheet + "pins = []\n" + region + "[[grips]]\npins = ['region:a']\n")) == [0, 1]
+    assert pinned(write(sheet + "pins = []\n" + region + "[[attachments]]\npins = ['region:a']\n")) == [0, 1]
 
 
 @pytest.mark.parametrize(
     ("text", "key", "reason", "hint"),
     [
-        (FILE + "pins = [4]", "cloth.pins[0]", "4 is no particle: indices run from 0 to 3", ""),
-        (FILE + "pins = ['top']", "cloth.pins[0]", "'top' is of a sheet, and flag.obj has no rows", ""),
+        (FILE + "pins = [4]", "cloth.pins[0]", "4 is not a particle: indices run from 0 to 3", ""),
+        (FILE + "pins = ['top']", "cloth.pins[0]", "'top' needs a sheet, but the cloth is flag.obj", ""),
         (FILE + "pins = ['group:tp']", "cloth.pins[0]", "flag.obj has no group 'tp'; it has hem, top", "top"),
-        ("[cloth]\npins = ['group:a']", "cloth.pins[0]", "'group:a' is of a mesh file, and the cloth is a sheet", ""),
-        ("[cloth]\npins = ['region:a']", "cloth.pins[0]", "there is no region 'a' in [[regions]]; there is none", ""),
+        ("[cloth]\npins = ['group:a']", "cloth.pins[0]", "'group:a' needs a mesh file, but the cloth is a sheet", ""),
+        ("[cloth]\npins = ['region:a']", "cloth.pins[0]", "[[regions]] has no region 'a'; it has none", ""),
         (
             "[cloth]\npins = ['region:a']\n[[regions]]\nname = 'a'",
             "cloth.pins[0]",
-            "no particle starts in region 'a': the cloth is from [-2.175, 0.475, 0] to [2.175, 3.925, 0] m",
+            "no particle starts in region 'a': the cloth extends from [-2.175, 0.475, 0] to [2.175, 3.925, 0] m",
             "",
         ),
         (
             "[[regions]]\nname = 'a'\n[[regions]]\nname = 'a'",
             "regions[1].name",
-            "another region is called 'a', too",
+            "'a' is the name of another region",
             "",
         ),
-        ("[cloth]\nfile = 'rund'", "cloth.file", "'rund' is no shipped mesh", "round"),
+        ("[cloth]\nfile = 'rund'", "cloth.file", "'rund' is not a shipped mesh", "round"),
         ("[cloth]\nfile = 'none.obj'", "cloth.file", "cannot be read: No such file or directory", ""),
-        (FILE + "scale = 1e-4", "cloth.file", "the cloth would be 0.0001 m large, not 0.001 to 1000 m", ""),
-        (FILE + "[look]\npole = true", "look.pole", "is drawn along the top edge of a sheet", ""),
+        (FILE + "scale = 1e-4", "cloth.file", "the cloth would be 0.0001 m in size, not 0.001 to 1000 m", ""),
+        (FILE + "[look]\npole = true", "look.pole", "is drawn along the top edge of a grid", ""),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(
-    beside: Write, refuse: Refuse, text: str, key: str, reason: str, hint: str
+def test_an_invalid_scene_is_refused_in_one_line(
+    write_with_mesh: Write, refuse: Refuse, text: str, key: str, reason: str, hint: str
 ) -> None:
-    error = refuse(beside(text))
+    error = refuse(write_with_mesh(text))
     assert (error.key, error.hint) == (key, hint)
     assert reason in error.reason
     assert str(error).isprintable()

@@ -1,4 +1,4 @@
-"""Keys changed from Python and from the command line."""
+"""Overrides of scene keys from Python and from the command line."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichi_cloth.scene import Scene, SceneError, Wind, load_scene, parse_override
-from taichi_cloth.scene.model import USUAL
-from taichi_cloth.scene.overrides import override_places
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.scene import Scene, SceneError, Wind, parse_override
+from taichi_cloth.scene.overrides import override_targets
+from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
 Write = Callable[[str | bytes], Path]
 Refuse = Callable[..., SceneError]
@@ -32,8 +33,8 @@ Refuse = Callable[..., SceneError]
         ({"sphere_center": (0, 1, 2)}, lambda s: s.spheres[0].center, (0.0, 1.0, 2.0)),
         ({"gravity": 1}, lambda s: s.forces.gravity, 1.0),
         ({"pins": ("left",)}, lambda s: s.cloth.pins, ("left",)),
-        ({"look_check": "#000000"}, lambda s: s.look.check, "#000000"),
-        ({"cloth": "#000000"}, lambda s: s.look.cloth, "#000000"),  # the only key of that name
+        ({"look_second_color": "#000000"}, lambda s: s.look.second_color, "#000000"),
+        ({"color": "#000000"}, lambda s: s.look.color, "#000000"),  # the only key of that name
     ],
 )
 def test_an_override_changes_the_key_it_names(override: dict[str, Any], read: Any, value: Any) -> None:
@@ -41,30 +42,30 @@ def test_an_override_changes_the_key_it_names(override: dict[str, Any], read: An
     assert read(load_scene("curtain", **override)) == value
 
 
-def test_another_solver_comes_with_its_usual_numbers() -> None:
+def test_another_solver_uses_its_default_substeps_and_iterations() -> None:
     def numbers(**overrides: object) -> tuple[int, int]:
         solver = load_scene("drape15", **overrides).solver
         return solver.substeps, solver.iterations
 
-    assert numbers() == numbers(solver="verlet") == (1, 5)  # the file's own
-    for name, usual in USUAL.items():
-        assert numbers(solver=name) == ((1, 5) if name == "verlet" else usual)
+    assert numbers() == numbers(solver="verlet") == (1, 5)  # as set in the file
+    for name, info in SOLVER_CATALOG.items():
+        assert numbers(solver=name) == ((1, 5) if name == "verlet" else info.defaults)
     assert numbers(substeps=7, solver="lines") == (7, 2)
     assert numbers(solver="xpbd", iterations=3) == (60, 3)
 
 
 @pytest.mark.parametrize("key", ["solver", "solver_name", "name"])
-def test_a_section_stands_for_its_name(refuse: Refuse, key: str) -> None:
-    assert load_scene("curtain", **{key: "verlet"}) == load_scene("curtain")
-    assert refuse("curtain", **{key: "varlet"}).key == "solver.name"
+def test_a_section_name_sets_its_name_key(refuse: Refuse, key: str) -> None:
+    assert load_scene("drape15", **{key: "verlet"}) == load_scene("drape15")
+    assert refuse("drape15", **{key: "varlet"}).key == "solver.name"
 
 
-def test_an_override_adds_the_section_it_needs() -> None:
+def test_an_override_adds_a_missing_section() -> None:
     assert load_scene("table").wind is None
     assert load_scene("table", wind_x=3).wind == Wind(x=3.0)
 
 
-def test_only_the_first_ball_is_changed(write: Write) -> None:
+def test_an_override_changes_only_the_first_sphere(write: Write) -> None:
     path = write("[[spheres]]\nradius = 1\n[[spheres]]\nradius = 2")
     assert [s.radius for s in load_scene(path, sphere_radius=0.5).spheres] == [0.5, 2.0]
 
@@ -73,34 +74,36 @@ def test_only_the_first_ball_is_changed(write: Write) -> None:
     ("override", "line"),
     [
         ({"wind_zz": 1}, "wind_zz: unknown key (did you mean 'wind_z'?)"),
-        ({"qqqq": 1}, "qqqq: unknown key; `taichi-cloth check --keys` lists them"),
-        ({"name_or_path": 1}, "name_or_path: unknown key (did you mean 'mesh_path'?)"),
-        ({"a\nb": 1}, "a\\nb: unknown key; `taichi-cloth check --keys` lists them"),
-        ({"center": (0, 0, 0)}, "center: could be cloth_center or sphere_center"),
-        ({"height": 1}, "height: could be cloth_height or ground_height"),
+        ({"qqqq": 1}, "qqqq: unknown key; `taichi-cloth schema` lists them"),
+        ({"name_or_path": 1}, "name_or_path: unknown key; `taichi-cloth schema` lists them"),
+        ({"a\nb": 1}, "a\\nb: unknown key; `taichi-cloth schema` lists them"),
+        ({"center": (0, 0, 0)}, "center: ambiguous: use cloth_center or sphere_center"),
+        ({"height": 1}, "height: ambiguous: use cloth_height or ground_height"),
+        ({"name": "verlet"}, "name: ambiguous: use solver_name or sphere_name"),
         ({"box_size": (1, 1, 1)}, "box_size: the scene has no boxes"),
         ({"rows": 1}, "cloth.rows: 1 is out of range: 2 to 2048"),
-        ({"x": "fast"}, "wind.x: a number is needed, not 'fast'"),
-        ({"seed": None}, "seed: a whole number is needed, not None"),
-        ({"sphere_sway": (0, 1, True)}, "spheres[0].sway[2]: a number is needed, not true"),
-        ({"cloth_rows": 2, "pins": [900]}, "cloth.pins[0]: 900 is no particle: indices run from 0 to 59"),
-        ({"title": "\udcff"}, "title: one line of plain text is needed, not '\\udcff'"),
+        ({"x": "fast"}, "wind.x: must be a number, got 'fast'"),
+        ({"seed": None}, "seed: must be an integer, got None"),
+        ({"sphere_sway": (0, 1, 1)}, "sphere_sway: was renamed to sphere_oscillation"),
+        ({"sphere_oscillation": (0, 1, True)}, "spheres[0].oscillation[2]: must be a number, got true"),
+        ({"cloth_rows": 2, "pins": [900]}, "cloth.pins[0]: 900 is not a particle: indices run from 0 to 59"),
+        ({"title": "\udcff"}, "title: must be one line of plain text, got '\\udcff'"),
     ],
 )
-def test_a_bad_override_is_named_as_one(refuse: Refuse, override: dict[str, Any], line: str) -> None:
+def test_an_invalid_override_is_named_as_one(refuse: Refuse, override: dict[str, Any], line: str) -> None:
     assert str(refuse("curtain", **override)) == f"curtain (override): {line}"
 
 
-def test_a_bad_file_is_not_blamed_on_an_override(write: Write, refuse: Refuse) -> None:
+def test_an_invalid_file_is_not_reported_as_an_override(write: Write, refuse: Refuse) -> None:
     path = write("[cloth]\nrows = 1")
     assert refuse(path, rows=5).file == str(path)
 
 
-def test_every_name_of_an_override_is_plain() -> None:
-    places = override_places()
-    assert all(name.isidentifier() for name in places)
-    full = [name for name, meant in places.items() if len(meant) == 1]
-    assert {"wind_x", "x", "solver", "look_check", "check", "box_size", "size", "seed"} <= set(full)
+def test_every_name_of_an_override_is_an_identifier() -> None:
+    targets = override_targets()
+    assert all(name.isidentifier() for name in targets)
+    full = [name for name, keys in targets.items() if len(keys) == 1]
+    assert {"wind_x", "x", "solver", "look_second_color", "second_color", "box_size", "size", "seed"} <= set(full)
 
 
 anything = st.recursive(
@@ -110,8 +113,8 @@ anything = st.recursive(
 )
 
 
-@given(st.dictionaries(st.sampled_from(sorted(override_places())) | st.text(), anything, min_size=1, max_size=3))
-def test_no_override_makes_a_traceback(overrides: dict[str, Any]) -> None:
+@given(st.dictionaries(st.sampled_from(sorted(override_targets())) | st.text(), anything, min_size=1, max_size=3))
+def test_every_invalid_override_raises_a_scene_error(overrides: dict[str, Any]) -> None:
     try:
         assert isinstance(load_scene("curtain", **overrides), Scene)
     except SceneError as error:
@@ -126,7 +129,7 @@ def test_no_override_makes_a_traceback(overrides: dict[str, Any]) -> None:
         ("pins=['left', 3]", ("pins", ["left", 3])),
         ("pole=true", ("pole", True)),
         ("solver=verlet", ("solver", "verlet")),
-        ("look_check=#000000", ("look_check", "#000000")),
+        ("look_second_color=#000000", ("look_second_color", "#000000")),
         ("title = a = b", ("title", "a = b")),
         ("title=", ("title", "")),
         ("seed=1\nrows=2", ("seed", "1\nrows=2")),

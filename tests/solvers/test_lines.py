@@ -1,4 +1,4 @@
-"""`lines` against closed forms and dense algebra: stretch, one exact solve, and error at few substeps."""
+"""`lines` compared with closed forms and dense algebra: stretch, one direct solve, and the error at few substeps."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.model import Cloth, Fabric, Forces, Scene, Solver, Tethers
-from taichi_cloth.simulation import Simulation
+from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, Tethers
+from taichi_cloth.simulation.simulation import Simulation
 
-PATHS = ["list", "lanes"]
+LAYOUTS = ["serial", "simd"]
 
 
 def hanging(substeps: int, iterations: int, fabric: Fabric) -> Scene:
@@ -21,10 +21,10 @@ def hanging(substeps: int, iterations: int, fabric: Fabric) -> Scene:
 
 
 def moved_chain(x: np.ndarray, w: np.ndarray, rest: np.ndarray, k: np.ndarray, h: float) -> np.ndarray:
-    """Where one exact solve of a linearised chain leaves its particles, by dense algebra."""
+    """Return the positions after one direct solve of a linearized chain, by dense algebra."""
     gap = np.diff(x, axis=0)
     long = np.linalg.norm(gap, axis=1)
-    gradient = np.zeros((len(gap), *x.shape))  # of each length by each particle
+    gradient = np.zeros((len(gap), *x.shape))  # of each length with respect to each particle
     for j in range(len(gap)):
         gradient[j, j], gradient[j, j + 1] = -gap[j] / long[j], gap[j] / long[j]
     flat = gradient.reshape(len(gap), -1)
@@ -34,7 +34,7 @@ def moved_chain(x: np.ndarray, w: np.ndarray, rest: np.ndarray, k: np.ndarray, h
 
 
 def substep(x: np.ndarray, free: np.ndarray, solve: Callable[[np.ndarray, float], np.ndarray], h: float) -> np.ndarray:
-    """Two stages of backward Euler and the jump between them (Alexander 1977), from rest and without forces."""
+    """Two stages of backward Euler and the extrapolation between them (Alexander 1977), from rest, without forces."""
     gamma = 1 - 0.5**0.5
     first = solve(x, gamma * h)
     velocity = (first - x) / (gamma * h)
@@ -43,15 +43,15 @@ def substep(x: np.ndarray, free: np.ndarray, solve: Callable[[np.ndarray, float]
     return solve(start + gamma * h * carried, gamma * h)
 
 
-DIRECTIONS = {  # constants of which only one is not 0, and the particles of each chain of two or more
+DIRECTIONS = {  # stiffnesses of which only one is not 0, and the particles of each chain
     "rows": (Fabric(0.0, 900.0, 0.0, 0.0), lambda i: list(i)),
     "columns": (Fabric(900.0, 0.0, 0.0, 0.0), lambda i: list(i.T)),
 }
 
 
-@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("direction", DIRECTIONS)
-def test_one_solve_is_that_of_dense_algebra(direction: str, path: str) -> None:
+def test_a_direct_solve_matches_dense_algebra(direction: str, layout: str) -> None:
     fabric, chains_of = DIRECTIONS[direction]
     rows, columns, h = 11, 19, 1 / 60
     scene = Scene(
@@ -60,23 +60,23 @@ def test_one_solve_is_that_of_dense_algebra(direction: str, path: str) -> None:
         solver=Solver(name="lines", substeps=1, iterations=1, damping=0.0),
         forces=Forces(gravity=0.0),
     )
-    with Simulation(scene, path) as simulation:
+    with Simulation(scene, layout) as simulation:
         topology = simulation.topology
         random = np.random.default_rng(5)
         x = topology.start + random.normal(size=topology.start.shape) * 0.03
         x = x.astype(np.float32).astype(np.float64)
         w = np.where(topology.pinned, 0, 1 / topology.mass)
-        simulation.cloth.put(x, x, w)
-        simulation.advance_frame()
+        simulation.cloth.upload_positions(x, x, w)
+        simulation.step()
         moved = simulation.positions()
         stiffness = simulation.cloth.stiffness.to_numpy()
         springs = {tuple(sorted(pair)): e for e, pair in enumerate(topology.ends.tolist())}
 
-        def solve(places: np.ndarray, h: float) -> np.ndarray:
-            found = places.copy()
+        def solve(positions: np.ndarray, h: float) -> np.ndarray:
+            found = positions.copy()
             for chain in chains_of(np.arange(rows * columns).reshape(rows, columns)):
                 e = [springs[a, b] for a, b in zip(chain[:-1].tolist(), chain[1:].tolist(), strict=True)]
-                found[chain] = moved_chain(places[chain], w[chain], topology.rest[e], stiffness[e].astype(float), h)
+                found[chain] = moved_chain(positions[chain], w[chain], topology.rest[e], stiffness[e].astype(float), h)
             return found
 
         expected = substep(x, w[:, None] > 0, solve, h)
@@ -84,9 +84,9 @@ def test_one_solve_is_that_of_dense_algebra(direction: str, path: str) -> None:
     assert moved == pytest.approx(expected, abs=1e-5)
 
 
-@pytest.mark.parametrize("path", PATHS)
-def test_diagonals_too(path: str) -> None:
-    """Falling, then rising ones, each by dense algebra, on a sheet whose strips are not full."""
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_direct_solve_along_diagonals_matches_dense_algebra(layout: str) -> None:
+    """Falling diagonals, then rising ones, on a sheet that does not fill its SIMD packets."""
     rows, columns, h = 7, 21, 1 / 60
     scene = Scene(
         cloth=Cloth(rows=rows, columns=columns, width=2.0, height=0.6, pins=("top",)),
@@ -94,19 +94,19 @@ def test_diagonals_too(path: str) -> None:
         solver=Solver(name="lines", substeps=1, iterations=1, damping=0.0),
         forces=Forces(gravity=0.0),
     )
-    with Simulation(scene, path) as simulation:
+    with Simulation(scene, layout) as simulation:
         topology = simulation.topology
         x = topology.start + np.random.default_rng(7).normal(size=topology.start.shape) * 0.02
         x = x.astype(np.float32).astype(np.float64)
         w = np.where(topology.pinned, 0, 1 / topology.mass)
-        simulation.cloth.put(x, x, w)
-        simulation.advance_frame()
+        simulation.cloth.upload_positions(x, x, w)
+        simulation.step()
         springs = {tuple(sorted(pair)): e for e, pair in enumerate(topology.ends.tolist())}
         index = np.arange(rows * columns).reshape(rows, columns)
         chains = [np.diagonal(grid, offset) for grid in (index, index[:, ::-1]) for offset in range(-rows + 1, columns)]
 
-        def solve(places: np.ndarray, h: float) -> np.ndarray:
-            found = places.copy()
+        def solve(positions: np.ndarray, h: float) -> np.ndarray:
+            found = positions.copy()
             for chain in chains:
                 e = [springs[tuple(sorted(pair))] for pair in zip(chain[:-1].tolist(), chain[1:].tolist(), strict=True)]
                 if e:
@@ -118,23 +118,23 @@ def test_diagonals_too(path: str) -> None:
         assert simulation.positions() == pytest.approx(expected, abs=1e-5)
 
 
-@pytest.mark.parametrize("path", PATHS)
-def test_chains_between_pins_and_without_springs_stay_finite(path: str) -> None:
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_chains_between_pins_and_without_stiffness_stay_finite(layout: str) -> None:
     scene = hanging(2, 1, Fabric(1e6, 1e6, 1e5, 1.0))
     scene = replace(scene, cloth=replace(scene.cloth, columns=9, pins=("top", "left", 1, 10, 11, 12)))
-    with Simulation(scene, path) as simulation:
+    with Simulation(scene, layout) as simulation:
         for _ in range(30):
-            simulation.advance_frame()
-        assert simulation.measure().max_strain < 0.01
-        simulation.set("stiffness", 0.0)  # no springs any more: everything falls
+            simulation.step()
+        assert simulation.metrics().max_strain < 0.01
+        simulation.params["stiffness"] = 0.0  # springs without stiffness: everything falls
         for _ in range(30):
-            simulation.advance_frame()
-        assert simulation.measure().finite
+            simulation.step()
+        assert simulation.metrics().finite
         assert simulation.positions()[-1, 1] < simulation.topology.start[-1, 1] - 0.2
 
 
-def sheet_let_go(solver: str, substeps: int, tethers: Tethers | None = None) -> Scene:
-    """A sheet nearly level, let go from two corners (the case of the project's table of methods)."""
+def released_sheet(solver: str, substeps: int, tethers: Tethers | None = None) -> Scene:
+    """A nearly horizontal sheet, released with two pinned corners (the case of the project's table of solvers)."""
     return Scene(
         cloth=Cloth(
             rows=64,
@@ -154,35 +154,35 @@ def sheet_let_go(solver: str, substeps: int, tethers: Tethers | None = None) -> 
 def track(scene: Scene, frames: int = 30) -> np.ndarray:
     with Simulation(scene) as simulation:
         for _ in range(frames):
-            simulation.advance_frame()
+            simulation.step()
         return simulation.positions()
 
 
-def test_it_is_several_times_nearer_to_the_truth_than_xpbd_at_the_same_cost() -> None:
-    truth = track(sheet_let_go("spring", 300))
+def test_its_error_is_a_fraction_of_that_of_xpbd_at_the_same_cost() -> None:
+    reference = track(released_sheet("explicit", 300))
 
     def error(scene: Scene) -> float:
-        """Root mean square distance from the truth, in sides."""
-        return float(np.sqrt(np.mean(np.sum((track(scene) - truth) ** 2, axis=1)))) / 1.45
+        """Root mean square distance from the reference, relative to the side length."""
+        return float(np.sqrt(np.mean(np.sum((track(scene) - reference) ** 2, axis=1)))) / 1.45
 
-    # A substep of two stages takes as long as two of the others'.
-    xpbd = error(sheet_let_go("xpbd", 10))
-    lines = error(sheet_let_go("lines", 5))
-    tethered = error(sheet_let_go("lines", 5, Tethers()))
+    # A substep has two stages and takes as long as two substeps of the other solvers.
+    xpbd = error(released_sheet("xpbd", 10))
+    lines = error(released_sheet("lines", 5))
+    tethered = error(released_sheet("lines", 5, Tethers()))
     assert lines < xpbd / 2.5
     assert tethered < xpbd / 8
 
 
 @pytest.mark.parametrize("cells", [64, pytest.param(128, marks=pytest.mark.long)])
-def test_a_fine_curtain_takes_the_substeps_that_waves_across_its_threads_ask_for(cells: int) -> None:
-    """With one fewer it would tear itself apart within a second."""
+def test_a_fine_curtain_takes_the_substeps_that_transverse_waves_require(cells: int) -> None:
+    """With one substep fewer it would diverge within a second."""
     scene = Scene(
         cloth=Cloth(rows=cells + 1, columns=9, width=8 / cells, height=1.0, pins=("top",), rotation=(-45.0, 0.0, 0.0)),
         fabric=Fabric(1000.0, 1000.0, 0.0, 0.0),
         solver=Solver(name="lines", substeps=1, iterations=1, damping=0.0),
     )
     with Simulation(scene) as simulation:
-        assert "not 1: fewer are unstable" in simulation.advice
+        assert "not 1: fewer are unstable" in simulation.warnings
         for _ in range(60):
-            simulation.advance_frame()
-        assert simulation.measure().max_strain < 0.02
+            simulation.step()
+        assert simulation.metrics().max_strain < 0.02

@@ -1,26 +1,27 @@
-"""`verlet` against its textbook: the loop of position-based dynamics in float64 NumPy."""
+"""`verlet` compared with the loop of position-based dynamics in float64 NumPy."""
 
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.model import Cloth, Scene, Solver, Sphere, Springs
-from taichi_cloth.simulation import Simulation
+from taichi_cloth.scene.collider_schema import Sphere
+from taichi_cloth.scene.schema import Cloth, Scene, Solver, VerletSprings
+from taichi_cloth.simulation.simulation import Simulation
 
 SCENE = Scene(
     cloth=Cloth(rows=5, columns=6, width=0.5, height=0.4, center=(0.0, 1.0, 0.0), rotation=(-70.0, 0.0, 0.0)),
-    springs=Springs(structural=1.0, shear=0.7, bend=0.2),
+    verlet=VerletSprings(structural=1.0, shear=0.7, bend=0.2),
     solver=Solver(substeps=3, iterations=4, stiffness=0.9, damping=2.0),
     spheres=(Sphere(center=(0.05, 0.75, 0.1), radius=0.15, margin=0.02),),
 )
 
 
 def pbd(simulation: Simulation, frames: int) -> np.ndarray:
-    """Müller et al. 2007, Algorithm 1, with the damping and the ball of the scene."""
+    """Müller et al. 2007, Algorithm 1, with the damping and the sphere of the scene."""
     scene, topology = simulation.scene, simulation.topology
     share = {"structural": 1.0, "shear": 0.7, "bend": 0.2}
     stiffness = np.concatenate([np.full(b.count, share[b.family]) for b in topology.batches]) * 0.9
     w = np.where(topology.pinned, 0.0, 1 / topology.mass)
-    ball = scene.spheres[0]
+    sphere = scene.spheres[0]
     h = 1 / 60 / scene.solver.substeps
     x, v = topology.start.copy(), np.zeros_like(topology.start)
     for _ in range(frames * scene.solver.substeps):
@@ -35,22 +36,22 @@ def pbd(simulation: Simulation, frames: int) -> np.ndarray:
                     correction = k * (length - rest) / (length * (w[i] + w[j])) * gap
                     p[i] += w[i] * correction
                     p[j] -= w[j] * correction
-            away = p - ball.center
+            away = p - sphere.center
             distance = np.linalg.norm(away, axis=1)
-            inside = (distance < ball.radius + ball.margin) & (w > 0)
-            p[inside] = ball.center + away[inside] * ((ball.radius + ball.margin) / distance[inside])[:, None]
+            inside = (distance < sphere.radius + sphere.margin) & (w > 0)
+            p[inside] = sphere.center + away[inside] * ((sphere.radius + sphere.margin) / distance[inside])[:, None]
         v = (p - x) / h  # (13)
         x = p  # (14)
     return x
 
 
-def test_it_equals_the_pbd_loop_to_rounding() -> None:
+def test_verlet_matches_the_pbd_loop_to_rounding() -> None:
     with Simulation(SCENE) as simulation:
         for _ in range(12):
-            simulation.advance_frame()
+            simulation.step()
         moved = np.linalg.norm(simulation.positions() - simulation.topology.start, axis=1).max()
         assert moved > 0.1
-        # The ball is reached, so that contact is part of the comparison.
+        # The cloth reaches the sphere, so that contact is part of the comparison.
         nearest = np.linalg.norm(simulation.positions() - SCENE.spheres[0].center, axis=1).min()
         assert nearest == pytest.approx(0.17, abs=1e-5)
         assert simulation.positions() == pytest.approx(pbd(simulation, 12), abs=1e-4 * SCENE.cloth.width)

@@ -1,49 +1,48 @@
-"""Small cases that need few kernels, and results that nobody ran."""
+"""Small cases that need few kernels, and results that are made by hand."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
-from taichi_cloth.scene.model import Solver
-from taichi_cloth.stress.case import Case, Variant
-from taichi_cloth.stress.scenes import sheet
-from taichi_cloth.stress.setting import Setting
-from taichi_cloth.stress.trial import Trial, close
-from taichi_cloth.stress.unit import Failure, Result, Unit
-from taichi_cloth.stress.watch import Broken
+from taichi_cloth.evaluation.stress.invariants import Violation
+from taichi_cloth.evaluation.stress.setup import Setting, sheet
+from taichi_cloth.evaluation.stress.trial import Trial, close
+from taichi_cloth.evaluation.stress.unit import Case, Failure, Result, Unit, Variant
+from taichi_cloth.scene.schema import Solver
 
 SMALL = Setting("xpbd", Solver("xpbd", 10, 2, damping=0.0))
 
 
 @pytest.fixture(autouse=True)
-def given_back() -> Iterator[None]:
+def closed_simulation() -> Iterator[None]:
     yield
     close()
 
 
 def swings(trial: Trial) -> None:
-    """Six frames, and a number that depends on the seed."""
+    """Run six frames, and record a number that depends on the seed."""
     trial.open(sheet(8), rest_strain=0.1)
     trial.start()
     trial.run(0.1)
-    trial.only_frames("a test")
-    trial.tell("way [m]", float(trial.simulation.positions()[40, 2]))
+    trial.skip_rest_check("a test")
+    trial.record("distance [m]", float(trial.simulation.positions()[40, 2]))
 
 
 def breaks(trial: Trial) -> None:
     swings(trial)
-    raise Broken("something", 2.0, 1.0)
+    raise Violation("something", 2.0, 1.0)
 
 
 def breaks_once(trial: Trial) -> None:
     swings(trial)
     if trial.seed % 3 == 0:
-        raise Broken("something", 2.0, 1.0)
+        raise Violation("something", 2.0, 1.0)
 
 
-def goes_wrong(trial: Trial) -> None:
+def raises_an_error(trial: Trial) -> None:
     raise ZeroDivisionError("of a case")
 
 
@@ -51,10 +50,10 @@ CASE = Case(1, "test", "nothing", (Variant("swings", swings), Variant("breaks", 
 SWINGS, BREAKS = (Unit(CASE, variant, SMALL) for variant in CASE.variants)
 
 
-def result(case: int = 1, variant: str = "a", setting: str = "xpbd", **found: object) -> Result:
-    values: dict[str, object] = {"starts": 10, "ran": 10, "origin": "abc", "date": "2026-01-02 03:04"}
-    return Result(case, "test", "nothing", "", variant, setting, **(values | found))  # type: ignore[arg-type]
+def result(case: int = 1, variant: str = "a", setting: str = "xpbd", **found: Any) -> Result:
+    values: dict[str, Any] = {"starts": 10, "ran": 10, "origin": "abc", "date": "2026-01-02 03:04"}
+    return Result(case, "test", "nothing", "", variant, setting, **(values | found))
 
 
-def failed(value: float = 2.0, what: str = "something", **found: object) -> Result:
+def failed(value: float = 2.0, what: str = "something", **found: Any) -> Result:
     return result(failure=Failure(0, 17, 6, what, value, 1.0), ran=1, **found)

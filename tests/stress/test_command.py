@@ -1,4 +1,4 @@
-"""The command `stress`: what it runs, writes and resumes, and what it ends with."""
+"""The command `stress`: what it runs, writes and resumes, and its exit code."""
 
 import json
 import pickle
@@ -8,23 +8,23 @@ from pathlib import Path
 
 import pytest
 
-from taichi_cloth import cli
-from taichi_cloth.errors import WrongUse
-from taichi_cloth.stress import catalogue, choose, running
-from taichi_cloth.stress.causes import Cause
-from taichi_cloth.stress.choose import chosen
-from taichi_cloth.stress.setting import ROBUST, ROBUST_SLACK, SETTINGS
-from taichi_cloth.stress.unit import Failure, Unit, run_unit, seed_of
+from taichi_cloth.__main__ import main
+from taichi_cloth.evaluation.stress import case_catalog, runner
+from taichi_cloth.evaluation.stress.causes import Cause
+from taichi_cloth.evaluation.stress.runner import select_units
+from taichi_cloth.evaluation.stress.setup import ROBUST, ROBUST_SLACK, SETTINGS
+from taichi_cloth.evaluation.stress.unit import Failure, Unit, run_unit, seed_of
+from taichi_cloth.system.errors import UsageError
 
 from .conftest import CASE, SMALL
 
 
 @pytest.fixture
 def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Unit]:
-    """A catalogue of one case; its units run one by one in this process, and are listed here."""
+    """A catalog of one case. Its units run one by one in this process, and are listed here."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(catalogue, "CASES", (CASE,))
-    monkeypatch.setattr(choose, "SETTINGS", {"xpbd": SMALL})
+    monkeypatch.setattr(case_catalog, "CASES", (CASE,))
+    monkeypatch.setattr(runner, "SETTINGS", {"xpbd": SMALL})
     some: list[Unit] = []
 
     def one_by_one(units, starts, pictures, on_result):  # type: ignore[no-untyped-def]
@@ -32,7 +32,7 @@ def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Unit]:
             some.append(unit)
             on_result(run_unit(unit, starts(unit), pictures))
 
-    monkeypatch.setattr(running, "run_all", one_by_one)
+    monkeypatch.setattr(runner, "run_all", one_by_one)
     return some
 
 
@@ -41,166 +41,170 @@ def without_times(path: str) -> list[dict[str, object]]:
     return [{key: row[key] for key in row if key not in ("ms", "seconds", "date")} for row in rows]
 
 
-def test_a_failure_without_a_cause_ends_with_1(
+def test_an_unexplained_failure_gives_exit_code_1(
     ran: list[Unit], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ["stress", "--starts", "2", "--json", "o.json", "--resume"]
+    words = ["stress", "--runs", "2", "--json", "o.json", "--resume"]
     seed = seed_of(1, "breaks", 0)
-    assert cli.main(words) == 1
-    told = capsys.readouterr().out
-    line = f"1 test, breaks, fails with xpbd: something 2, not 1, in frame 6 of start 0 (seed {seed}); "
-    assert f"{line}unexplained; " in told
-    assert "1 of 1 failures are unexplained" in told
-    assert told.rstrip().endswith("xpbd 0 alive, 1 failed, 0 too slow")
+    assert main(words) == 1
+    out = capsys.readouterr().out
+    line = f"1 test, breaks, fails with xpbd: something 2, bound 1, in frame 6 of start 0 (seed {seed}); "
+    assert f"{line}unexplained; " in out
+    assert "1 of 1 failures are unexplained" in out
+    assert out.rstrip().endswith("xpbd 0 alive, 1 failed, 0 too slow")
     assert list(Path("out/stress").iterdir())
     asked = []
-    for most, code in ((1.9, 1), (2.0, 0)):  # it breaks by more than the first
+    for most, code in ((1.9, 1), (2.0, 0)):  # the failure is worse than the first cause explains
 
         def showing(failed, on_cause, most=most):  # type: ignore[no-untyped-def]
             for unit, _ in failed:
                 asked.append(unit.variant.name)
                 on_cause(unit, Cause("something", most, "it is made to"))
 
-        monkeypatch.setattr(running, "explain_all", showing)
-        assert cli.main([*words, "--explain"]) == code
+        monkeypatch.setattr(runner, "explain_all", showing)
+        assert main([*words, "--explain"]) == code
     assert f"{line}it is made to; " in capsys.readouterr().out
-    assert cli.main([*words, "--explain"]) == cli.main(words) == 0
-    assert asked == ["breaks", "breaks"]  # what is explained is not looked at again
-    assert cli.main(["stress", "--from", "o.json", "--markdown", "page.md"]) == 0
-    assert "in frame 6; it is made to\n" in Path("page.md").read_text(encoding="utf-8")
+    assert main([*words, "--explain"]) == main(words) == 0
+    assert asked == ["breaks", "breaks"]  # an explained failure is not examined again
+    assert main(["stress", "--from", "o.json", "--markdown", "page.md"]) == 0
+    assert f"(seed {seed}); it is made to\n" in Path("page_rows.md").read_text(encoding="utf-8")
 
 
-def test_experiments_run_in_processes_of_their_own() -> None:
-    """With a real variant: the sheet of one row that is refused is alive, so its start does not fail again."""
-    [unit] = chosen("30", "nan", "xpbd")
+def test_experiments_run_in_worker_processes() -> None:
+    """With a shipped variant that survives, so that its start does not fail again."""
+    [unit] = select_units("30", "nan", "xpbd")
     found = []
-    running.explain_all([(unit, Failure(0, 1, 0, "something", 2.0, 1.0))], lambda *pair: found.append(pair))
+    runner.explain_all([(unit, Failure(0, 1, 0, "something", 2.0, 1.0))], lambda *pair: found.append(pair))
     [(of, cause)] = found
     assert of == unit
     assert (cause.what, cause.shown) == ("something", "")
 
 
-def test_a_resumed_run_equals_one_that_was_not_broken_off(
+def test_a_resumed_run_equals_an_uninterrupted_one(
     ran: list[Unit], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["stress", "--starts", "2", "--json", "whole.json"]) == 1
-    whole = running.run_all
+    assert main(["stress", "--runs", "2", "--json", "whole.json"]) == 1
+    whole = runner.run_all
 
-    def broken_off(units, *others):  # type: ignore[no-untyped-def]
+    def interrupted(units, *others):  # type: ignore[no-untyped-def]
         whole(units[:1], *others)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(running, "run_all", broken_off)
-    words = ["stress", "--starts", "2", "--json", "part.json", "--resume"]
+    monkeypatch.setattr(runner, "run_all", interrupted)
+    words = ["stress", "--runs", "2", "--json", "part.json", "--resume"]
     with suppress(KeyboardInterrupt):
-        cli.main(words)
+        main(words)
     assert len(without_times("part.json")) == 1
-    monkeypatch.setattr(running, "run_all", whole)
+    monkeypatch.setattr(runner, "run_all", whole)
     ran.clear()
     capsys.readouterr()
-    assert cli.main(words) == 1
+    assert main(words) == 1
     assert len(ran) == 1
     assert without_times("part.json") == without_times("whole.json")
     ran.clear()
-    assert cli.main(words) == 1  # nothing is left, and it is told again
+    assert main(words) == 1  # nothing is left to run, and the report is printed again
     assert not ran
     assert "xpbd 0 alive, 1 failed" in capsys.readouterr().out
 
 
-def test_another_material_runs_last_and_only_where_it_is_needed(
+def test_robust_slack_runs_last_and_only_where_it_is_needed(
     ran: list[Unit], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     slack, robust = (replace(one, solver=SMALL.solver) for one in (ROBUST_SLACK, ROBUST))
-    monkeypatch.setattr(choose, "SETTINGS", {one.name: one for one in (slack, robust)})
+    monkeypatch.setattr(runner, "SETTINGS", {one.name: one for one in (slack, robust)})
     other = replace(CASE, number=2, variants=CASE.variants[:1])
-    monkeypatch.setattr(catalogue, "CASES", (CASE, other))
-    cli.main(["stress", "--quick", "--json", "o.json"])
+    monkeypatch.setattr(case_catalog, "CASES", (CASE, other))
+    main(["stress", "--quick", "--json", "o.json"])
     assert [unit.key for unit in ran] == [
         (1, "swings", "robust"), (1, "breaks", "robust"), (2, "swings", "robust"),
         (1, "swings", "robust-slack"), (1, "breaks", "robust-slack"),
     ]  # fmt: skip
     assert "robust-slack 0 alive, 1 failed, 0 too slow" in capsys.readouterr().out
     ran.clear()
-    cli.main(["stress", "--quick", "--only", "2", "--solver", "robust-slack"])  # asked for by name
+    main(["stress", "--quick", "--filter", "2", "--solver", "robust-slack"])  # requested by name
     assert [unit.key for unit in ran] == [(2, "swings", "robust-slack")]
 
 
 def test_a_seed_repeats_one_start(ran: list[Unit], capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["stress", "--only", "1", "--variant", "breaks", "--solver", "xpbd", "--seed", "12345"]
-    assert cli.main(words) == 1
+    words = ["stress", "--filter", "1", "--variant", "breaks", "--solver", "xpbd", "--seed", "12345"]
+    assert main(words) == 1
     assert "of start 0 (seed 12345)" in capsys.readouterr().out
-    assert cli.main(["stress", "--only", "1", "--seed", "5"]) == 2
-    assert "--seed repeats one start" in capsys.readouterr().err
+    assert main(["stress", "--filter", "1", "--seed", "5"]) == 2
+    assert "--seed repeats one run" in capsys.readouterr().err
 
 
-def test_a_file_becomes_the_page_without_a_run(ran: list[Unit], capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["stress", "--quick", "--json", "o.json", "--markdown", "page.md"]) == 1
+def test_the_page_is_written_from_a_file_without_a_run(ran: list[Unit], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stress", "--quick", "--json", "o.json", "--markdown", "page.md"]) == 1
     first = Path("page.md").read_bytes(), Path("page_rows.md").read_bytes()
     ran.clear()
-    assert cli.main(["stress", "--from", "o.json", "--markdown", "page.md", "--force"]) == 1
+    assert main(["stress", "--from", "o.json", "--markdown", "page.md", "--force"]) == 1
     assert not ran
     assert (Path("page.md").read_bytes(), Path("page_rows.md").read_bytes()) == first
-    assert cli.main(["stress", "--from", "o.json", "--markdown", "page.md"]) == 2
-    assert "page.md exists already: use --force" in capsys.readouterr().err
+    assert main(["stress", "--from", "o.json", "--markdown", "page.md"]) == 2
+    assert "page.md already exists; use --force" in capsys.readouterr().err
 
 
-def test_one_variant_says_how_much_was_not_run(ran: list[Unit]) -> None:
-    assert cli.main(["stress", "--only", "1", "--variant", "swings", "--quick", "--markdown", "o.md"]) == 0
-    assert "1 of 2 units not run." in Path("o.md").read_text(encoding="utf-8")
+def test_the_page_says_how_many_units_were_not_run(ran: list[Unit]) -> None:
+    assert main(["stress", "--filter", "1", "--variant", "swings", "--quick", "--markdown", "o.md"]) == 0
+    page = Path("o.md").read_text(encoding="utf-8")
+    assert "1 of 2 units not run." in page
+    assert "\n1 starts per variant; run " in page
 
 
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--only", "41"], "no case '41': 1 stiffness sweep, "),
-        (["--only", "29", "--variant", "11 m"], "yank has no variant '11 m': "),
-        (["--variant", "10 m"], "--variant is one of a case's: it goes with --only"),
-        (["--long"], "--long is about the long run: it goes with --only 32"),
-        (["--resume"], "--resume goes on with a file"),
-        (["--explain"], "--explain goes on with a file"),
+        (["--filter", "41"], "unknown case '41'; allowed: 1 stiffness sweep, "),
+        (["--filter", "29", "--variant", "11 m"], "yank has no variant '11 m'; allowed: "),
+        (["--variant", "10 m"], "--variant requires --filter with a single case"),
+        (["--soak"], "--soak requires --filter 32"),
+        (["--resume"], "--resume needs --json"),
+        (["--explain"], "--explain needs --json"),
         (["--from", "none.json"], "none.json: No such file"),
         (["--from", "o.json", "--json", "p.json"], "--from runs nothing"),
-        (["--markdown", "no/where.md"], "no is no folder to write where.md into"),
-        (["--markdown", "o.md", "--tear", "0.5"], "--tear has no part in it"),
-        (["--solver", "lines", "--tear", "0.5"], "lines needs a grid of whole rows"),
+        (["--markdown", "no/where.md"], "cannot write where.md: no is not a folder"),
+        (["--markdown", "o.md", "--tear", "0.5"], "--markdown cannot be combined with --tear"),
+        (["--solver", "lines", "--tear", "0.5"], "lines needs complete grid rows"),
     ],
 )
-def test_wrong_use_is_one_line(
+def test_wrong_use_is_reported_in_one_line(
     words: list[str], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["stress", *words]) == 2
-    [told] = capsys.readouterr().err.strip().splitlines()
-    assert line in told
+    assert main(["stress", *words]) == 2
+    [message] = capsys.readouterr().err.strip().splitlines()
+    assert line in message
 
 
-def test_an_unknown_solver_and_a_wrong_number_of_starts(capsys: pytest.CaptureFixture[str]) -> None:
-    for words in (["--tear", "nan"], ["--solver", "robst"], ["--starts", "0"], ["--quick", "--seed", "1"]):
+def test_unknown_solvers_and_invalid_numbers_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["--tear", "nan"], ["--solver", "robst"], ["--runs", "0"], ["--quick", "--seed", "1"]):
         with pytest.raises(SystemExit) as ended:
-            cli.main(["stress", *words])
+            main(["stress", *words])
         assert ended.value.code == 2
     assert "did you mean 'robust'?" in capsys.readouterr().err
 
 
-def test_chosen() -> None:
-    variants = {case.number: len(case.variants) for case in catalogue.CASES}
-    assert len(chosen()) == sum(variants.values()) * len(SETTINGS)
-    assert [unit.setting.name for unit in chosen("yank")] == [name for name in SETTINGS for _ in range(variants[29])]
-    assert {unit.key[0] for unit in chosen("29", None, "robust")} == {29}
-    with pytest.raises(WrongUse, match="no case 'yak': 1 stiffness sweep, 2 "):
-        chosen("yak")
-    assert [unit.case for unit in chosen("32", setting="lines", long=True)] == [catalogue.LONG] * variants[32]
+def test_units_are_selected_by_case_variant_and_setting() -> None:
+    variants = {case.number: len(case.variants) for case in case_catalog.CASES}
+    assert len(select_units()) == sum(variants.values()) * len(SETTINGS)
+    assert [unit.setting.name for unit in select_units("yank")] == [
+        name for name in SETTINGS for _ in range(variants[29])
+    ]
+    assert {unit.key[0] for unit in select_units("29", None, "robust")} == {29}
+    with pytest.raises(UsageError, match="unknown case 'yak'; allowed: 1 stiffness sweep, 2 "):
+        select_units("yak")
+    assert [unit.case for unit in select_units("32", setting="lines", long=True)] == [case_catalog.LONG] * variants[32]
 
 
-def test_who_can_tear() -> None:
+def test_only_settings_that_support_tearing_are_selected_to_tear() -> None:
     able = [name for name in SETTINGS if name != "lines"]
-    found = chosen("29", tear=0.5)
+    found = select_units("29", tear=0.5)
     assert list(dict.fromkeys(unit.setting.name for unit in found)) == [f"{name} tear 0.5" for name in able]
-    with pytest.raises(WrongUse, match="lines needs a grid of whole rows"):
-        chosen("29", None, "lines", tear=0.5)
+    with pytest.raises(UsageError, match="lines needs complete grid rows"):
+        select_units("29", None, "lines", tear=0.5)
 
 
-def test_every_unit_can_go_to_another_process() -> None:
-    for unit in chosen(setting="xpbd"):
+def test_every_unit_can_be_pickled() -> None:
+    for unit in select_units(setting="xpbd"):
         assert pickle.loads(pickle.dumps(unit)).key == unit.key
-    assert len({unit.key for unit in chosen()}) == len(chosen())
+    assert len({unit.key for unit in select_units()}) == len(select_units())

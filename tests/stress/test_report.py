@@ -1,15 +1,16 @@
-"""Tables and pages from stored results; reasons explain what they name, up to their bound."""
+"""Tables and pages from stored results. A cause explains its own bound, up to its value."""
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from taichi_cloth.stress import page, report
-from taichi_cloth.stress.causes import Cause
-from taichi_cloth.stress.store import Store
-from taichi_cloth.stress.trial import Figure
-from taichi_cloth.stress.unit import Result
+from taichi_cloth.evaluation.stress import stress_report as report
+from taichi_cloth.evaluation.stress.causes import Cause
+from taichi_cloth.evaluation.stress.store import Store
+from taichi_cloth.evaluation.stress.trial import Measurement
+from taichi_cloth.evaluation.stress.unit import Result
 
 from .conftest import failed, result
 
@@ -19,7 +20,7 @@ def store_of(*results: Result, missing: int = 0) -> Store:
     return Store(None, planned, {one.key: one for one in results}, "a machine")
 
 
-def slow(**found: object) -> Result:
+def slow(**found: Any) -> Result:
     return result(slow_ms=250.0, ran=1, **found)
 
 
@@ -39,29 +40,29 @@ def test_the_state_of_a_case() -> None:
     assert report.count_line(cells) == "xpbd 1 alive, 1 failed, 1 too slow, 1 not run"
 
 
-def test_a_case_that_was_run_in_part_is_not_alive() -> None:
+def test_a_partly_run_case_is_not_alive() -> None:
     some = store_of(result(9, "a"), missing=1)
     assert report.count_line(report.cells_of(some)) == "xpbd 0 alive, 0 failed, 0 too slow, 1 not run"
 
 
-def test_a_row() -> None:
+def test_the_cells_of_a_row() -> None:
     one = replace(
         result(energy=0.5, strain=0.25, speed=1.5, penetration=0.002, frames=7, ms=1.234),
-        figures=[Figure("way [m]", 3.0, 4.0), Figure("sag", 0.1, None)],
+        figures=[Measurement("distance [m]", 3.0, 4.0), Measurement("sag", 0.1, None)],
         notes=["a note"],
     )
     assert report.row(one) == (
         *("1 test", "a", "xpbd", "alive", "10 of 10", "+50.0%", "0.25", "1.5", "2", "7", "1.23"),
-        "way [m] 3 (≤ 4); sag 0.1; a note",
+        "distance [m] 3 (≤ 4); sag 0.1; a note",
     )
     assert report.row(slow())[10] == "250.00"
 
 
-def test_a_failure_tells_how_to_repeat_it() -> None:
+def test_a_failure_line_says_how_to_repeat_it() -> None:
     assert report.failure_line(failed(picture="p.png"), "") == (
-        "1 test, a, fails with xpbd: something 2, not 1, in frame 6 of start 0 (seed 17); unexplained; p.png"
+        "1 test, a, fails with xpbd: something 2, bound 1, in frame 6 of start 0 (seed 17); unexplained; p.png"
     )
-    assert report.slow_line(slow()) == "1 test, a, is too slow with xpbd: 250 ms a frame"
+    assert report.slow_line(slow()) == "1 test, a, is too slow with xpbd: 250 ms per frame"
 
 
 CAUSE = Cause("something", 3.0, "it is made to", origin="abc")
@@ -71,7 +72,7 @@ CAUSE = Cause("something", 3.0, "it is made to", origin="abc")
     ("one", "why"),
     [
         (failed(2.0), "it is made to"),
-        (failed(3.1), ""),  # by more
+        (failed(3.1), ""),  # a worse failure
         (failed(float("nan")), ""),
         (failed(2.0, "another bound"), ""),
         (failed(2.0, variant="c"), ""),
@@ -81,37 +82,43 @@ CAUSE = Cause("something", 3.0, "it is made to", origin="abc")
         (result(), ""),
     ],
 )
-def test_a_cause_explains_its_bound_alone(one: Result, why: str) -> None:
+def test_a_cause_explains_only_its_own_failure(one: Result, why: str) -> None:
     some = replace(store_of(one), causes={failed().key: CAUSE})
     assert some.reason(one) == why
     assert (one in some.unexplained([one])) == (one.state == "failed" and not why)
 
 
-def test_the_pages(tmp_path: Path) -> None:
+def test_the_pages_have_counts_failures_and_notes(tmp_path: Path) -> None:
     some = store_of(
         replace(result(1, "a", "robust"), about="it is small"),
         failed(2.0, setting="xpbd"),
         failed(5.0, setting="xpbd", variant="b"),
         failed(2.0, setting="robust", case=2),
         slow(setting="xpbd", case=2, variant="b"),
+        slow(setting="robust", case=3),
     )
     some.causes = {(1, "a", "xpbd"): CAUSE}
-    page.write_pages(tmp_path / "o.md", some)
+    report.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
     assert "| setting | cases | alive | failed | too slow | failures unexplained |" in text
-    assert "| `robust` | 2 | 1 | 1 | 0 | 1 |\n| `xpbd` | 2 | 0 | 1 | 1 | 1 |" in text
+    assert "| `robust` | 3 | 1 | 1 | 1 | 1 |\n| `xpbd` | 2 | 0 | 1 | 1 | 1 |" in text
     assert "With `robust` or" not in text
     assert "| 1 test | nothing | 1/1 | **0/2** |" in text
-    assert "- 1 test fails with xpbd (a, b): something 2, not 1, in frame 6; it is made to; unexplained\n" in text
-    assert "- 2 test, a, fails with robust: something 2, not 1, in frame 6 of start 0 (seed 17); unexplained\n" in text
-    assert "- 2 test is too slow with xpbd (b: 250 ms)" in text
-    assert "- 1 test: it is small." in text
+    line = "- 2 test, a, fails with robust: something 2, bound 1, in frame 6 of start 0 (seed 17); unexplained\n"
+    assert line in text
+    assert "- 3 test, a, is too slow with robust: 250 ms per frame\n" in text
+    assert "fails with xpbd" not in text
     rows = (tmp_path / "o_rows.md").read_text(encoding="utf-8")
     assert rows.count("| 1 test |") == 3
-    assert "fails with xpbd: something 5, not 1" in rows
+    assert line in rows
+    assert (
+        "- 1 test, a, fails with xpbd: something 2, bound 1, in frame 6 of start 0 (seed 17); it is made to\n" in rows
+    )
+    assert "- 1 test, b, fails with xpbd: something 5, bound 1, in frame 6 of start 0 (seed 17); unexplained\n" in rows
+    assert "- 1 test: it is small." in rows
 
 
-def test_another_material_counts_beside_the_same_cloth(tmp_path: Path) -> None:
+def test_the_page_counts_the_cases_alive_with_either_recommended_setting(tmp_path: Path) -> None:
     some = store_of(
         *(result(1, name, "robust") for name in ("a", "b")),
         failed(setting="robust", case=2),
@@ -119,23 +126,24 @@ def test_another_material_counts_beside_the_same_cloth(tmp_path: Path) -> None:
         result(2, "a", "robust-slack"),
         failed(setting="robust-slack", case=3),
     )
-    page.write_pages(tmp_path / "o.md", some)
+    report.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
     assert "| `robust` | 3 | 1 | 2 | 0 | 2 |\n| `robust-slack` | 2 | 1 | 1 | 0 | 1 |" in text
     assert "With `robust` or `robust-slack`: 2 of 3 cases alive." in text
 
 
-def test_no_time_is_shown_where_none_was_taken() -> None:
-    assert [report.shown_ms(one) for one in (result(), result(ms=1.0), result(slow_ms=40.0))] == ["-", "1.00", "40.00"]
+def test_no_time_is_shown_if_none_was_measured() -> None:
+    results = (result(), result(ms=1.0), result(slow_ms=40.0))
+    assert [report.frame_time(one) for one in results] == ["-", "1.00", "40.00"]
 
 
-def test_the_page_tells_where_it_comes_from() -> None:
+def test_the_page_names_dates_hours_starts_and_versions() -> None:
     assert report.origin_lines(store_of(result(seconds=1800.0))) == [
-        "10 starts a variant; run 2026-01-02; 0.5 hours of one core."
+        "10 starts per variant; run 2026-01-02; 0.5 hours of CPU time."
     ]
     older = result(2, date="2026-01-01 00:00", starts=1, seconds=1800.0)
     assert report.origin_lines(replace(store_of(result(seconds=1800.0), older, missing=2), older=1)) == [
         "2 of 4 units not run.",
-        "Of mixed origin: 1 of 2 results are of an older program.",
-        "1 to 10 starts a variant; run 2026-01-01 to 2026-01-02; 1.0 hours of one core.",
+        "Mixed versions: 1 of 2 results are from an older version of the program.",
+        "1 to 10 starts per variant; run 2026-01-01 to 2026-01-02; 1.0 hours of CPU time.",
     ]

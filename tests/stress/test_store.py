@@ -1,4 +1,4 @@
-"""Results are whole in their file after every unit, and a run goes on with those of the same program alone."""
+"""The file is complete after every unit. A resumed run keeps only results of the same version of the program."""
 
 import json
 from dataclasses import replace
@@ -6,42 +6,41 @@ from pathlib import Path
 
 import pytest
 
-from taichi_cloth.errors import WrongUse
-from taichi_cloth.stress import store as module
-from taichi_cloth.stress.origin import origin
-from taichi_cloth.stress.setting import ROBUST, ROBUST_SLACK
-from taichi_cloth.stress.store import Store, load
-from taichi_cloth.stress.trial import Figure
-from taichi_cloth.stress.unit import Result, run_unit
+from taichi_cloth.evaluation.stress import store as module
+from taichi_cloth.evaluation.stress.setup import ROBUST, ROBUST_SLACK
+from taichi_cloth.evaluation.stress.store import Store, fingerprint, load
+from taichi_cloth.evaluation.stress.trial import Measurement
+from taichi_cloth.evaluation.stress.unit import Result, run_unit
+from taichi_cloth.system.errors import UsageError
 
 from .conftest import BREAKS, SWINGS, failed, result
 
 
-def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+def test_a_stored_file_is_read_back(tmp_path: Path) -> None:
     store = Store.new(tmp_path / "o.json", [SWINGS, BREAKS])
     store.add(run_unit(SWINGS, SWINGS.starts(1), None))
-    store.add(replace(failed(variant="breaks"), figures=[Figure("way", 1.5, None)]))
+    store.add(replace(failed(variant="breaks"), figures=[Measurement("distance", 1.5, None)]))
     again = load(tmp_path / "o.json")
     assert again == store
     assert [r.state for r in again.ordered()] == ["alive", "failed"]
-    assert again.ordered()[0].origin == origin(SWINGS)
+    assert again.ordered()[0].origin == fingerprint(SWINGS)
 
 
-def test_the_file_is_whole_after_every_unit(tmp_path: Path) -> None:
+def test_the_file_is_complete_after_every_unit(tmp_path: Path) -> None:
     store = Store.new(tmp_path / "o.json", [SWINGS, BREAKS])
     for count, unit in enumerate((BREAKS, SWINGS), 1):
         store.add(result(variant=unit.variant.name))
         assert len(json.loads((tmp_path / "o.json").read_text(encoding="utf-8"))["results"]) == count
 
 
-def test_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_units_without_a_current_result_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
     store = Store.new(None, [SWINGS, BREAKS])
     store.add(result(variant="swings", starts=4))
     assert store.older == 0
     assert store.left([SWINGS, BREAKS], 4) == [BREAKS]
-    assert store.left([SWINGS, BREAKS], 1) == [BREAKS]  # more starts were run than are asked for
+    assert store.left([SWINGS, BREAKS], 1) == [BREAKS]  # more starts were run than are requested
     assert store.left([SWINGS, BREAKS], 5) == [SWINGS, BREAKS]
-    monkeypatch.setattr(module, "origin", lambda unit: "another program")
+    monkeypatch.setattr(module, "fingerprint", lambda unit: "another program")
     again = Store.new(None, [SWINGS, BREAKS]).continued(store)
     assert again.left([SWINGS, BREAKS], 4) == [SWINGS, BREAKS]
     assert again.older == 1
@@ -57,7 +56,7 @@ def test_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
         ({name: result(1, name, "robust") for name in ("swings", "breaks")}, False),
     ],
 )
-def test_another_material_runs_what_the_same_cloth_does_not_survive(
+def test_robust_slack_runs_the_cases_that_robust_does_not_survive(
     found: dict[str, Result], needed: bool, tmp_path: Path
 ) -> None:
     robust, slack = ([replace(one, setting=setting) for one in (SWINGS, BREAKS)] for setting in (ROBUST, ROBUST_SLACK))
@@ -69,16 +68,16 @@ def test_another_material_runs_what_the_same_cloth_does_not_survive(
     store.save()
     planned = [unit.key for unit in (robust + slack if needed else robust)]
     assert load(tmp_path / "o.json").planned == planned
-    store.add(result(1, "swings", "robust-slack"))  # somebody asked for it
+    store.add(result(1, "swings", "robust-slack"))  # requested by name
     assert slack[0].key in load(tmp_path / "o.json").planned
 
 
-def test_another_material_alone_is_needed() -> None:
+def test_robust_slack_alone_is_needed() -> None:
     unit = replace(SWINGS, setting=ROBUST_SLACK)
     assert Store.new(None, [unit]).is_needed(unit.key)
 
 
-def test_older_results_stay_until_they_are_run_again(tmp_path: Path) -> None:
+def test_older_results_stay_until_they_are_replaced(tmp_path: Path) -> None:
     older = Store.new(None, [SWINGS])
     older.results[SWINGS.key] = result(variant="swings", origin="older")
     older.results[7, "gone", "xpbd"] = result(7, "gone")
@@ -93,9 +92,9 @@ def test_older_results_stay_until_they_are_run_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"machine": "", "older": 0, "planned": [], "results": [{}]}'])
-def test_a_file_that_is_none(text: str, tmp_path: Path) -> None:
+def test_another_file_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "o.json").write_text(text)
-    with pytest.raises(WrongUse, match="holds no results of stress"):
+    with pytest.raises(UsageError, match="is not a results file of `stress`"):
         load(tmp_path / "o.json")
-    with pytest.raises(WrongUse, match="No such file"):
+    with pytest.raises(UsageError, match="No such file"):
         load(tmp_path / "none.json")

@@ -1,14 +1,13 @@
-"""The committed pages are those of the committed results, and every cause is of one of them."""
+"""The committed pages match the committed results, and every cause belongs to one of them."""
 
 from pathlib import Path
 
 import pytest
 
-from taichi_cloth.stress import page
-from taichi_cloth.stress.choose import chosen
-from taichi_cloth.stress.origin import origin
-from taichi_cloth.stress.report import cells_of, counts
-from taichi_cloth.stress.store import Store, load
+from taichi_cloth.evaluation.stress import stress_report
+from taichi_cloth.evaluation.stress.runner import select_units
+from taichi_cloth.evaluation.stress.store import Store, fingerprint, load
+from taichi_cloth.evaluation.stress.stress_report import cells_of, counts
 
 ROOT = Path(__file__).parents[2]
 
@@ -18,13 +17,13 @@ def stored() -> Store:
     return load(ROOT / "benchmarks" / "results" / "stability.json")
 
 
-def test_the_pages_are_those_of_the_stored_results(stored: Store, tmp_path: Path) -> None:
-    page.write_pages(tmp_path / "stability.md", stored)
+def test_the_pages_match_the_stored_results(stored: Store, tmp_path: Path) -> None:
+    stress_report.write_pages(tmp_path / "stability.md", stored)
     for name in ("stability.md", "stability_rows.md"):
         assert (ROOT / "docs" / name).read_text("utf-8") == (tmp_path / name).read_text("utf-8")
 
 
-def test_other_documents_count_the_same(stored: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_documents_have_the_same_counts(stored: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     import stored as documents
 
@@ -35,20 +34,20 @@ def test_other_documents_count_the_same(stored: Store, monkeypatch: pytest.Monke
     assert found == {setting: {state: n for state, n in states.items() if n} for setting, states in counted}
 
 
-def test_what_is_stored_is_of_these_cases(stored: Store) -> None:
-    units = {unit.key: unit for unit in chosen()}
+def test_the_stored_results_belong_to_these_cases(stored: Store) -> None:
+    units = {unit.key: unit for unit in select_units()}
     assert stored.planned == [key for key in units if key in set(stored.planned)]
     assert not any(stored.is_needed(key) for key in units if key not in stored.planned)
     older = 0
     for result in stored.ordered():
         unit = units[result.key]
-        if result.origin != origin(unit):
-            older += 1  # and told as such
+        if result.origin != fingerprint(unit):
+            older += 1  # which the file counts
         else:
             assert (result.name, result.parameters) == (unit.case.name, unit.case.parameters)
             assert result.about == unit.case.note
     assert stored.older == older
 
 
-def test_every_cause_is_of_a_failure(stored: Store) -> None:
+def test_every_cause_belongs_to_a_failure(stored: Store) -> None:
     assert set(stored.causes) == {result.key for result in stored.ordered() if stored.cause(result)}

@@ -1,16 +1,15 @@
-"""A unit runs its starts until one fails, and tells the worst of them."""
+"""A unit runs its starts until one fails, and its result has the worst values of all."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from taichi_cloth.stress.case import Case, Variant, variants
-from taichi_cloth.stress.scenes import sheet
-from taichi_cloth.stress.trial import Figure, TooSlow, Trial
-from taichi_cloth.stress.unit import Unit, run_unit, seed_of, worst_figures
+from taichi_cloth.evaluation.stress.setup import sheet
+from taichi_cloth.evaluation.stress.trial import Measurement, TooSlow, Trial
+from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit, seed_of, variants, worst_figures
 
-from .conftest import BREAKS, CASE, SMALL, SWINGS, breaks_once, goes_wrong, swings
+from .conftest import BREAKS, CASE, SMALL, SWINGS, breaks_once, raises_an_error, swings
 
 
 def unit_of(run: object) -> Unit:
@@ -26,7 +25,7 @@ def test_variants_bind_their_values() -> None:
     assert taken == [1.0, 10.0]
 
 
-def test_seeds_are_the_same_everywhere_and_all_others() -> None:
+def test_seeds_are_reproducible_and_unique() -> None:
     assert seed_of(29, "10 m", 0) == 1816848893
     seeds = {seed_of(case, name, start) for case in (1, 2) for name in ("a", "b") for start in range(10)}
     assert len(seeds) == 40
@@ -35,7 +34,7 @@ def test_seeds_are_the_same_everywhere_and_all_others() -> None:
     assert other.starts(3) == SWINGS.starts(3)  # every setting runs the same starts
 
 
-def test_the_rest_is_skipped_after_the_first_failure() -> None:
+def test_starts_after_the_first_failure_are_skipped() -> None:
     result = run_unit(unit_of(breaks_once), [(0, 1), (1, 2), (2, 3), (3, 4)], None)
     assert (result.ran, result.starts, result.state) == (3, 4, "failed")
     assert result.failure is not None
@@ -43,7 +42,7 @@ def test_the_rest_is_skipped_after_the_first_failure() -> None:
     assert (result.failure.what, result.failure.value, result.failure.bound) == ("something", 2.0, 1.0)
 
 
-def test_a_start_by_its_seed_is_the_same_as_among_others() -> None:
+def test_a_start_gives_the_same_result_alone_and_among_others() -> None:
     all_of_them = run_unit(SWINGS, SWINGS.starts(2), None)
     second = run_unit(SWINGS, SWINGS.starts(2)[1:], None)
     first = run_unit(SWINGS, SWINGS.starts(1), None)
@@ -55,7 +54,7 @@ def test_a_start_by_its_seed_is_the_same_as_among_others() -> None:
     assert all_of_them.about == "it is a test"
 
 
-def test_a_picture_shows_the_failure(tmp_path: Path) -> None:
+def test_an_image_of_the_failure_is_written(tmp_path: Path) -> None:
     result = run_unit(BREAKS, BREAKS.starts(2), tmp_path)
     path = tmp_path / "01_test_breaks_xpbd_0.png"
     assert result.picture == str(path)
@@ -72,28 +71,28 @@ def test_too_slow_is_neither_alive_nor_failed() -> None:
     assert (result.state, result.slow_ms, result.ran, result.failure) == ("too slow", 250.0, 1, None)
 
 
-def never_judged(trial: Trial) -> None:
+def not_checked_at_rest(trial: Trial) -> None:
     trial.open(sheet(4), rest_strain=0.1)
     trial.start()
 
 
 @pytest.mark.parametrize(
     ("run", "line"),
-    [(goes_wrong, "ZeroDivisionError: of a case"), (never_judged, "RuntimeError: a case opened a scene")],
+    [(raises_an_error, "ZeroDivisionError: of a case"), (not_checked_at_rest, "RuntimeError: a case opened a scene")],
 )
-def test_a_mistake_of_a_case_is_its_failure(run: object, line: str) -> None:
+def test_an_error_of_a_case_is_its_failure(run: object, line: str) -> None:
     result = run_unit(unit_of(run), [(0, 1)], None)
     assert result.failure is not None
     assert result.failure.what.startswith(line)
 
 
-def test_a_number_that_is_none_is_the_worst() -> None:
-    trials = [Trial(SMALL, 0, [Figure("way", value, 5.0)]) for value in (1.0, float("nan"), 2.0)]
+def test_nan_is_the_worst_value() -> None:
+    trials = [Trial(SMALL, 0, [Measurement("distance", value, 5.0)]) for value in (1.0, float("nan"), 2.0)]
     [figure] = worst_figures(trials[:1] + trials[2:])
     assert figure.value == 2.0
     [figure] = worst_figures(trials[:2])
     assert figure.value != figure.value
 
 
-def test_a_case_is_a_number_a_name_and_variants() -> None:
+def test_the_key_of_a_unit() -> None:
     assert Unit(Case(3, "c", "", ()), Variant("v", swings), SMALL).key == (3, "v", "xpbd")

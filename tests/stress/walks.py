@@ -1,4 +1,4 @@
-"""Walks through a case without simulating it: what it opens, starts, sets and demands."""
+"""Runs the code of a case without simulating frames, and collects what it opens, starts, sets and checks."""
 
 from __future__ import annotations
 
@@ -9,28 +9,29 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichi_cloth.evaluation.stress import changes, contact, extremes, layered_cloth, loads, setup, trial
+from taichi_cloth.evaluation.stress.invariants import Violation
+from taichi_cloth.evaluation.stress.setup import Setting
+from taichi_cloth.evaluation.stress.trial import Trial, close
 from taichi_cloth.scene import Scene
-from taichi_cloth.scene.model import Solver
-from taichi_cloth.stress import changes, friction, layers, loads, overlaps, rates, shots, sizes, springs, starts, trial
-from taichi_cloth.stress.setting import Setting
-from taichi_cloth.stress.trial import Trial, close
-from taichi_cloth.stress.watch import Broken
+from taichi_cloth.scene.schema import Solver
+from taichi_cloth.simulation.events import Event
 
 CELLS = 8
 SETTING = Setting("xpbd", Solver("xpbd", 2, 1))
-ROWS = (changes, friction, layers, loads, overlaps, rates, shots, sizes, springs, starts)
-STATIC = 0.02  # what stands for the static strain
+CASE_MODULES = (changes, contact, extremes, layered_cloth, loads, setup)
+STATIC = 0.02  # replaces the static strain
 
 
 def padded(values: Sequence[float], count: int) -> list[float]:
-    """At least so many: the last one again and again."""
+    """Return at least `count` values, by repeating the last one."""
     return [*values, *[values[-1]] * (count - len(values))]
 
 
 class Walk(Trial):
-    """Frames do not advance; the watch sees the strains and speeds that it is handed, and the last of them for ever.
+    """A trial whose frames do not advance. The monitor has the given strains and speeds in turn, then the last of them.
 
-    Demands are collected, and hold: `broken` names those that did not.
+    Violated bounds do not end it: `broken` collects their names.
     """
 
     def __init__(self, seed: int = 0, *, strains: Sequence[float] = (0.0,), speeds: Sequence[float] = (0.0,)) -> None:
@@ -53,20 +54,19 @@ class Walk(Trial):
         self.scenes.append(scene)
         self.far.append(how.get("far", 0.0))
         self.rest.append(how.get("rest_strain"))
-        self.simulation.set = self._set  # type: ignore[method-assign]
-        self.simulation.grab = self._grab  # type: ignore[method-assign]
+        self.simulation.listeners[:] = [self._on_event]
         return x
 
-    def _set(self, name: str, value: Any) -> None:
-        type(self.simulation).set(self.simulation, name, value)
-        self.sets.append((name, value))
+    def _on_event(self, event: Event) -> None:
+        if event.name == "set_param":
+            name, value = event.arguments
+            self.sets.append((name, value))
+        elif event.name == "move_grab":
+            _, *target = event.arguments
+            self.grabs.append(np.array(target))
 
-    def _grab(self, index: int, target: np.ndarray) -> None:
-        type(self.simulation).grab(self.simulation, index, target)
-        self.grabs.append(np.array(target))
-
-    def start(self, places: np.ndarray | None = None, *args: Any, **how: Any) -> None:
-        super().start(places, *args, **how)
+    def start(self, positions: np.ndarray | None = None, *args: Any, **how: Any) -> None:
+        super().start(positions, *args, **how)
         self.started.append(self.simulation.positions())
 
     def change_scene(self, scene: Scene) -> None:
@@ -79,53 +79,53 @@ class Walk(Trial):
         self.simulation.frame += 1
         self.watch.strain, self.watch.speed = next(self._seen)
 
-    def lead_pins(self, places: np.ndarray) -> None:
-        super().lead_pins(places)
-        self.pins.append(places)
+    def set_pins(self, positions: np.ndarray) -> None:
+        super().set_pins(positions)
+        self.pins.append(positions)
 
     def settle(self, **how: Any) -> None:
         self.settled += 1
-        self.rest_speeds.append(how.get("most_speed"))
+        self.rest_speeds.append(how.get("max_speed"))
         self.watch.strain, self.watch.speed = next(self._seen)
-        self._unjudged = False
+        self._needs_rest_check = False
 
-    def demand(self, what: str, value: float, bound: float) -> None:
+    def check(self, what: str, value: float, bound: float) -> None:
         if not value <= bound:
             self.broken.append(what)
 
 
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sheets of few cells, whose static strain is not computed."""
+    """Use sheets of few cells, and do not compute their static strain."""
     few_cells(monkeypatch)
-    for module in (trial, *ROWS):
+    for module in (trial, *CASE_MODULES):
         for name in ("static_strain", "taut_strain"):
             if hasattr(module, name):
                 monkeypatch.setattr(module, name, lambda *scene: STATIC)
 
 
 def few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ROWS:
+    for module in CASE_MODULES:
         if hasattr(module, "CELLS"):
             monkeypatch.setattr(module, "CELLS", CELLS)
-    monkeypatch.setattr(friction, "TABLE_CELLS", 4)
+    monkeypatch.setattr(contact, "TABLE_CELLS", 4)
     for cells in ("LAYER_CELLS", "MANY_CELLS"):
-        monkeypatch.setattr(layers, cells, 2)
+        monkeypatch.setattr(layered_cloth, cells, 2)
 
 
 def walk(run: Callable[[Trial], object], seed: int = 0, **how: Any) -> Walk:
     found = Walk(seed, **how)
     try:
         run(found)
-        found.check_judged()
+        found.require_rest_check()
     finally:
         close()
     return found
 
 
 def breaks(run: Callable[[Trial], object], what: str) -> None:
-    """With a real trial: this bound does not hold."""
+    """Run a real trial, which must violate this bound."""
     try:
-        with pytest.raises(Broken, match=what):
+        with pytest.raises(Violation, match=what):
             run(Trial(SETTING, 0))
     finally:
         close()

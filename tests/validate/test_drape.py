@@ -1,13 +1,13 @@
-"""The test of drape: the shadow against closed forms, the sheet, and a fabric that is softer."""
+"""The drape test: the shadow compared with closed forms, the mesh, and a softer fabric."""
 
 import numpy as np
 import pytest
 
-from taichi_cloth.mesh.rings import rings
-from taichi_cloth.validate import drape
+from taichi_cloth.evaluation.validate import drape
+from taichi_cloth.evaluation.validate.drape import rings
 
 
-def test_rings_cover_their_disc_with_triangles_that_look_up() -> None:
+def test_rings_cover_their_disc_with_upward_triangles() -> None:
     points, triangles = rings([0.2, 0.5, 0.6])
     assert (points.shape, triangles.shape) == ((1 + 3 * 3 * 4, 3), (6 * 3**2, 3))
     a, b, c = (points[triangles[:, k]] for k in range(3))
@@ -26,14 +26,14 @@ def test_the_shadow_of_a_disc_is_its_area(offset: float) -> None:
 
 
 def test_the_shadow_of_a_cone_is_that_of_its_base() -> None:
-    """A sheet rolled up to 2½ turns of a cone with sin α = 2/5: most places are covered twice, some three times."""
+    """A disc rolled up to 2½ turns of a cone with sin α = 2/5: most points are covered twice, some three times."""
     points, triangles = rings(np.linspace(0, 1, 23)[1:])
     radius, angle = np.hypot(points[:, 0], points[:, 2]), np.arctan2(points[:, 2], points[:, 0])
-    turned = 0.4 * radius[:, None] * np.stack([np.cos(2.5 * angle), np.sin(2.5 * angle)], axis=-1)
-    across = np.ptp(angle[triangles], axis=1) > np.pi  # where the sheet is slit
-    found = drape.shadow_area(turned, triangles[~across], 2e-3)
+    rolled = 0.4 * radius[:, None] * np.stack([np.cos(2.5 * angle), np.sin(2.5 * angle)], axis=-1)
+    across = np.ptp(angle[triangles], axis=1) > np.pi  # across the slit of the disc
+    found = drape.shadow_area(rolled, triangles[~across], 2e-3)
     assert found == pytest.approx(np.pi * 0.4**2, rel=5e-3)
-    assert drape.area(turned, triangles[~across]) == pytest.approx(2.5 * np.pi * 0.4**2, rel=0.02)
+    assert drape.area(rolled, triangles[~across]) == pytest.approx(2.5 * np.pi * 0.4**2, rel=0.02)
 
 
 def test_a_triangle_on_its_edge_has_no_shadow() -> None:
@@ -41,34 +41,34 @@ def test_a_triangle_on_its_edge_has_no_shadow() -> None:
     assert drape.shadow_area(upright, np.array([[0, 1, 2]]), 0.1) == 0.0
 
 
-def test_the_cloth_is_30_cm_wide_and_held_where_the_disc_ends() -> None:
-    with drape.hung("cotton", "spring", links=3) as simulation:
+def test_the_cloth_is_30_cm_wide_and_pinned_up_to_the_edge_of_the_disc() -> None:
+    with drape.drape_simulation("cotton", "explicit", links=3) as simulation:
         flat, pinned = simulation.topology.flat, simulation.topology.pinned
-        out = np.hypot(flat[:, 0], flat[:, 2])
-        assert out.max() == pytest.approx(0.15)
-        held, free = out[pinned].max(), out[~pinned].min()
+        distance = np.hypot(flat[:, 0], flat[:, 2])
+        assert distance.max() == pytest.approx(0.15)
+        held, free = distance[pinned].max(), distance[~pinned].min()
         assert free - held == pytest.approx((0.15 - held) / 3)
         assert held - (free - held) / 2 == pytest.approx(0.09)
         assert np.ptp(simulation.positions()[pinned, 1]) == 0.0
-        assert 0 < np.ptp(simulation.positions()[:, 1]) < 10 * drape.UNEVEN
+        assert 0 < np.ptp(simulation.positions()[:, 1]) < 10 * drape.START_NOISE
 
 
-def test_drape_tells_a_soft_sheet_from_a_stiff_one() -> None:
+def test_a_soft_sheet_drapes_more_than_a_stiff_one() -> None:
     found = []
     for factor in (0.1, 100.0):
-        with drape.hung("cotton", "spring", links=3, bending=factor) as simulation:
-            found.append(drape.settled(simulation))
+        with drape.drape_simulation("cotton", "explicit", links=3, bending=factor) as simulation:
+            found.append(drape.simulate_to_rest(simulation))
     soft, stiff = found
     assert 98 < stiff.coefficient < 100.5
     assert 5 < soft.coefficient < 45
     assert soft.folds > 2
-    assert max(abs(soft.change), abs(stiff.change)) <= drape.STILL
+    assert max(abs(soft.change), abs(stiff.change)) <= drape.REST_CHANGE
     assert max(soft.strain, stiff.strain) < 0.02
 
 
-def test_rows_tell_how_far_outside_of_what_is_published(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_error_is_the_distance_from_the_published_range(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {"silk": 40.1, "cotton": 60.0, "denim": 95.5, "leather": 30.0}
-    monkeypatch.setattr(drape, "draped", lambda name, solver: drape.Draped(found[name], -0.2, 3.0, 6, 0.0))
-    rows = list(drape.drape("spring"))
+    monkeypatch.setattr(drape, "drape_test", lambda name, solver: drape.DrapeResult(found[name], -0.2, 3.0, 6, 0.0))
+    rows = list(drape.drape("explicit"))
     assert [row.error for row in rows] == pytest.approx([0.1, 0.0, 5.5, 17.0, 0.2])
     assert [row.verdict for row in rows] == ["falls short", "pass", "falls short", "falls short", "pass"]

@@ -1,10 +1,11 @@
-"""The pages of documents about validation, beside the run that they are made from."""
+"""The pages of the documentation about validation, compared with the stored run."""
 
 from pathlib import Path
 
 import pytest
 
-from taichi_cloth.validate import catalogue, page, report
+from taichi_cloth.evaluation.validate import references
+from taichi_cloth.evaluation.validate import validation_report as report
 
 TOP = Path(__file__).parents[2]
 RESULTS = TOP / "benchmarks" / "results"
@@ -15,16 +16,16 @@ def run() -> report.Measured:
     return report.read_json(RESULTS / "validation.json")
 
 
-def test_the_pages_are_the_run(run: report.Measured, tmp_path: Path) -> None:
-    page.write_pages(tmp_path / "validation.md", run)
+def test_the_pages_match_the_stored_run(run: report.Measured, tmp_path: Path) -> None:
+    report.write_pages(tmp_path / "validation.md", run)
     for name in ("validation.md", "validation_rows.md"):
         assert (TOP / "docs" / name).read_text(encoding="utf-8") == (tmp_path / name).read_text(encoding="utf-8")
 
 
 def test_the_run_has_every_reference_with_every_solver(run: report.Measured) -> None:
-    pairs = [(reference.number, solver) for reference, solver in catalogue.chosen(None, None)]
+    pairs = [(reference.number, solver) for reference, solver in references.select_pairs(None, None)]
     assert list(dict.fromkeys((result.number, result.solver) for result in run.results)) == pairs
-    names = {reference.number: (reference.name, reference.source) for reference in catalogue.REFERENCES}
+    names = {reference.number: (reference.name, reference.source) for reference in references.REFERENCES}
     assert {(result.number, result.name, result.source) for result in run.results} == {
         (number, *rest) for number, rest in names.items()
     }

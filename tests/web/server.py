@@ -1,4 +1,4 @@
-"""A real server in a process of its own."""
+"""A real server in its own process."""
 
 from __future__ import annotations
 
@@ -10,30 +10,28 @@ import urllib.error
 import urllib.request
 from pathlib import Path
 
-START = 120.0  # [s] kernels are compiled first
-
 
 class Server:
-    """`taichi-cloth web …`, from the line that says where it is."""
+    """The process of `taichi-cloth web …`, once it has printed its address."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *arguments: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "taichi_cloth", "web", *words, "--port", "0"],
+            [sys.executable, "-m", "taichi_cloth", "web", *arguments, "--port", "0"],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             cwd=folder,
         )
-        self.said = ""
+        self.output = ""
         assert self.process.stdout is not None
-        while not (found := re.search(r"open (http://\S*?:(\d+)/\S*) in a browser", self.said)):
+        while not (found := re.search(r"open (http://\S*?:(\d+)/\S*) in a browser", self.output)):
             line = self.process.stdout.readline()
-            assert line, self.said
-            self.said += line
+            assert line, self.output
+            self.output += line
         self.address, self.port = found[1], int(found[2])
 
     def get(self, path: str, port: int | None = None) -> tuple[int, str]:
-        """Status and text of what a path answers."""
+        """Return status and text of the response to a GET request."""
         try:
             with urllib.request.urlopen(f"http://127.0.0.1:{port or self.port}{path}", timeout=30) as answer:
                 return answer.status, answer.read().decode()
@@ -43,12 +41,12 @@ class Server:
 
     @property
     def memory(self) -> float:
-        """[MB] that it holds now; Linux tells."""
+        """Resident memory [MB], on Linux."""
         status = Path(f"/proc/{self.process.pid}/status").read_text(encoding="utf-8")
         return int(re.findall(r"VmRSS:\s+(\d+)", status)[0]) / 1024
 
     def stop(self, number: int = signal.SIGTERM) -> tuple[int, str]:
-        """Ends it, and returns its exit code and what it said last."""
+        """Send a signal. Return the exit code, and the output since the address."""
         self.process.send_signal(number)
         rest, _ = self.process.communicate(timeout=8)
         return self.process.returncode, rest

@@ -1,4 +1,4 @@
-"""The page in a real browser, from a real server."""
+"""The page in a real browser, served by a real server."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import pytest
 from chromium import Browser, chromium
 from server import Server
 
-SIZE = 1100, 620  # [pixels] room for the panel and the cloth beside it
-PLACES = "Array.from(places.x)"
-# Where a point is on the screen, in pixels.
+SIZE = 1100, 620  # [pixels] space for the panel and the cloth beside it
+POSITIONS = "Array.from(cloth.positions)"
+# The screen point of a position [pixels].
 ON_SCREEN = """(([x, y, z], m, w, h) => {
   const clip = [0, 1, 3].map((r) => m[r] * x + m[4 + r] * y + m[8 + r] * z + m[12 + r]);
   return [(1 + clip[0] / clip[2]) * w / 2, (1 - clip[1] / clip[2]) * h / 2];
-})(%s, camera.seen(canvas.width / canvas.height)[1], canvas.clientWidth, canvas.clientHeight)"""
+})(%s, camera.viewProjection(canvas.width / canvas.height)[1], canvas.clientWidth, canvas.clientHeight)"""
 
 
 @pytest.fixture(scope="module")
@@ -30,21 +30,21 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 def first(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     pipe = chromium(tmp_path_factory.mktemp("browser"))
     page = Browser(pipe, SIZE)
-    look_at(page, server)
+    open_page(page, server)
     yield page
     pipe.close()
 
 
-def look_at(page: Browser, server: Server, tail: str = "") -> None:
-    page.open(server.address, tail, ready="typeof moment !== 'undefined' && moment && sliders.gravity")
+def open_page(page: Browser, server: Server, query: str = "") -> None:
+    page.open(server.address, query, ready="typeof update !== 'undefined' && update && sliders.gravity")
 
 
 @pytest.fixture
 def page(first: Browser) -> Iterator[Browser]:
-    """The first page, with the cloth as it was at the start, moving."""
-    first.value("say('do', 'own_values'); say('do', 'reset'); location.hash = ''")
-    if first.value("document.querySelector('[data-do=freeze]').ariaPressed") == "true":
-        first.value("say('do', 'freeze')")
+    """The first page, with the cloth reset and running."""
+    first.value("send('action', 'restore_defaults'); send('action', 'reset'); location.hash = ''")
+    if first.value("document.querySelector('[data-action=freeze]').ariaPressed") == "true":
+        first.value("send('action', 'freeze')")
     yield first
     assert first.errors == []
 
@@ -52,7 +52,7 @@ def page(first: Browser) -> Iterator[Browser]:
 @pytest.fixture
 def second(page: Browser, server: Server) -> Iterator[Browser]:
     other = page.another()
-    look_at(other, server)
+    open_page(other, server)
     yield other
     other.kill()
 
@@ -65,204 +65,210 @@ def middle_of(page: Browser, selector: str) -> tuple[float, float]:
 
 
 def particle(page: Browser, index: int) -> tuple[float, float]:
-    """Where it is to be seen [pixels]."""
-    x, y = page.value(ON_SCREEN % f"places.x.slice({3 * index}, {3 * index} + 3)")
+    """Return the screen point of a particle [pixels]."""
+    x, y = page.value(ON_SCREEN % f"cloth.positions.slice({3 * index}, {3 * index} + 3)")
     return x, y
 
 
 def press(page: Browser, index: int) -> tuple[float, float]:
-    """Takes the cloth there, and goes on when it holds."""
+    """Press on a particle, and wait until it is grabbed. Return its screen point."""
     x, y = particle(page, index)
     page.mouse("Pressed", x, y, button="left", clickCount=1)
-    page.until("pull?.state === 'holds' && moment.held > 0")
+    page.until("drag?.state === 'grabbing' && update.dragged > 0")
     return x, y
 
 
 def same_cloth(page: Browser, other: Browser) -> bool:
-    """Whether a cloth that stands still comes to be the same in both."""
-    shown = f"[moment.frame, ...{PLACES}]"
-    return any(page.value(shown) == other.value(shown) or time.sleep(0.05) for _ in range(300))  # a slow one needs it
+    """Wait until both pages show the same frozen cloth. Return whether they do."""
+    shown = f"[update.frame, ...{POSITIONS}]"
+    for _ in range(300):  # a slow machine needs them
+        if page.value(shown) == other.value(shown):
+            return True
+        time.sleep(0.05)
+    return False
 
 
-def let_go(page: Browser, x: float, y: float) -> None:
+def release(page: Browser, x: float, y: float) -> None:
+    """Release the left button."""
     page.mouse("Released", x, y, button="left", clickCount=1)
 
 
-def test_it_loads_asks_for_nothing_else_and_moves(page: Browser, server: Server) -> None:
+def test_the_page_loads_nothing_else_and_the_cloth_moves(page: Browser, server: Server) -> None:
     assert page.requests == [server.address]
-    assert page.value("document.title === head.title + ' · taichi_cloth'")
-    # Frames go back once, when the reset of the fixture arrives: only the cloth itself tells whether it moves.
-    page.until("moment.frame > 20")
-    before = page.value(PLACES)
-    page.until(f"{PLACES}.some((x, i) => Math.abs(x - {before}[i]) > 1e-3)")
-    picture = page.picture().astype(int)
-    r, g, b = np.moveaxis(picture, -1, 0)
-    assert ((r > 90) & (g < 0.45 * r) & (b < 0.5 * r)).mean() > 0.03, "the red of the curtain"
+    assert page.value("document.title === scene.title + ' · taichi_cloth'")
+    # The frame number falls once, when the reset of the fixture arrives: only positions show that the cloth moves.
+    page.until("update.frame > 20")
+    before = page.value(POSITIONS)
+    page.until(f"{POSITIONS}.some((x, i) => Math.abs(x - {before}[i]) > 1e-3)")
+    image = page.picture().astype(int)
+    r, g, b = np.moveaxis(image, -1, 0)
+    assert ((r > 90) & (g < 0.45 * r) & (b < 0.5 * r)).mean() > 0.03, "the curtain is red"
 
 
-def test_a_drag_leads_the_particle_to_the_cursor(page: Browser) -> None:
+def test_a_drag_moves_the_particle_to_the_cursor(page: Browser) -> None:
     x, y = press(page, 6 * 30 + 15)
     for k in range(1, 11):
         page.mouse("Moved", x + 6 * k, y - 3 * k, button="left", buttons=1)
-    here = x + 60, y - 30
-    frame = page.value("moment.frame")
-    page.until(f"moment.frame > {frame} + 15")
-    bead = page.value(ON_SCREEN % "moment.bead.slice(0, 3)")
-    assert np.hypot(*np.subtract(bead, here)) < 0.05 * SIZE[1]
-    let_go(page, *here)
-    page.until("moment.held === 0")
+    cursor = x + 60, y - 30
+    frame = page.value("update.frame")
+    page.until(f"update.frame > {frame} + 15")
+    marker = page.value(ON_SCREEN % "update.markerPositions.slice(0, 3)")
+    assert np.hypot(*np.subtract(marker, cursor)) < 0.05 * SIZE[1]
+    release(page, *cursor)
+    page.until("update.dragged === 0")
 
 
-def test_beside_the_cloth_the_view_turns_and_the_wheel_zooms(page: Browser) -> None:
-    azimuth, far = page.value("[camera.azimuth, camera.far]")
+def test_a_drag_beside_the_cloth_orbits_and_the_wheel_zooms(page: Browser) -> None:
+    azimuth, distance = page.value("[camera.azimuth, camera.orbitDistance]")
     page.mouse("Pressed", 700, 600, button="left", clickCount=1)
-    page.until("pull?.state === 'turns'")
+    page.until("drag?.state === 'orbiting'")
     page.mouse("Moved", 600, 600, button="left", buttons=1)
-    let_go(page, 600, 600)
+    release(page, 600, 600)
     assert page.value("camera.azimuth") > azimuth
     page.mouse("Wheel", 500, 200, deltaX=0, deltaY=-240)
-    page.until(f"camera.far < 0.9 * {far}")
+    page.until(f"camera.orbitDistance < 0.9 * {distance}")
     page.key("KeyF", "f")
-    page.until(f"camera.far === {far} && camera.azimuth === {azimuth}")
+    page.until(f"camera.orbitDistance === {distance} && camera.azimuth === {azimuth}")
 
 
-def test_the_right_button_turns_the_view_on_the_cloth_too(page: Browser) -> None:
+def test_the_right_button_orbits_over_the_cloth_too(page: Browser) -> None:
     azimuth = page.value("camera.azimuth")
     x, y = particle(page, 6 * 30 + 15)
     page.mouse("Pressed", x, y, button="right", clickCount=1)
     page.mouse("Moved", x + 50, y, button="right", buttons=2)
     page.mouse("Released", x + 50, y, button="right", clickCount=1)
     assert page.value("camera.azimuth") < azimuth
-    assert page.value("moment.held") == 0
+    assert page.value("update.dragged") == 0
     page.value("camera.reset()")
 
 
-def test_a_slider_changes_gravity_and_every_page_sees_it(page: Browser, second: Browser) -> None:
+def test_a_slider_changes_gravity_on_every_page(page: Browser, second: Browser) -> None:
     second.value("find('input[name=gravity]').scrollIntoView()")
     x, y = middle_of(second, "input[name=gravity]")
     second.mouse("Pressed", x + 40, y, button="left", clickCount=1)
     second.mouse("Moved", x + 80, y, button="left", buttons=1)
-    let_go(second, x + 80, y)
+    release(second, x + 80, y)
     moved = float(second.value("find('input[name=gravity]').value"))
     assert moved > 12.0
-    page.until(f"Math.abs(values.gravity - {moved}) < 1e-6 && +find('input[name=gravity]').value === {moved}")
+    page.until(f"Math.abs(parameters.gravity - {moved}) < 1e-6 && +find('input[name=gravity]').value === {moved}")
 
 
 def test_two_pages_show_the_same_cloth(page: Browser, second: Browser) -> None:
     x, y = press(second, 7 * 30 + 5)
     second.mouse("Moved", x + 40, y - 20, button="left", buttons=1)
-    page.until("moment.held === 1")
+    page.until("update.dragged === 1")
     page.key("Space", " ")
     for one in (page, second):
-        one.until("find('[data-do=freeze]').ariaPressed === 'true'")
+        one.until("find('[data-action=freeze]').ariaPressed === 'true'")
     assert same_cloth(page, second)
     page.key("KeyN", "n")
     assert same_cloth(page, second)
-    let_go(second, x + 40, y - 20)
+    release(second, x + 40, y - 20)
     page.key("Space", " ")
 
 
-def test_two_pages_pull_at_once(page: Browser, second: Browser) -> None:
-    here = press(page, 7 * 30 + 3)
-    there = press(second, 7 * 30 + 26)
-    page.until("moment.held === 2")
-    let_go(page, *here)
-    page.until("moment.held === 1")
-    let_go(second, *there)
-    page.until("moment.held === 0")
+def test_two_pages_can_drag_at_once(page: Browser, second: Browser) -> None:
+    first = press(page, 7 * 30 + 3)
+    other = press(second, 7 * 30 + 26)
+    page.until("update.dragged === 2")
+    release(page, *first)
+    page.until("update.dragged === 1")
+    release(second, *other)
+    page.until("update.dragged === 0")
 
 
-def test_a_page_that_is_killed_lets_go(page: Browser, server: Server) -> None:
+def test_a_page_that_is_killed_releases_its_grab(page: Browser, server: Server) -> None:
     other = page.another()
-    look_at(other, server)
+    open_page(other, server)
     press(other, 7 * 30 + 10)
-    page.until("moment.held === 1")
+    page.until("update.dragged === 1")
     other.kill()
-    page.until("moment.held === 0")
+    page.until("update.dragged === 0")
 
 
-def test_keys_act_after_a_button_was_clicked_and_space_is_the_buttons_own(page: Browser) -> None:
-    x, y = middle_of(page, "[data-do=freeze]")
+def test_keys_act_after_a_click_on_a_button_and_space_activates_the_button(page: Browser) -> None:
+    x, y = middle_of(page, "[data-action=freeze]")
     page.mouse("Pressed", x, y, button="left", clickCount=1)
-    let_go(page, x, y)
-    page.until("find('[data-do=freeze]').ariaPressed === 'true'")
-    frame = page.value("moment.frame")
+    release(page, x, y)
+    page.until("find('[data-action=freeze]').ariaPressed === 'true'")
+    frame = page.value("update.frame")
     page.value(
-        "said = []; spoken = say; say = (...words) => { if (words[0] === 'do') said.push(words); spoken(...words); }"
+        "sent = []; original = send;"
+        "send = (...words) => { if (words[0] === 'action') sent.push(words); original(...words); }"
     )
     page.key("KeyN", "n")
-    assert page.value("said") == [["do", "step"]]
-    page.value("say = spoken")
+    assert page.value("sent") == [["action", "step"]]
+    page.value("send = original")
     stroke = {"code": "Space", "key": " ", "windowsVirtualKeyCode": 32}
-    page.say("Input.dispatchKeyEvent", type="keyDown", text=" ", **stroke)
-    page.say("Input.dispatchKeyEvent", type="keyUp", **stroke)
-    page.until("find('[data-do=freeze]').ariaPressed === 'false'")
-    page.until(f"moment.frame > {frame} + 9")
+    page.call("Input.dispatchKeyEvent", type="keyDown", text=" ", **stroke)
+    page.call("Input.dispatchKeyEvent", type="keyUp", **stroke)
+    page.until("find('[data-action=freeze]').ariaPressed === 'false'")
+    page.until(f"update.frame > {frame} + 9")
     page.value("document.activeElement.blur()")
 
 
-def test_however_fast_a_screen_is_moves_are_said_sixty_times_a_second(page: Browser) -> None:
-    page.value("said = []; spoken = say; say = (...words) => { said.push(words); spoken(...words); }")
+def test_moves_are_sent_at_most_sixty_times_a_second(page: Browser) -> None:
+    page.value("sent = []; original = send; send = (...words) => { sent.push(words); original(...words); }")
     page.value("""new Promise((done) => {
       let k = 0;
       const timer = setInterval(() => {
-        say_soon('gravity', ((k) => () => say('set', ['gravity', 5 + k / 100]))(k));
+        sendSoon('gravity', ((k) => () => send('set', ['gravity', 5 + k / 100]))(k));
         if (++k === 100) { clearInterval(timer); setTimeout(done, 50); }
       }, 2);
     })""")
-    said = page.value("said.filter(([what]) => what === 'set').map(([, [, value]]) => value)")
-    page.value("say = spoken")
-    assert len(said) <= 50
-    assert said[-1] == 5.99
+    sent = page.value("sent.filter(([what]) => what === 'set').map(([, [, value]]) => value)")
+    page.value("send = original")
+    assert len(sent) <= 50
+    assert sent[-1] == 5.99
 
 
-def test_strain_has_its_colours_and_its_scale(page: Browser) -> None:
+def test_the_strain_view_has_colors_and_a_scale(page: Browser) -> None:
     before = page.picture()
     page.key("KeyV", "v")
-    page.until("moment && strained && !find('.scale').hidden")
+    page.until("update && isStrainView && !find('.scale').hidden")
     page.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
     after = page.picture()
     assert np.abs(after.astype(int) - before).mean() > 5
     page.key("KeyV", "v")
-    page.until("!strained && find('.scale').hidden")
+    page.until("!isStrainView && find('.scale').hidden")
 
 
-def test_figures_and_curves_are_drawn(page: Browser) -> None:
-    page.until("rows.length > 20 && find('.figures').textContent.includes('curtain')")
+def test_statistics_and_charts_are_drawn(page: Browser) -> None:
+    page.until("chartRows.length > 20 && find('.statistics').textContent.includes('curtain')")
     ink = "(c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(v => v))"
-    assert page.value(f"[...document.querySelectorAll('.curves canvas')].every({ink})")
+    assert page.value(f"[...document.querySelectorAll('.charts canvas')].every({ink})")
 
 
-def test_a_connection_that_is_lost_comes_back(page: Browser) -> None:
+def test_a_lost_connection_is_restored(page: Browser) -> None:
     page.value("socket.close()")
     page.until("socket.readyState === WebSocket.OPEN && note.textContent === ''")
-    frame = page.value("moment.frame")
-    page.until(f"moment.frame > {frame}")
+    frame = page.value("update.frame")
+    page.until(f"update.frame > {frame}")
 
 
-def test_plain_is_the_cloth_alone(page: Browser, server: Server) -> None:
+def test_plain_shows_only_the_cloth(page: Browser, server: Server) -> None:
     other = page.another()
-    look_at(other, server, "?plain")
+    open_page(other, server, "?plain")
     assert other.value("find('aside').offsetWidth") == 0
     other.kill()
 
 
-def test_another_method_and_another_scene_are_chosen(page: Browser) -> None:
-    for name, value, seen in (
-        ("solver", "spring", "find('.figures').textContent.includes('spring ')"),
-        ("scene", "drape15", "head.name === 'drape15' && moment?.of === head.of"),
-        ("scene", "curtain", "head.name === 'curtain' && moment?.of === head.of"),
+def test_another_solver_and_another_scene_can_be_chosen(page: Browser) -> None:
+    for name, value, condition in (
+        ("solver", "explicit", "find('.statistics').textContent.includes('explicit ')"),
+        ("scene", "drape15", "scene.name === 'drape15' && update?.sceneId === scene.sceneId"),
+        ("scene", "curtain", "scene.name === 'curtain' && update?.sceneId === scene.sceneId"),
     ):
         select = f"find('select[name={name}]')"
         page.value(f"{select}.value = '{value}'; {select}.dispatchEvent(new Event('change'))")
-        page.until(seen)
+        page.until(condition)
     assert page.value("find('select[name=scene]').value") == "curtain"
 
 
-def test_the_server_ends_and_the_page_says_so(page: Browser, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_the_page_reports_that_the_server_has_ended(page: Browser, tmp_path_factory: pytest.TempPathFactory) -> None:
     short = Server(tmp_path_factory.mktemp("short"), "drape15")
     other = page.another()
-    look_at(other, short)
-    assert short.stop() == (0, "ended\n")
-    other.until("note.textContent.includes('out of reach')")
+    open_page(other, short)
+    assert short.stop() == (0, "stopped\n")
+    other.until("note.textContent.includes('cannot reach the server')")
     other.kill()

@@ -1,7 +1,6 @@
-"""A real screen for the real window: Xvfb to show it on, xdotool for the mouse and the keys.
+"""A real screen for the real window: Xvfb for the display, xdotool for mouse and keys.
 
-Nothing here sleeps for a fixed time in the hope that something has happened: `Desk.until` follows the
-program's own log (`--log`) and gives up only after `PATIENCE`.
+No test sleeps for a fixed time: `AppWindow.wait_until` follows the log of the program (`--log`), up to `TIMEOUT`.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ from numpy.typing import NDArray
 from screen import Screen, no_window
 
 import taichi_cloth
-from taichi_cloth.view.display import window_obstacle
+from taichi_cloth.viewer.display_probe import window_obstacle
 
-PATIENCE = 120.0  # [s]; no test depends on it unless it fails
+TIMEOUT = 120.0  # [s] reached only by tests that fail
 BUTTONS = {"left": 1, "middle": 2, "right": 3}
 
-Line = dict[str, Any]
+Entry = dict[str, Any]  # of the log, for one displayed frame
 
 
 class ClientMessage(ctypes.Structure):
@@ -48,140 +47,143 @@ class ClientMessage(ctypes.Structure):
     )
 
 
-class Desk:
-    """The program in its window, with a hand on mouse and keyboard. Screen points run from the bottom left, 0…1."""
+class AppWindow:
+    """The program in its window, with mouse and keyboard. Screen points run from the bottom left, 0…1."""
 
     def __init__(self, screen: Screen, folder: Path, *arguments: str, command: str = "run") -> None:
         self.screen = screen
-        self.folder = folder / "working"
-        self.folder.mkdir()
-        self.temporary = folder / "temporary"
-        self.temporary.mkdir()
+        self.working_folder = folder / "working"
+        self.working_folder.mkdir()
+        self.temporary_folder = folder / "temporary"
+        self.temporary_folder.mkdir()
         self._log = folder / "log.jsonl"
         self._errors = folder / "errors.txt"
         self._environment = os.environ | {
             "DISPLAY": screen.display,
             "PYTHONPATH": str(Path(taichi_cloth.__file__).parents[1]),
-            "TMPDIR": str(self.temporary),
+            "TMPDIR": str(self.temporary_folder),
         }
         self._read = 0
-        self.last: Line = {}
+        self.last_entry: Entry = {}
         with self._errors.open("w") as errors:
-            self.program = subprocess.Popen(
+            self.process = subprocess.Popen(
                 [sys.executable, "-m", "taichi_cloth", command, *arguments, "--log", self._log],
-                cwd=self.folder,
+                cwd=self.working_folder,
                 env=self._environment,
                 stdout=errors,
                 stderr=errors,
             )
-        self.until(lambda line: True, "the first picture")
-        place = self.xdotool("search", "--name", "^taichi_cloth", "getwindowgeometry", "--shell")
-        values = dict(pair.split("=") for pair in place.split())
-        self.window = values["WINDOW"]
+        self.wait_until(lambda line: True, "the first displayed frame")
+        geometry = self.xdotool("search", "--name", "^taichi_cloth", "getwindowgeometry", "--shell")
+        values = dict(pair.split("=") for pair in geometry.split())
+        self.window_id = values["WINDOW"]
         self.left, self.top, self.width, self.height = (int(values[k]) for k in ("X", "Y", "WIDTH", "HEIGHT"))
 
     def close(self) -> None:
-        if self.program.poll() is None:
-            self.program.kill()
-            self.program.wait()
-        for button in BUTTONS.values():  # the screen is there for the next test, too
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        for button in BUTTONS.values():  # the next test uses the same screen
             self.xdotool("mouseup", str(button))
 
-    # -- reading -------------------------------------------------------------------------------------------
+    # -- output --------------------------------------------------------------------------------------------------------
 
-    def lines(self) -> list[Line]:
-        """Lines of the log that were not read before."""
+    def new_entries(self) -> list[Entry]:
+        """Return the entries of the log that were not read before."""
         text = self._log.read_text() if self._log.exists() else ""
         whole = text[: text.rfind("\n") + 1].splitlines()
         new, self._read = whole[self._read :], len(whole)
         return [json.loads(line) for line in new]
 
-    def until(self, happened: Callable[[Line], Any], what: str) -> Line:
-        """The first line from now on of which `happened` is true."""
-        end = time.monotonic() + PATIENCE
+    def wait_until(self, condition: Callable[[Entry], Any], what: str) -> Entry:
+        """Return the first entry from now on for which `condition` is true."""
+        end = time.monotonic() + TIMEOUT
         while time.monotonic() < end:
-            dead = self.program.poll() is not None
-            for line in self.lines():
-                self.last = line
-                if happened(line):
+            ended = self.process.poll() is not None
+            for line in self.new_entries():
+                self.last_entry = line
+                if condition(line):
                     return line
-            if dead:
+            if ended:
                 pytest.fail(f"the program ended before {what}:\n{self._errors.read_text()}")
             time.sleep(0.01)
-        pytest.fail(f"{what} did not happen; the last picture was {self.last}")
+        pytest.fail(f"{what} did not happen; the last entry was {self.last_entry}")
 
-    def now(self) -> Line:
-        """A picture that knows of all that was done up to here and is on the screen."""
-        self.lines()
-        shown = self.last["displayed"]
-        return self.until(lambda line: line["displayed"] >= shown + 3, "three more pictures")
+    def latest_entry(self) -> Entry:
+        """Return the entry of a displayed frame that includes all input up to now."""
+        self.new_entries()
+        displayed = self.last_entry["displayed"]
+        return self.wait_until(lambda line: line["displayed"] >= displayed + 3, "three more displayed frames")
 
-    def picture(self) -> NDArray[np.int16]:
-        """The window as it is on the screen, (height, width, RGB)."""
-        self.now()
+    def screenshot(self) -> NDArray[np.int16]:
+        """Return the window as it is on the screen, (height, width, RGB)."""
+        self.latest_entry()
         rows, columns = slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
         return self.screen.pixels()[rows, columns].astype(np.int16)
 
     def exit_code(self) -> int:
-        return self.program.wait(PATIENCE)
+        """Wait until the program ends. Return its exit code."""
+        return self.process.wait(TIMEOUT)
 
-    def said(self) -> list[str]:
-        """What the program printed, errors among it."""
+    def output(self) -> list[str]:
+        """Return the lines that the program printed, including errors."""
         return self._errors.read_text().splitlines()
 
-    # -- doing ---------------------------------------------------------------------------------------------
+    # -- input ---------------------------------------------------------------------------------------------------------
 
-    def key(self, *names: str) -> None:
+    def press_key(self, *names: str) -> None:
         self.xdotool("key", *names)
 
     @contextlib.contextmanager
-    def holding(self, key: str) -> Iterator[None]:
+    def hold_key(self, key: str) -> Iterator[None]:
         self.xdotool("keydown", key)
         yield
         self.xdotool("keyup", key)
 
-    def move(self, u: float, v: float) -> None:
-        """Moves the mouse, and waits until the program has seen it there."""
+    def move_mouse(self, u: float, v: float) -> None:
+        """Move the mouse, and wait until the program reports the new position."""
         x, y = round(u * self.width), round((1 - v) * self.height)
         self.xdotool("mousemove", str(self.left + x), str(self.top + y))
 
-        def is_there(line: Line) -> bool:
+        def has_arrived(line: Entry) -> bool:
             seen_x, seen_y = line["cursor"][0] * self.width, (1 - line["cursor"][1]) * self.height
             return abs(seen_x - x) < 1.5 and abs(seen_y - y) < 1.5
 
-        self.until(is_there, f"the cursor at {u:.3f}, {v:.3f}")
+        self.wait_until(has_arrived, f"the cursor at {u:.3f}, {v:.3f}")
 
-    def press(self, button: str) -> Line:
-        """Presses a button and returns the first picture that knows of it."""
+    def press_mouse(self, button: str) -> Entry:
+        """Press a button. Return the first entry that includes it."""
         self.xdotool("mousedown", str(BUTTONS[button]))
-        return self.until(lambda line: line["mouse"] != "idle", f"the press of the {button} button")
+        return self.wait_until(lambda line: line["mouse"] != "idle", f"the press of the {button} button")
 
-    def release(self, button: str) -> Line:
+    def release_mouse(self, button: str) -> Entry:
+        """Release a button. Return the first entry that includes it."""
         self.xdotool("mouseup", str(BUTTONS[button]))
-        return self.until(lambda line: line["mouse"] == "idle", f"the release of the {button} button")
+        return self.wait_until(lambda line: line["mouse"] == "idle", f"the release of the {button} button")
 
-    def ask_to_close(self) -> None:
-        """What a window manager does when the user clicks on the window's cross; xdotool needs one for that."""
+    def request_close(self) -> None:
+        """Close the window as a window manager does. xdotool needs a window manager for that."""
         x11 = ctypes.CDLL("libX11.so.6")
         x11.XOpenDisplay.restype = ctypes.c_void_p
         x11.XInternAtom.restype = ctypes.c_ulong
         display = ctypes.c_void_p(x11.XOpenDisplay(self.screen.display.encode()))
         protocols, delete = (x11.XInternAtom(display, name, 0) for name in (b"WM_PROTOCOLS", b"WM_DELETE_WINDOW"))
-        window = ctypes.c_ulong(int(self.window))
+        window = ctypes.c_ulong(int(self.window_id))
         message = ClientMessage(type=33, window=window, message_type=protocols, format=32)
         message.data[0] = delete
         x11.XSendEvent(display, window, 0, ctypes.c_long(0), ctypes.byref(message))
         x11.XCloseDisplay(display)
 
-    def xdotool(self, *words: str) -> str:
+    def xdotool(self, *arguments: str) -> str:
+        """Run xdotool and return its output."""
         return subprocess.run(
-            ["xdotool", *words], env=self._environment, check=True, capture_output=True, text=True
+            ["xdotool", *arguments], env=self._environment, check=True, capture_output=True, text=True
         ).stdout
 
 
 @pytest.fixture(scope="session")
 def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
-    """An X server of our own."""
+    """A virtual screen."""
     if shutil.which("Xvfb") is None:
         no_window("Xvfb is not installed")
     screen = Screen(tmp_path_factory.mktemp("screen"))
@@ -190,8 +192,8 @@ def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
 
 
 @pytest.fixture
-def desk(screen: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Desk]]:
-    """Starts the program in a window: `desk("curtain", "--frames", "5")`."""
+def open_window(screen: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., AppWindow]]:
+    """Start the program in a window: `open_window("curtain", "--frames", "5")`."""
     if shutil.which("xdotool") is None:
         no_window("xdotool is not installed")
     monkeypatch.setenv("DISPLAY", screen.display)
@@ -200,9 +202,9 @@ def desk(screen: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
         no_window(obstacle)
     with contextlib.ExitStack() as stack:
 
-        def start(*arguments: str, command: str = "run") -> Desk:
-            desk = Desk(screen, tmp_path, *arguments, command=command)
-            stack.callback(desk.close)
-            return desk
+        def start(*arguments: str, command: str = "run") -> AppWindow:
+            app = AppWindow(screen, tmp_path, *arguments, command=command)
+            stack.callback(app.close)
+            return app
 
         yield start

@@ -1,4 +1,4 @@
-"""The program as its user meets it: a real window, a real mouse, real keys."""
+"""The program in a real window, with real mouse and key events."""
 
 from __future__ import annotations
 
@@ -10,416 +10,435 @@ from typing import Any
 import numpy as np
 import pytest
 from imageio_ffmpeg import count_frames_and_secs
+from numpy.typing import ArrayLike
 from PIL import Image
 
-from taichi_cloth import cli
-from taichi_cloth.mesh.obj import read_obj
-from taichi_cloth.record.recorded import Recorded
-from taichi_cloth.record.recording import Recording, read_recording
-from taichi_cloth.scene import load_scene
-from taichi_cloth.scene.model import SOLVER_NAMES
-from taichi_cloth.view.draw_list import VIEWS
-from taichi_cloth.view.panel import HEIGHT, MARGIN, NAME, WIDTH
-from taichi_cloth.view.panel_place import saved_place
+from taichi_cloth.__main__ import main
+from taichi_cloth.geometry.obj_reader import read_obj
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.render.draw_list import VIEWS
+from taichi_cloth.scene.schema import SOLVER_NAMES
+from taichi_cloth.simulation.recording import Recorder, read_recording
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.viewer.panel import PANEL_HEIGHT, PANEL_MARGIN, PANEL_NAME, PANEL_WIDTH, saved_panel_rect
 
 Start = Callable[..., Any]
 
-TITLE, ROW, PADDING = 19, 23, 8  # [pixels] of the toolkit's look
-SLIDERS = ("gravity", "wind_x", "wind_z", "stiffness", "damping", "sphere_radius", "iterations", "substeps", "hand")
-BUTTONS = ("freeze", "step", "reset", "page")  # above them, on every page
+TITLE, ROW, PADDING = 19, 23, 8  # [pixels] style of the toolkit
+SLIDERS = (
+    "gravity",
+    "wind_x",
+    "wind_z",
+    "stiffness",
+    "damping",
+    "sphere_radius",
+    "iterations",
+    "substeps",
+    "grab_radius",
+)
+BUTTONS = ("freeze", "step", "reset", "page")  # above the sliders, on every page
 
 
-def red_cloth(picture: np.ndarray) -> np.ndarray:
-    """Where a picture shows the red checks of the curtain."""
-    red, green, blue = np.moveaxis(picture, 2, 0)
+def red_cloth(image: np.ndarray) -> np.ndarray:
+    """Return where an image has the red cells of the curtain."""
+    red, green, blue = np.moveaxis(image, 2, 0)
     return (red > 90) & (red > 2.2 * green) & (red > 2.2 * blue)
 
 
-def somewhere_on_the_cloth(desk: Any) -> tuple[float, float]:
-    """A screen point well inside a red check, as seen on the screen; the lowest of those right of the panel's."""
-    red = red_cloth(desk.picture())
+def point_on_cloth(app: Any) -> tuple[float, float]:
+    """Return a screen point well inside a red cell of the cloth, in its lower part."""
+    red = red_cloth(app.screenshot())
     whole = np.ones_like(red)
     for shift in (-6, 0, 6):
         for axis in (0, 1):
             whole &= np.roll(red, shift, axis)
     rows, columns = np.nonzero(whole)
     k = int(len(rows) * 0.8)
-    return (columns[k] + 0.5) / desk.width, 1 - (rows[k] + 0.5) / desk.height
+    return (columns[k] + 0.5) / app.width, 1 - (rows[k] + 0.5) / app.height
 
 
-def panel_point(desk: Any, x: float, y: float) -> tuple[float, float]:
-    """A point of the panel, in pixels from its corner, on the screen."""
-    return (MARGIN + x) / desk.width, 1 - (MARGIN + y) / desk.height
+def panel_point(app: Any, x: float, y: float) -> tuple[float, float]:
+    """Return the screen point of a point of the panel, in pixels from its top left corner."""
+    return (PANEL_MARGIN + x) / app.width, 1 - (PANEL_MARGIN + y) / app.height
 
 
-def slider_point(desk: Any, name: str, share: float) -> tuple[float, float]:
-    """A point of a slider; `share` of the way from its low end to its high end."""
+def slider_point(app: Any, name: str, share: float) -> tuple[float, float]:
+    """Return a screen point on a slider; `share`, 0…1, from its lower to its upper end."""
     row = TITLE + PADDING + (len(BUTTONS) + SLIDERS.index(name)) * ROW + ROW / 2
-    grab, length = 12, 0.65 * WIDTH  # the knob's middle stays half its width off the ends
-    return panel_point(desk, PADDING + grab / 2 + share * (length - grab), row)
+    grab, length = 12, 0.65 * PANEL_WIDTH  # the center of the knob is at least half its width from the ends
+    return panel_point(app, PADDING + grab / 2 + share * (length - grab), row)
 
 
-def press_button(desk: Any, name: str) -> None:
-    """Clicks on a button that stands on every page."""
-    desk.move(*panel_point(desk, PADDING + 20, TITLE + PADDING + BUTTONS.index(name) * ROW + ROW / 2))
-    desk.press("left")
-    desk.release("left")
+def press_button(app: Any, name: str) -> None:
+    """Click a button that every page has."""
+    app.move_mouse(*panel_point(app, PADDING + 20, TITLE + PADDING + BUTTONS.index(name) * ROW + ROW / 2))
+    app.press_mouse("left")
+    app.release_mouse("left")
 
 
-def distance(a: list[float], b: list[float]) -> float:
+def distance(a: ArrayLike, b: ArrayLike) -> float:
+    """Return the distance between two points."""
     return float(np.linalg.norm(np.subtract(a, b)))
 
 
-def test_the_window_shows_cloth_and_panel_and_leaves_nothing_behind(desk: Start) -> None:
-    desk = desk("curtain")
-    picture = desk.picture()
-    panel = picture[MARGIN + TITLE : MARGIN + HEIGHT, MARGIN : MARGIN + WIDTH]
-    assert red_cloth(picture).mean() > 0.03
+def test_the_window_shows_cloth_and_panel_and_leaves_no_files(open_window: Start) -> None:
+    app = open_window("curtain")
+    image = app.screenshot()
+    panel = image[PANEL_MARGIN + TITLE : PANEL_MARGIN + PANEL_HEIGHT, PANEL_MARGIN : PANEL_MARGIN + PANEL_WIDTH]
+    assert red_cloth(image).mean() > 0.03
     assert (panel.max(axis=2) < 60).mean() > 0.5, "the panel is not dark"
     assert not red_cloth(panel).any()
-    # In the middle of what the panel leaves free, as a still picture has it in its middle.
-    columns = np.nonzero(red_cloth(picture).any(axis=0))[0]
-    assert abs(columns.mean() - (MARGIN + WIDTH + desk.width) / 2) < 0.1 * desk.width
-    desk.key("Escape")
-    assert desk.exit_code() == 0
-    assert list(desk.folder.iterdir()) == []
-    assert list(desk.temporary.iterdir()) == []
+    # The cloth is centered in the area beside the panel, as it is centered in an image.
+    columns = np.nonzero(red_cloth(image).any(axis=0))[0]
+    assert abs(columns.mean() - (PANEL_MARGIN + PANEL_WIDTH + app.width) / 2) < 0.1 * app.width
+    app.press_key("Escape")
+    assert app.exit_code() == 0
+    assert list(app.working_folder.iterdir()) == []
+    assert list(app.temporary_folder.iterdir()) == []
 
 
-def test_it_ends_after_so_many_pictures(desk: Start) -> None:
-    desk = desk("curtain", "--frames", "5")
-    desk.until(lambda line: line["displayed"] == 4, "the last picture")
-    assert desk.exit_code() == 0
-    assert desk.lines() == []
+def test_the_window_closes_after_the_given_number_of_frames(open_window: Start) -> None:
+    app = open_window("curtain", "--frames", "5")
+    app.wait_until(lambda line: line["displayed"] == 4, "the last displayed frame")
+    assert app.exit_code() == 0
+    assert app.new_entries() == []
 
 
 @pytest.mark.parametrize("end", ["close", "interrupt"])
-def test_it_ends_in_good_order_in_the_middle_of_a_drag(desk: Start, end: str) -> None:
-    desk = desk("curtain")
-    desk.key("space")
-    desk.until(lambda line: line["frozen"], "freeze")
-    desk.move(*somewhere_on_the_cloth(desk))
-    assert desk.press("left")["grabbed"] is not None
-    desk.key("space")
-    desk.until(lambda line: not line["frozen"], "going on")
-    desk.move(0.9, 0.5)  # and the button stays down
+def test_the_program_ends_cleanly_during_a_drag(open_window: Start, end: str) -> None:
+    app = open_window("curtain")
+    app.press_key("space")
+    app.wait_until(lambda line: line["frozen"], "freeze")
+    app.move_mouse(*point_on_cloth(app))
+    assert app.press_mouse("left")["grabbed"] is not None
+    app.press_key("space")
+    app.wait_until(lambda line: not line["frozen"], "resuming")
+    app.move_mouse(0.9, 0.5)  # with the button down
     if end == "close":
-        desk.ask_to_close()
-        assert desk.exit_code() == 0
-        assert len(desk.said()) == 1
+        app.request_close()
+        assert app.exit_code() == 0
+        assert len(app.output()) == 1
     else:
-        desk.program.send_signal(signal.SIGINT)
-        assert desk.exit_code() == 130
-        assert desk.said()[1:] == ["taichi-cloth: interrupted; finished files are whole"]
-    assert desk.said()[0].startswith("curtain · ")
-    assert list(desk.temporary.iterdir()) == []
+        app.process.send_signal(signal.SIGINT)
+        assert app.exit_code() == 130
+        assert app.output()[1:] == ["taichi-cloth: interrupted; no partial file remains"]
+    assert app.output()[0].startswith("curtain · ")
+    assert list(app.temporary_folder.iterdir()) == []
 
 
-def test_the_mouse_pulls_the_cloth_it_is_on(desk: Start) -> None:
-    desk = desk("curtain")
-    desk.key("space")
-    desk.until(lambda line: line["frozen"], "freeze")
-    start = somewhere_on_the_cloth(desk)
-    desk.move(*start)
-    pressed = desk.press("left")
-    held = pressed["grabbed"]
+def test_a_drag_moves_the_particle_under_the_cursor(open_window: Start) -> None:
+    app = open_window("curtain")
+    app.press_key("space")
+    app.wait_until(lambda line: line["frozen"], "freeze")
+    start = point_on_cloth(app)
+    app.move_mouse(*start)
+    pressed = app.press_mouse("left")
+    particle = pressed["grabbed"]
     assert pressed["mouse"] == "cloth"
-    assert held is not None
-    assert distance(pressed["particle"], start) < 0.05, "another particle than the one under the cursor"
-    desk.key("space")
-    desk.until(lambda line: not line["frozen"], "going on")
+    assert particle is not None
+    assert distance(pressed["particle"], start) < 0.05, "not the particle under the cursor"
+    app.press_key("space")
+    app.wait_until(lambda line: not line["frozen"], "resuming")
 
     offset = np.subtract(pressed["particle"], pressed["cursor"])
     for end in ((start[0] + 0.1, start[1] + 0.1), (0.05, 0.4)):
-        desk.move(*end)  # the last place is on the panel, far off: the cloth is pulled taut
-        line = desk.until(
-            lambda line: distance(line["particle"], np.add(line["cursor"], offset)) < 0.02, "the cloth to follow"
+        app.move_mouse(*end)  # the last point is far away on the panel: the cloth is pulled taut
+        line = app.wait_until(
+            lambda line: distance(line["particle"], np.add(line["cursor"], offset)) < 0.02, "the particle at the cursor"
         )
-        assert (line["mouse"], line["grabbed"]) == ("cloth", held)
-    assert line["live"] == pressed["live"], "the pull moved a slider"
+        assert (line["mouse"], line["grabbed"]) == ("cloth", particle)
+    assert line["parameters"] == pressed["parameters"], "the drag moved a slider"
     assert line["eye"] == pressed["eye"]
 
-    stretched = desk.now()["max_strain"]
-    assert desk.release("left")["grabbed"] is None
-    desk.until(lambda line: line["max_strain"] < stretched / 2, "the cloth to go back")
+    stretched = app.latest_entry()["max_strain"]
+    assert app.release_mouse("left")["grabbed"] is None
+    app.wait_until(lambda line: line["max_strain"] < stretched / 2, "the relaxed cloth")
 
 
-def test_the_mouse_pulls_a_patch_of_a_fine_cloth_and_p_pins_it(desk: Start) -> None:
-    desk = desk("curtain", "--set", "rows=96", "--set", "columns=96", "--without", "spheres")
-    desk.key("space")
-    desk.until(lambda line: line["frozen"], "freeze")
-    start = somewhere_on_the_cloth(desk)
-    desk.move(*start)
-    assert not orange(desk.picture()).any()
-    desk.key("p")
-    desk.until(lambda line: len(line["added_pins"]) == 1, "a pin under the cursor")
-    assert orange(desk.picture()).any(), "the new pin has no bead"
-    desk.key("p")
-    desk.until(lambda line: line["added_pins"] == [], "the pin to go")
-    assert not orange(desk.picture()).any()
+def test_a_drag_moves_a_patch_of_a_fine_cloth_and_p_pins_it(open_window: Start) -> None:
+    app = open_window("curtain", "--set", "rows=96", "--set", "columns=96", "--without", "spheres")
+    app.press_key("space")
+    app.wait_until(lambda line: line["frozen"], "freeze")
+    start = point_on_cloth(app)
+    app.move_mouse(*start)
+    assert not pin_marker(app.screenshot()).any()
+    app.press_key("p")
+    app.wait_until(lambda line: len(line["added_pins"]) == 1, "a pin under the cursor")
+    assert pin_marker(app.screenshot()).any(), "the new pin has no marker"
+    app.press_key("p")
+    app.wait_until(lambda line: line["added_pins"] == [], "unpinning")
+    assert not pin_marker(app.screenshot()).any()
 
-    desk.press("left")
-    pressed = desk.now()
-    assert pressed["held"] > 8
-    assert pressed["radius"] == pytest.approx(0.02 * 4.35)
-    desk.key("space")
-    going = desk.until(lambda line: not line["frozen"], "going on")
-    desk.until(lambda line: line["frame"] > going["frame"] + 3, "some frames")
-    assert distance(desk.last["particle"], pressed["particle"]) < 1e-3, "what is held moved in a still hand"
+    app.press_mouse("left")
+    pressed = app.latest_entry()
+    assert pressed["grabbed_count"] > 8
+    assert pressed["grab_radius"] == pytest.approx(0.02 * 4.35)
+    app.press_key("space")
+    resumed = app.wait_until(lambda line: not line["frozen"], "resuming")
+    app.wait_until(lambda line: line["frame"] > resumed["frame"] + 3, "some frames")
+    assert distance(app.last_entry["particle"], pressed["particle"]) < 1e-3, (
+        "the grabbed patch moved without the cursor"
+    )
     for k in range(1, 6):
-        desk.move(start[0] - 0.02 * k, start[1] + 0.02 * k)
-    pulled = desk.now()
+        app.move_mouse(start[0] - 0.02 * k, start[1] + 0.02 * k)
+    pulled = app.latest_entry()
     assert distance(pulled["particle"], start) > 0.1
     assert pulled["max_strain"] < 1.0
 
-    desk.key("p")
-    held = pulled["grabbed"]
-    desk.until(lambda line: line["added_pins"] == [held], "the pin")
-    assert desk.release("left")["held"] == 0
-    assert desk.now()["added_pins"] == [held]
+    app.press_key("p")
+    particle = pulled["grabbed"]
+    app.wait_until(lambda line: line["added_pins"] == [particle], "the pin")
+    assert app.release_mouse("left")["grabbed_count"] == 0
+    assert app.latest_entry()["added_pins"] == [particle]
 
 
-def orange(picture: np.ndarray) -> np.ndarray:
-    """Where a picture shows a bead of a new pin, right of the panel."""
-    red, green, blue = np.moveaxis(picture[:, MARGIN + WIDTH :], 2, 0)
+def pin_marker(image: np.ndarray) -> np.ndarray:
+    """Return where an image has the marker of a new pin, right of the panel."""
+    red, green, blue = np.moveaxis(image[:, PANEL_MARGIN + PANEL_WIDTH :], 2, 0)
     return (red > 120) & (green > 0.4 * red) & (green < 0.7 * red) & (blue < 0.35 * red)
 
 
-def test_pages_turn_and_widgets_of_another_page_work(desk: Start) -> None:
-    desk = desk("curtain")
-    desk.key("k")
-    desk.until(lambda line: line["curves"], "the curves")
-    for page in ("Stages", "Numbers", "Keys"):
-        press_button(desk, "page")
-        desk.until(lambda line, page=page: line["page"] == page, f"the page {page}")
-        if page == "Stages":
-            box = TITLE + PADDING + (len(BUTTONS) + 2) * ROW + ROW / 2  # below those of the wind and the ball
-            desk.move(*panel_point(desk, PADDING + 10, box))
-            desk.press("left")
-            desk.release("left")
-            desk.until(lambda line: "ground" not in line["stages"], "the ground to go")
-    desk.key("Tab")
-    desk.until(lambda line: line["page"] == "Sliders", "the first page")
-    desk.move(*slider_point(desk, "hand", 0.1))
-    desk.press("left")
-    desk.move(*slider_point(desk, "hand", 0.8))
-    desk.until(lambda line: abs(line["radius"] - 0.8 * 4.35 / 4) < 0.04, "a hand of 0.87 m")
-    desk.release("left")
-    chart = desk.picture()[-100:-20, -280:-20]
-    assert (chart.max(axis=2) < 40).mean() > 0.8, "the charts have no ground"
+def test_pages_change_and_widgets_of_other_pages_work(open_window: Start) -> None:
+    app = open_window("curtain")
+    app.press_key("k")
+    app.wait_until(lambda line: line["charts"], "the charts")
+    for page in ("Features", "Statistics", "Keys"):
+        press_button(app, "page")
+        app.wait_until(lambda line, page=page: line["page"] == page, f"the page {page}")
+        if page == "Features":
+            box = TITLE + PADDING + (len(BUTTONS) + 2) * ROW + ROW / 2  # below those of wind and spheres
+            app.move_mouse(*panel_point(app, PADDING + 10, box))
+            app.press_mouse("left")
+            app.release_mouse("left")
+            app.wait_until(lambda line: "ground" not in line["features"], "the ground switched off")
+    app.press_key("Tab")
+    app.wait_until(lambda line: line["page"] == "Sliders", "the first page")
+    app.move_mouse(*slider_point(app, "grab_radius", 0.1))
+    app.press_mouse("left")
+    app.move_mouse(*slider_point(app, "grab_radius", 0.8))
+    app.wait_until(lambda line: abs(line["grab_radius"] - 0.8 * 4.35 / 4) < 0.04, "a grab radius of 0.87 m")
+    app.release_mouse("left")
+    chart = app.screenshot()[-100:-20, -280:-20]
+    assert (chart.max(axis=2) < 40).mean() > 0.8, "the charts have no background"
     assert (chart.max(axis=2) > 120).any(), "the charts have no curves"
     for key, name in (("y", "silk"), ("y", "cotton")):
-        desk.key(key)
-        desk.until(lambda line, name=name: line["fabric"] == name, f"the fabric {name}")
-    assert desk.now()["frame"] > 0
+        app.press_key(key)
+        app.wait_until(lambda line, name=name: line["fabric"] == name, f"the fabric {name}")
+    assert app.latest_entry()["frame"] > 0
 
 
-def test_a_slider_moves_its_parameter_and_nothing_else_and_a_press_on_nothing_takes_nothing(desk: Start) -> None:
-    desk = desk("curtain")
-    desk.move(0.98, 0.02)
-    assert desk.press("left")["mouse"] == "nothing"
-    before = desk.last
-    desk.move(0.8, 0.5)
-    assert desk.now()["grabbed"] is None
-    desk.release("left")
-    assert desk.last["eye"] == before["eye"]
+def test_a_slider_changes_only_its_parameter_and_a_press_beside_the_cloth_grabs_nothing(open_window: Start) -> None:
+    app = open_window("curtain")
+    app.move_mouse(0.98, 0.02)
+    assert app.press_mouse("left")["mouse"] == "nothing"
+    before = app.last_entry
+    app.move_mouse(0.8, 0.5)
+    assert app.latest_entry()["grabbed"] is None
+    app.release_mouse("left")
+    assert app.last_entry["eye"] == before["eye"]
     for name, low, high in (("gravity", 0, 20), ("substeps", 1, 60)):
-        move_a_slider(desk, name, low, high)
+        drag_slider(app, name, low, high)
 
 
-def move_a_slider(desk: Any, name: str, low: float, high: float) -> None:
-    before = desk.now()
-    desk.move(*slider_point(desk, name, 0.5))
-    assert desk.press("left")["mouse"] == "panel"
-    desk.move(*slider_point(desk, name, 0.8))
-    wanted = low + 0.8 * (high - low)
-    desk.until(lambda line: abs(line["live"][name] - wanted) < 0.03 * (high - low), f"{name} at {wanted}")
-    desk.move(0.7, 0.4)  # on the cloth, with the slider still held
-    line = desk.now()
+def drag_slider(app: Any, name: str, low: float, high: float) -> None:
+    """Drag a slider, which must change only its own parameter."""
+    before = app.latest_entry()
+    app.move_mouse(*slider_point(app, name, 0.5))
+    assert app.press_mouse("left")["mouse"] == "panel"
+    app.move_mouse(*slider_point(app, name, 0.8))
+    value = low + 0.8 * (high - low)
+    app.wait_until(lambda line: abs(line["parameters"][name] - value) < 0.03 * (high - low), f"{name} at {value}")
+    app.move_mouse(0.7, 0.4)  # onto the cloth, with the button down
+    line = app.latest_entry()
     assert (line["mouse"], line["grabbed"]) == ("panel", None)
-    assert line["live"][name] == high
-    desk.release("left")
+    assert line["parameters"][name] == high
+    app.release_mouse("left")
     assert line["eye"] == before["eye"]
-    assert {k: v for k, v in line["live"].items() if k != name} == {
-        k: v for k, v in before["live"].items() if k != name
+    assert {k: v for k, v in line["parameters"].items() if k != name} == {
+        k: v for k, v in before["parameters"].items() if k != name
     }
 
 
-def test_keys(desk: Start) -> None:
-    desk = desk("curtain", "--path", "list")  # every method is compiled
-    desk.move(0.7, 0.05)
-    desk.key("space")
-    frozen = desk.until(lambda line: line["frozen"], "freeze")
-    assert desk.now()["frame"] == frozen["frame"], "frozen cloth went on"
-    desk.key("n")
-    desk.until(lambda line: line["frame"] == frozen["frame"] + 1, "one step")
-    assert desk.now()["frame"] == frozen["frame"] + 1
+def test_keys_run_their_actions(open_window: Start) -> None:
+    app = open_window("curtain", "--layout", "serial")  # every solver is compiled
+    app.move_mouse(0.7, 0.05)
+    app.press_key("space")
+    frozen = app.wait_until(lambda line: line["frozen"], "freeze")
+    assert app.latest_entry()["frame"] == frozen["frame"], "the frozen cloth moved"
+    app.press_key("n")
+    app.wait_until(lambda line: line["frame"] == frozen["frame"] + 1, "one step")
+    assert app.latest_entry()["frame"] == frozen["frame"] + 1
 
-    desk.key("e")
-    mesh = desk.folder / "out" / "curtain_001.obj"
-    desk.until(lambda line: mesh.exists(), "the mesh in a file")
+    app.press_key("e")
+    mesh = app.working_folder / "out" / "curtain_001.obj"
+    app.wait_until(lambda line: mesh.exists(), "the mesh file")
     assert len(read_obj(mesh)[0]) == 720
 
-    shaded = desk.picture()
+    shaded = app.screenshot()
     for view in (*VIEWS[1:], VIEWS[0]):
-        desk.key("v")
-        desk.until(lambda line, view=view: line["view"] == view, f"the view {view}")
-        changed = np.abs(desk.picture() - shaded).max(axis=2)[:, MARGIN + WIDTH :] > 20
+        app.press_key("v")
+        app.wait_until(lambda line, view=view: line["view"] == view, f"the view {view}")
+        changed = np.abs(app.screenshot() - shaded).max(axis=2)[:, PANEL_MARGIN + PANEL_WIDTH :] > 20
         assert bool(changed.mean() > 0.02) is (view != "shaded")
 
-    desk.key("g")
-    desk.until(lambda line: not line["wind"], "wind off")
-    desk.key("h")
-    desk.until(lambda line: not line["panel"], "the panel gone")
-    corner = desk.picture()[MARGIN : MARGIN + 200, MARGIN : MARGIN + 50]
-    assert corner.mean() > 150, "the panel is still to be seen"
-    desk.key("h")
-    desk.until(lambda line: line["panel"], "the panel back")
+    app.press_key("g")
+    app.wait_until(lambda line: not line["wind"], "wind off")
+    app.press_key("h")
+    app.wait_until(lambda line: not line["panel"], "the panel hidden")
+    corner = app.screenshot()[PANEL_MARGIN : PANEL_MARGIN + 200, PANEL_MARGIN : PANEL_MARGIN + 50]
+    assert corner.mean() > 150, "the panel is still visible"
+    app.press_key("h")
+    app.wait_until(lambda line: line["panel"], "the panel shown")
 
-    desk.key("r")
-    desk.until(lambda line: line["frame"] == 0, "reset")
-    desk.key("m")
-    other = desk.until(lambda line: line["scene"] != "curtain", "the next scene")
+    app.press_key("r")
+    app.wait_until(lambda line: line["frame"] == 0, "reset")
+    app.press_key("m")
+    other = app.wait_until(lambda line: line["scene"] != "curtain", "the next scene")
     assert other["frozen"]
-    assert red_cloth(desk.picture()).any() or other["scene"] != "table"
-    desk.key("b")
-    desk.until(lambda line: line["scene"] == "curtain", "the scene before")
-    desk.key("space")
-    desk.until(lambda line: line["frame"] > 5, "going on")
+    assert red_cloth(app.screenshot()).any() or other["scene"] != "table"
+    app.press_key("b")
+    app.wait_until(lambda line: line["scene"] == "curtain", "the previous scene")
+    app.press_key("space")
+    app.wait_until(lambda line: line["frame"] > 5, "resuming")
     for name in (*SOLVER_NAMES[1:], SOLVER_NAMES[0]):
-        desk.key("t")
-        changed = desk.until(lambda line, name=name: line["solver"] == name, f"the solver {name}")
-        desk.until(lambda line, since=changed: line["frame"] > since["frame"] + 5, f"going on with {name}")
-        assert desk.now()["max_strain"] < 1.0
+        app.press_key("t")
+        changed = app.wait_until(lambda line, name=name: line["solver"] == name, f"the solver {name}")
+        app.wait_until(lambda line, since=changed: line["frame"] > since["frame"] + 5, f"frames with {name}")
+        assert app.latest_entry()["max_strain"] < 1.0
 
 
-def test_the_camera_turns_and_the_window_may_be_resized(desk: Start) -> None:
-    desk = desk("curtain")
-    desk.key("space")
-    desk.until(lambda line: line["frozen"], "freeze")
-    first, first_picture = desk.now(), desk.picture()
+def test_the_camera_moves_and_the_window_can_be_resized(open_window: Start) -> None:
+    app = open_window("curtain")
+    app.press_key("space")
+    app.wait_until(lambda line: line["frozen"], "freeze")
+    first, first_image = app.latest_entry(), app.screenshot()
 
-    desk.move(0.6, 0.5)
-    assert desk.press("right")["mouse"] == "camera"
-    desk.move(0.7, 0.6)
-    turned = desk.now()
-    desk.release("right")
+    app.move_mouse(0.6, 0.5)
+    assert app.press_mouse("right")["mouse"] == "camera"
+    app.move_mouse(0.7, 0.6)
+    turned = app.latest_entry()
+    app.release_mouse("right")
     assert turned["grabbed"] is None
     assert distance(turned["eye"], first["eye"]) > 0.5
     assert turned["target"] == first["target"]
-    assert (np.abs(desk.picture() - first_picture).max(axis=2) > 20).mean() > 0.05
+    assert (np.abs(app.screenshot() - first_image).max(axis=2) > 20).mean() > 0.05
 
     def range_of(line: dict[str, Any]) -> float:
         return distance(line["eye"], line["target"])
 
-    desk.press("middle")
-    desk.move(0.7, 0.8)
-    desk.until(lambda line: range_of(line) < 0.9 * range_of(turned), "zooming in with the mouse")
-    near = desk.now()
-    desk.release("middle")
-    with desk.holding("o"):
-        desk.until(lambda line: range_of(line) > 1.1 * range_of(near), "zooming out with a key")
-    with desk.holding("Up"):
-        desk.until(lambda line: line["target"][1] > first["target"][1] + 0.05, "moving up with a key")
-    desk.key("f")
-    desk.until(lambda line: line["eye"] == first["eye"], "the first view")
+    app.press_mouse("middle")
+    app.move_mouse(0.7, 0.8)
+    app.wait_until(lambda line: range_of(line) < 0.9 * range_of(turned), "zooming in with the mouse")
+    near = app.latest_entry()
+    app.release_mouse("middle")
+    with app.hold_key("o"):
+        app.wait_until(lambda line: range_of(line) > 1.1 * range_of(near), "zooming out with a key")
+    with app.hold_key("Up"):
+        app.wait_until(lambda line: line["target"][1] > first["target"][1] + 0.05, "moving up with a key")
+    app.press_key("f")
+    app.wait_until(lambda line: line["eye"] == first["eye"], "the first view")
 
-    desk.xdotool("windowsize", "--sync", desk.window, "1000", "700")
-    desk.width, desk.height = 1000, 700
-    start = somewhere_on_the_cloth(desk)
-    desk.move(*start)
-    pressed = desk.press("left")
+    app.xdotool("windowsize", "--sync", app.window_id, "1000", "700")
+    app.width, app.height = 1000, 700
+    start = point_on_cloth(app)
+    app.move_mouse(*start)
+    pressed = app.press_mouse("left")
     assert pressed["mouse"] == "cloth"
     assert distance(pressed["particle"], start) < 0.06
-    desk.release("left")
-    desk.move(*slider_point(desk, "stiffness", 0.2))  # the panel keeps its pixels
-    assert desk.press("left")["mouse"] == "panel"
-    desk.until(lambda line: abs(line["live"]["stiffness"] - 0.2) < 0.05, "stiffness at 0.2")
+    app.release_mouse("left")
+    app.move_mouse(*slider_point(app, "stiffness", 0.2))  # the panel keeps its pixels
+    assert app.press_mouse("left")["mouse"] == "panel"
+    app.wait_until(lambda line: abs(line["parameters"]["stiffness"] - 0.2) < 0.05, "stiffness at 0.2")
 
 
-def test_the_panel_may_be_moved(desk: Start) -> None:
-    desk = desk("curtain")
-    desk.move(*panel_point(desk, WIDTH / 2, TITLE / 2))
-    desk.press("left")
+def test_the_panel_can_be_moved(open_window: Start) -> None:
+    app = open_window("curtain")
+    app.move_mouse(*panel_point(app, PANEL_WIDTH / 2, TITLE / 2))
+    app.press_mouse("left")
     right, down = 500, 40  # [pixels] onto the cloth
-    desk.move(*panel_point(desk, WIDTH / 2 + right, TITLE / 2 + down))
-    desk.now()
-    desk.release("left")
+    app.move_mouse(*panel_point(app, PANEL_WIDTH / 2 + right, TITLE / 2 + down))
+    app.latest_entry()
+    app.release_mouse("left")
 
-    # At once the program does not know yet, and lets go as soon as a widget answers.
+    # The program does not know the new rectangle yet, and releases the cloth when a widget changes.
     def moved(point: tuple[float, float]) -> tuple[float, float]:
-        return point[0] + right / desk.width, point[1] - down / desk.height
+        return point[0] + right / app.width, point[1] - down / app.height
 
-    desk.move(*moved(slider_point(desk, "wind_x", 0.5)))
-    before = desk.press("left")["live"]
-    desk.move(*moved(slider_point(desk, "wind_x", 0.9)))
-    desk.until(lambda line: line["live"]["wind_x"] > before["wind_x"] + 1, "wind_x to move")
-    desk.until(lambda line: line["grabbed"] is None and line["mouse"] in ("panel", "nothing"), "letting go")
-    desk.release("left")
+    app.move_mouse(*moved(slider_point(app, "wind_x", 0.5)))
+    before = app.press_mouse("left")["parameters"]
+    app.move_mouse(*moved(slider_point(app, "wind_x", 0.9)))
+    app.wait_until(lambda line: line["parameters"]["wind_x"] > before["wind_x"] + 1, "wind_x to move")
+    app.wait_until(lambda line: line["grabbed"] is None and line["mouse"] in ("panel", "nothing"), "the release")
+    app.release_mouse("left")
 
-    # Some seconds later it does.
+    # Some seconds later it knows it.
     def is_known(line: dict[str, Any]) -> bool:
-        places = [saved_place(path, NAME) for path in desk.temporary.glob("*/imgui.ini")]
-        return any(place is not None and place.left == MARGIN + right for place in places)
+        rects = [saved_panel_rect(path, PANEL_NAME) for path in app.temporary_folder.glob("*/imgui.ini")]
+        return any(rect is not None and rect.left == PANEL_MARGIN + right for rect in rects)
 
-    desk.until(is_known, "the toolkit to save the panel's place")
-    desk.move(*moved(panel_point(desk, WIDTH / 2, HEIGHT / 2)))
-    assert desk.press("left")["mouse"] == "panel"
-    desk.release("left")
+    app.wait_until(is_known, "the saved rectangle of the panel")
+    app.move_mouse(*moved(panel_point(app, PANEL_WIDTH / 2, PANEL_HEIGHT / 2)))
+    assert app.press_mouse("left")["mouse"] == "panel"
+    app.release_mouse("left")
 
 
-def test_a_clip_and_a_screenshot_are_kept_and_can_be_repeated(
-    desk: Start, running: None, capsys: pytest.CaptureFixture[str]
+def test_a_clip_and_a_screenshot_are_saved_and_can_be_replayed(
+    open_window: Start, running: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    desk = desk("curtain", "--size", "640x480", "--path", "list")  # another method is compiled
-    start = somewhere_on_the_cloth(desk)
-    desk.key("c")
-    desk.move(*start)
-    assert desk.press("left")["mouse"] == "cloth"
-    desk.move(start[0] + 0.1, start[1] + 0.1)
-    desk.key("t")
-    solver = desk.until(lambda line: line["solver"] != "verlet", "another method")["solver"]
-    desk.release("left")
-    desk.key("v")
-    desk.until(lambda line: line["view"] != "shaded", "another view")
-    before = desk.now()["frame"]
-    desk.key("c")
-    desk.key("s")
-    desk.now()
-    desk.key("Escape")
-    assert desk.exit_code() == 0
-    assert desk.said()[-1] == "wrote out/curtain/clip_001.mp4"
+    app = open_window("curtain", "--size", "640x480", "--layout", "serial")  # another solver is compiled
+    start = point_on_cloth(app)
+    app.press_key("c")
+    app.move_mouse(*start)
+    assert app.press_mouse("left")["mouse"] == "cloth"
+    app.move_mouse(start[0] + 0.1, start[1] + 0.1)
+    app.press_key("t")
+    solver = app.wait_until(lambda line: line["solver"] != "verlet", "another solver")["solver"]
+    app.release_mouse("left")
+    app.press_key("v")
+    app.wait_until(lambda line: line["view"] != "shaded", "another view")
+    before = app.latest_entry()["frame"]
+    app.press_key("c")
+    app.press_key("s")
+    app.latest_entry()
+    app.press_key("Escape")
+    assert app.exit_code() == 0
+    assert app.output()[-1] == "wrote out/curtain/clip_001.mp4"
 
-    folder = desk.folder / "out" / "curtain"
+    folder = app.working_folder / "out" / "curtain"
     assert sorted(path.name for path in folder.iterdir()) == [
         f"{name}_001.{kind}" for name, kind in (("clip", "mp4"), ("clip", "toml"), ("shot", "png"), ("shot", "toml"))
     ]
     clip, shot = (read_recording(folder / f"{name}_001.toml") for name in ("clip", "shot"))
-    assert {call for _, call, _ in clip.rows} >= {"load", "grab", "release", "change_solver", "camera", "view"}
+    assert {event.name for _, event in clip.rows} >= {"load", "grab", "release", "switch_solver", "camera", "view"}
     assert clip.first_frame + clip.frames >= before
     assert count_frames_and_secs(str(folder / "clip_001.mp4"))[0] == clip.frames + 1
-    with Image.open(folder / "shot_001.png") as picture:
-        assert picture.size == shot.size == (640, 480)
+    with Image.open(folder / "shot_001.png") as image:
+        assert image.size == shot.size == (640, 480)
     for name in ("clip", "shot"):
-        assert cli.main(["replay", str(folder / f"{name}_001.toml"), "--check"]) == 0
-        said = capsys.readouterr()
-        assert said.out.endswith("the same to the last bit\n")
-        assert said.err == ""
+        assert main(["replay", str(folder / f"{name}_001.toml"), "--check"]) == 0
+        printed = capsys.readouterr()
+        assert printed.out.endswith("final positions are bit-identical\n")
+        assert printed.err == ""
     assert f'method = "{solver} ' in (folder / "shot_001.toml").read_text()
 
 
-def test_a_recording_is_repeated_in_the_window_and_then_the_users(desk: Start, tmp_path: Path) -> None:
-    with Recorded(load_scene("curtain")) as simulation:
+def test_a_recording_is_replayed_in_the_window_and_then_the_user_controls_it(
+    open_window: Start, tmp_path: Path
+) -> None:
+    with Simulation(load_scene("curtain")) as simulation:
+        recorder = Recorder(simulation)
+        grab = simulation.grab(566)
         for k in range(20):
-            simulation.grab(566, (1.0, 0.6, 0.1 * k))
-            simulation.advance_frame()
-        Recording.of(simulation, (640, 480)).write(tmp_path / "taken.toml")
-    desk = desk(str(tmp_path / "taken.toml"), command="replay")
-    assert (desk.width, desk.height) == (640, 480)
-    end = desk.until(lambda line: line["frame"] == 20 and line["frozen"], "the end")
-    assert end["grabbed"] == 566
-    desk.key("r")
-    desk.until(lambda line: line["frame"] == 0, "a reset")
-    desk.key("Escape")
-    assert desk.exit_code() == 0
-    assert desk.said() == [f"{tmp_path / 'taken.toml'}: 20 frames repeated: the same to the last bit"]
+            grab.move_to((1.0, 0.6, 0.1 * k))
+            simulation.step()
+        recorder.save(tmp_path / "recorded.toml", (640, 480))
+    app = open_window(str(tmp_path / "recorded.toml"), command="replay")
+    assert (app.width, app.height) == (640, 480)
+    app.wait_until(lambda line: line["grabbed"] == 566, "the recorded grab")
+    end = app.wait_until(lambda line: line["frame"] == 20 and line["frozen"], "the end")
+    assert end["grabbed"] is None
+    app.press_key("r")
+    app.wait_until(lambda line: line["frame"] == 0, "a reset")
+    app.press_key("Escape")
+    assert app.exit_code() == 0
+    assert app.output() == [f"{tmp_path / 'recorded.toml'}: 20 frames replayed: final positions are bit-identical"]

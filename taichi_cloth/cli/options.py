@@ -1,0 +1,135 @@
+"""Shared by the commands: types of option values, the options of a scene, and the summary line of a run."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Protocol
+
+from ..scene import Scene, parse_override
+from ..scene.overrides import scene_without
+from ..system import taichi_runtime as runtime
+
+if TYPE_CHECKING:
+    from ..simulation.simulation import Simulation
+
+DEFAULT_SCENE = "curtain"
+DEFAULT_FRAMES = 240
+VIEWS = ("shaded", "strain", "wireframe", "particles")
+
+
+class Action(Protocol):
+    """Runs a command with its parsed options and returns the exit code."""
+
+    def __call__(self, args: argparse.Namespace) -> int: ...
+
+
+class Command(Protocol):
+    """Adds a command to the program and returns its parser. `example`: a command line without the program's name."""
+
+    def __call__(self, name: str, action: Action, help: str, example: str) -> argparse.ArgumentParser: ...
+
+
+def size(text: str) -> tuple[int, int]:
+    """Parse a size, WxH [pixels], 1 to 8192 each."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()) or not all(1 <= int(n) <= 8192 for n in (width, height)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not WxH in pixels, 1 to 8192 each, such as 960x540")
+    return int(width), int(height)
+
+
+def count(text: str) -> int:
+    """Parse an integer from 1 to 10,000,000."""
+    if not text.isdecimal() or not 1 <= int(text) <= 10_000_000:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 1 to 10000000")
+    return int(text)
+
+
+def percent(text: str) -> float:
+    """Parse a percentage, above 0 and up to 100."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value <= 100:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a percentage of the longer side above 0 and up to 100")
+    return value
+
+
+def strain(text: str) -> float:
+    """Parse a tearing strain, 0.01 to 100."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.01 <= value <= 100:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a strain from 0.01 to 100, such as 0.5 for 50 % longer")
+    return value
+
+
+def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
+    """Add the options of every command that runs a scene. `nargs` "?" makes the scene optional."""
+    default = DEFAULT_SCENE if nargs else None
+    parser.add_argument("scene", nargs=nargs, default=default, metavar="SCENE", help="shipped scene or TOML file")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="scene key to override, such as wind_z=6; repeatable",
+    )
+    parser.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="FEATURE",
+        help="feature to remove, such as tethers; repeatable",
+    )
+    parser.add_argument("--solver", metavar="NAME", help="solver, such as xpbd (default: the scene's)")
+    parser.add_argument(
+        "--layout",
+        metavar="NAME",
+        help="memory layout: simd, serial or parallel (default: the first that suits the cloth)",
+    )
+    parser.add_argument(
+        "--target-error",
+        type=percent,
+        metavar="P",
+        help="largest error [%% of the longer side]; selects the fastest measured setting that meets it",
+    )
+    parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi backend")
+
+
+def chosen_scene(args: argparse.Namespace) -> Scene:
+    """Return the scene that the options select. Raises SceneError, and UsageError for an error target out of reach."""
+    from ..geometry.scene_loader import load_scene
+
+    overrides = dict(parse_override(text) for text in args.set)
+    if args.solver:
+        overrides["solver"] = args.solver
+    scene = scene_without(load_scene(args.scene, **overrides), args.without)
+    if args.target_error is None:
+        return scene
+    from ..simulation.error_estimate import settings_for_error
+
+    scene, why = settings_for_error(scene, args.target_error / 100, args.solver)
+    print(why, flush=True)
+    return scene
+
+
+def summary(simulation: Simulation, arch: str) -> str:
+    """Return the line that every run prints: scene, solver, substeps × iterations, layout, grid, features, arch, seed.
+
+    Further lines say if the solver uses other substeps or damping than the scene's, or iterations end too early.
+    """
+    from ..geometry.cloth_builder import particle_count_text
+    from ..scene.schema import FRAME_SECONDS
+    from ..simulation.error_estimate import unconverged
+
+    scene = simulation.scene
+    line = (
+        f"{scene.name} · {simulation.method}"
+        f" · {particle_count_text(scene)} · {' '.join(simulation.features)} · {arch} · seed {scene.seed}"
+    )
+    solver = scene.solver
+    unfinished = unconverged(scene, simulation.topology, FRAME_SECONDS / simulation.substeps, solver.iterations)
+    return "\n".join(filter(None, [line, simulation.warnings, unfinished]))

@@ -1,0 +1,155 @@
+"""The commands `run` and `render`: a scene in a window, as images, or as a video."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack, closing
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..scene import Scene
+from ..system import taichi_runtime as runtime
+from ..system.errors import Diverged, UsageError
+from .options import DEFAULT_FRAMES, VIEWS, Command, chosen_scene, count, scene_options, size, summary
+from .replaying import check_video, write_video
+
+if TYPE_CHECKING:
+    from ..render.sequence import RenderPlan
+    from ..simulation.simulation import Simulation
+
+
+def add_commands(command: Command) -> None:
+    """Add the commands `run` and `render`."""
+    run = command("run", run_scene, "open a scene in a window, or render images if no window can open", "run table")
+    scene_options(run, nargs="?")
+    run.add_argument("--size", type=size, default="1280x720", metavar="WxH", help="window size [pixels]")
+    run.add_argument(
+        "--frames",
+        type=count,
+        metavar="N",
+        help="number of displayed frames before the window closes (default: no limit)",
+    )
+    run.add_argument("--log", type=Path, metavar="FILE", help="log file with one JSON line per displayed frame")
+    run.add_argument("--headless", action="store_true", help="render images to out/SCENE instead of opening a window")
+
+    render = command(
+        "render",
+        render_scene,
+        "render a scene to PNG images or a video",
+        "render curtain --frames 240 --out out/curtain",
+    )
+    scene_options(render)
+    render.add_argument(
+        "--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="number of frames to simulate [1/60 s]"
+    )
+    render.add_argument("--size", type=size, default="960x540", metavar="WxH", help="image size [pixels]")
+    render.add_argument("--out", type=Path, metavar="DIR", help="folder of the images (default: out/SCENE)")
+    render.add_argument("--view", choices=VIEWS, default="shaded", help="view of the cloth")
+    render.add_argument("--every", type=count, default=1, metavar="K", help="number of frames per image")
+    render.add_argument("--samples", type=int, choices=(1, 4), default=4, help="samples per pixel; 4 smooths edges")
+    render.add_argument("--video", type=Path, metavar="FILE", help="video to write instead of images, .mp4 or .webp")
+    render.add_argument(
+        "--contact-sheet", action="store_true", help="also write contact_sheet.png with twelve of the images"
+    )
+    existing = render.add_mutually_exclusive_group()
+    existing.add_argument("--force", action="store_true", help="overwrite existing images or video")
+    existing.add_argument("--resume", action="store_true", help="continue an interrupted render")
+
+
+def run_scene(args: argparse.Namespace) -> int:
+    """Run the command `run`."""
+    scene = chosen_scene(args)
+    from ..viewer.display_probe import window_obstacle
+
+    obstacle = "--headless" if args.headless else window_obstacle()
+    if obstacle is None:
+        from ..system.console import spinner
+        from ..viewer import window
+
+        arch = runtime.start(args.arch)
+        from ..export.clip import export_snapshot
+        from ..viewer.session import Session
+
+        with ExitStack() as until_open:
+            until_open.enter_context(spinner(f"{scene.name}: compiling kernels (some seconds on the first run)"))
+
+            def announce(simulation: Simulation) -> None:
+                until_open.close()
+                print(summary(simulation, arch), flush=True)
+
+            window.run(
+                partial(Session, scene, args.layout, export=export_snapshot),
+                size=args.size,
+                frames=args.frames,
+                log=args.log,
+                announce=announce,
+            )
+        return 0
+    from ..render.sequence import RenderPlan
+
+    print(
+        f"no window ({obstacle}): rendering images instead; `taichi-cloth web` shows the scene in a browser", flush=True
+    )
+    plan = RenderPlan(Path("out") / scene.name, args.frames or DEFAULT_FRAMES, contact_sheet=True)
+    return render_images(scene, plan, args, force=True)
+
+
+def render_scene(args: argparse.Namespace) -> int:
+    """Run the command `render`."""
+    scene = chosen_scene(args)
+    from ..render.sequence import RenderPlan
+
+    plan = RenderPlan(
+        out=args.out or Path("out") / scene.name,
+        frames=args.frames,
+        width=args.size[0],
+        height=args.size[1],
+        view=args.view,
+        every=args.every,
+        samples=args.samples,
+        contact_sheet=args.contact_sheet,
+    )
+    if args.video:
+        return render_video(scene, plan, args)
+    return render_images(scene, plan, args, force=args.force, resume=args.resume)
+
+
+def render_images(
+    scene: Scene, plan: RenderPlan, args: argparse.Namespace, *, force: bool = False, resume: bool = False
+) -> int:
+    """Render a scene to numbered PNG files in the folder `plan.out`."""
+    from ..render import sequence
+    from ..simulation.simulation import Simulation
+    from ..system.console import count_noun, frames_progress
+
+    arch = runtime.start(args.arch)
+    with (
+        Simulation(scene, args.layout) as simulation,
+        sequence.claim_folder(plan, simulation, force=force, resume=resume),
+    ):
+        print(summary(simulation, arch), flush=True)
+        with frames_progress(plan.frames) as advance:
+            sequence.render(simulation, plan, advance)
+    print(
+        f"{count_noun(plan.image_count, 'image')} in {plan.out}"
+        + (", and contact_sheet.png" if plan.contact_sheet else "")
+    )
+    return 0
+
+
+def render_video(scene: Scene, plan: RenderPlan, args: argparse.Namespace) -> int:
+    """Render a scene to the video `args.video`. Raises UsageError, OutputConflict and Diverged."""
+    from ..viewer.session import Session
+
+    if args.out or args.resume or args.contact_sheet:
+        raise UsageError("--video writes one file: it cannot be combined with --out, --resume or --contact-sheet")
+    check_video(args.video, force=args.force)
+    arch = runtime.start(args.arch)
+    with closing(Session(scene, args.layout)) as session:
+        print(summary(session.simulation, arch), flush=True)
+        session.view = plan.view
+        write_video(session, plan, args.video)
+        if session.frozen:
+            raise Diverged(f"{session.note}; {args.video} ends with that frame")
+    return 0

@@ -1,0 +1,1 @@
+"""Contact: colliders, collision detection and response, self-collision, untangling."""

@@ -1,0 +1,256 @@
+"""Colliders on the host, in NumPy: their pose at a time, distances to them, and the table that kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+from math import pi, radians, sin
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry.grid import rotation_matrix
+from ..kernels import step_params as c
+from ..scene.collider_schema import (
+    REPULSION,
+    RESPONSES,
+    Collider,
+    ContactProperties,
+    Ground,
+    Mesh,
+    Motion,
+    RoundCollider,
+)
+from ..scene.keys import Vec3
+from ..scene.schema import Scene
+from .shapes import SHAPES, Shape
+
+Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
+
+TELEPORT_SPEED = 340.0  # [m/s] keyframes with a higher speed teleport the collider: nothing between is swept
+MAX_TRACE_STEPS, TRACE_TOLERANCE = 200, 1e-5  # of a ray; the tolerance in m
+
+
+class PosedCollider(NamedTuple):
+    """A collider at one time."""
+
+    collider: Collider | Ground
+    center: Floats
+    """(3,) [m]."""
+    axes: Floats
+    """Its own axes x, y and z as columns, (3, 3)."""
+    size: Floats
+    """The lengths of `Shape.size` [m], (3,)."""
+
+
+def shape_of(collider: Collider | Ground) -> Shape:
+    """Return the shape of a collider; the ground is a plane."""
+    return next(shape for shape in SHAPES if isinstance(collider, shape.classes))
+
+
+def rotation_from_vector(vector: Floats) -> Floats:
+    """Return the 3×3 rotation about a vector by its length [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle if angle else vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    matrix: Floats = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return matrix
+
+
+def rotation_vector_between(before: Floats, after: Floats) -> Floats:
+    """Return the rotation vector [rad] of the shortest rotation from axes `before` to axes `after`."""
+    if np.array_equal(before, after):
+        return np.zeros(3)
+    relative = after @ before.T
+    axis = np.array([relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0], relative[1, 0] - relative[0, 1]])
+    sine, cosine = float(np.linalg.norm(axis)) / 2, (float(np.trace(relative)) - 1) / 2
+    vector: Floats = axis / (2 * sine) * np.arctan2(sine, cosine) if sine > 1e-12 else np.zeros(3)
+    return vector
+
+
+@lru_cache(maxsize=256)  # called in every frame
+def _initial_pose(collider: Motion | Ground) -> tuple[Floats, Floats]:
+    """Return the pose before any motion, read-only."""
+    if isinstance(collider, Ground):
+        center, axes = np.array([0.0, collider.height, 0.0]), np.eye(3)
+    else:
+        center = np.array(collider.center)
+        axes = rotation_matrix(collider.rotation) if isinstance(collider, Collider) else np.eye(3)
+    for values in (center, axes):
+        values.setflags(write=False)
+    return center, axes
+
+
+def pose(collider: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
+    """Return center [m] and axes at a time, as `Motion` and `Collider` define them."""
+    center, axes = _initial_pose(collider)
+    if isinstance(collider, Ground):
+        return center, axes
+    if any(collider.oscillation) or any(collider.rocking):
+        phases = zip(collider.period, collider.phase, strict=True)
+        wave = np.array([sin(2 * pi * seconds / period + radians(phase)) for period, phase in phases])
+        center = center + np.array(collider.oscillation) * wave
+        if any(collider.rocking):
+            axes = rotation_matrix(tuple(np.array(collider.rocking) * wave)) @ axes
+    if collider.keyframes:
+        rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in collider.keyframes])
+        offset = np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
+        center = center + offset[:3]
+        axes = rotation_matrix(tuple(offset[3:])) @ axes
+    if any(collider.spin):
+        axes = rotation_from_vector(np.radians(collider.spin) * seconds) @ axes
+    return center, axes
+
+
+def colliders_of(scene: Scene) -> list[Collider | Ground]:
+    """Return all colliders of a scene, shape by shape."""
+    ground = [] if scene.ground is None else [scene.ground]
+    colliders: list[Collider | Ground] = []
+    for shape in SHAPES:
+        colliders += getattr(scene, shape.section)
+        if Ground in shape.classes:
+            colliders += ground
+    return colliders
+
+
+def collider_counts(colliders: Sequence[Collider | Ground]) -> tuple[tuple[int, ...], ...]:
+    """Return the number of colliders by response (`RESPONSES`) and shape (`SHAPES`)."""
+    return tuple(
+        tuple(
+            sum(shape_of(collider) is shape and collider.response == response for collider in colliders)
+            for shape in SHAPES
+        )
+        for response in RESPONSES
+    )
+
+
+def repulsion_frequency(colliders: Sequence[Collider | Ground], area_density: float) -> float:
+    """Return the angular frequency [rad/s] of cloth of that density [kg/m²] which all colliders repel at once."""
+    total = sum(collider.stiffness for collider in colliders if collider.response == RESPONSES[REPULSION])
+    return float(np.sqrt(total / area_density))
+
+
+def pose_colliders(colliders: Sequence[Collider | Ground], seconds: float) -> list[PosedCollider]:
+    """Return every collider at a time."""
+    return [
+        PosedCollider(collider, *pose(collider, seconds), np.array(shape_of(collider).size(collider)))
+        for collider in colliders
+    ]
+
+
+def collider_table(
+    colliders: Sequence[Motion | Ground],
+    start: float,
+    end: float,
+    margin_reduction: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
+    origin: Vec3 = (0.0, 0.0, 0.0),
+) -> Floats32:
+    """Return the table of one frame: a row for every collider, then one for every attachment (`step_params`).
+
+    `start`, `end`: of the frame [s]. `margin_reduction`: of every collider at both times [m] (`Depenetration`). Centers
+    are relative to `origin` [m]. Rows are ordered by response, then by shape.
+    """
+    table = np.zeros((len(colliders), c.COLLIDER_COLUMNS), np.float32)
+    for row, collider in zip(table, colliders, strict=True):
+        row[:] = _static_row(collider, origin)
+        if not is_static(collider):
+            (center, axes), (end_center, end_axes) = pose(collider, start), pose(collider, end)
+            if teleports(collider, start, end):
+                center, axes = end_center, end_axes
+            row[c.COLLIDER_START : c.COLLIDER_START + 3] = np.subtract(center, origin)
+            row[c.COLLIDER_END : c.COLLIDER_END + 3] = np.subtract(end_center, origin)
+            row[c.COLLIDER_ROTATION : c.COLLIDER_ROTATION + 3] = rotation_vector_between(axes, end_axes)
+            row[c.COLLIDER_AXES : c.COLLIDER_AXES + 9] = axes.ravel()
+    before, after = map(np.asarray, margin_reduction)
+    table[: before.size, c.COLLIDER_MARGIN] -= before
+    table[: before.size, c.COLLIDER_MARGIN_CHANGE] = before - after
+    meshes = [isinstance(collider, Mesh) for collider in colliders]
+    table[meshes, c.COLLIDER_SIZE] = np.arange(sum(meshes))
+    responses = [
+        RESPONSES.index(collider.response) if isinstance(collider, ContactProperties) else len(RESPONSES)
+        for collider in colliders
+    ]
+    return table[np.argsort(responses, kind="stable")]
+
+
+@lru_cache(maxsize=256)  # called in every frame
+def _static_row(collider: Motion | Ground, origin: Vec3) -> Floats32:
+    """Return the row of a collider at its initial pose."""
+    row = np.zeros(c.COLLIDER_COLUMNS, np.float32)
+    center, axes = pose(collider, 0.0)
+    for column in (c.COLLIDER_START, c.COLLIDER_END):
+        row[column : column + 3] = np.subtract(center, origin)
+    row[c.COLLIDER_AXES : c.COLLIDER_AXES + 9] = axes.ravel()
+    if isinstance(collider, Collider | Ground):
+        row[c.COLLIDER_SIZE : c.COLLIDER_SIZE + 3] = shape_of(collider).size(collider)
+        row[c.COLLIDER_MARGIN], row[c.COLLIDER_FRICTION] = collider.margin, collider.friction
+        row[c.COLLIDER_CONTINUOUS] = collider.continuous
+        row[c.COLLIDER_RESTITUTION], row[c.COLLIDER_STIFFNESS] = collider.restitution, collider.stiffness
+        row[c.COLLIDER_TRIANGLES] = collides_with_triangles(collider)
+    return row
+
+
+def table_range(counts: tuple[tuple[int, ...], ...], response: int, shape: int) -> tuple[int, int]:
+    """Return the first row of a response and shape in the table, and the row after the last.
+
+    `counts`: number of colliders by response and shape, see `collider_counts`.
+    """
+    first = sum(map(sum, counts[:response])) + sum(counts[response][:shape])
+    return first, first + counts[response][shape]
+
+
+def is_static(collider: Motion | Ground) -> bool:
+    """Return whether a collider never moves."""
+    return isinstance(collider, Ground) or not (
+        any(collider.oscillation) or any(collider.rocking) or any(collider.spin) or collider.keyframes
+    )
+
+
+def teleports(collider: Motion | Ground, start: float, end: float) -> bool:
+    """Return whether keyframes move a collider at once between two times [s]."""
+    return not isinstance(collider, Ground) and any(
+        first < end and start < last for first, last in _teleports(collider)
+    )
+
+
+@lru_cache(maxsize=256)  # called in every frame
+def _teleports(collider: Motion) -> tuple[tuple[float, float], ...]:
+    """Return the start and end [s] of every such move."""
+    moves = pairwise(np.array([row[:4] for row in collider.keyframes]))
+    return tuple((a[0], b[0]) for a, b in moves if np.linalg.norm(b[1:] - a[1:]) > TELEPORT_SPEED * (b[0] - a[0]))
+
+
+def collides_with_triangles(collider: Collider | Ground) -> bool:
+    """Return whether whole triangles collide with it, not only particles."""
+    return isinstance(collider, RoundCollider) and collider.collide_with == "triangles"
+
+
+def signed_distance(posed: PosedCollider, points: Floats) -> Floats:
+    """Return the distance of points (N, 3) to a collider's surface as drawn [m], (N,); negative inside."""
+    return shape_of(posed.collider).signed_distance(posed.collider, (points - posed.center) @ posed.axes)
+
+
+def max_penetration(colliders: Sequence[PosedCollider], points: Floats) -> float:
+    """Return the largest depth of points (N, 3) below a surface [m], at least 0. Margins do not count."""
+    return max([0.0, *(float(-signed_distance(collider, points).min()) for collider in colliders)])
+
+
+def ray_cast(colliders: Sequence[PosedCollider], origin: Floats, direction: Floats) -> float:
+    """Return the distance along a ray to the first collider [m], infinity if there is none.
+
+    Colliders that contain the origin do not count.
+    """
+    outside = [collider for collider in colliders if signed_distance(collider, origin[None])[0] > 0]
+    traveled = 0.0
+    for _ in range(MAX_TRACE_STEPS):
+        point = (origin + traveled * direction)[None]
+        nearest = min((float(signed_distance(collider, point)[0]) for collider in outside), default=np.inf)
+        if nearest < TRACE_TOLERANCE:
+            return traveled
+        traveled += nearest
+        if not traveled < 1e6:
+            break
+    return np.inf

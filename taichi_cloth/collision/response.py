@@ -1,0 +1,226 @@
+"""Contact of particles with colliders. A collider's `response` is one of three:
+
+- projection: move the particle to the margin, with Coulomb friction. A `continuous` collider also stops a particle
+  that would end a substep on its other side.
+- reflection: contact with restitution. Reverse the normal velocity of a particle within the margin, times the
+  restitution.
+- repulsion: a penalty force, proportional to the depth.
+
+The last two do not project the position. With reflection a particle sinks in by its motion in one substep, and further
+under a steady load; with repulsion, until the force carries the cloth.
+
+Depenetration: a collider that appears around particles starts with its margin reduced by their largest depth, and the
+margin then grows. Projecting all particles to the full margin at once would give them a high velocity; moving each of
+them slowly would stretch springs, which snap back later.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from ..kernels.constraint_math import TINY, friction_correction
+from ..kernels.integration import apply_impulse, margin_at, pose_at, project_position, vec3_at
+from ..kernels.layout import velocity_of
+from ..kernels.step_params import (
+    AREA_DENSITY,
+    COLLIDER_CONTINUOUS,
+    COLLIDER_END,
+    COLLIDER_FRICTION,
+    COLLIDER_RESTITUTION,
+    COLLIDER_ROTATION,
+    COLLIDER_SIZE,
+    COLLIDER_START,
+    COLLIDER_STIFFNESS,
+)
+from ..kernels.vec import broadcast, cross, dot, length, scale, select
+from ..scene.collider_schema import PROJECTION, REFLECTION, REPULSION, Collider, Ground
+from .colliders import Floats, pose_colliders, signed_distance, table_range, teleports
+from .shapes import SHAPES
+from .shapes.shape import to_local, to_world
+from .triangle_collision import project_triangles
+
+SURFACE_TOLERANCE = 1e-4  # [m] a continuous test stops this far within the margin: a particle at rest starts outside
+
+
+@ti.func
+def for_each_collider(
+    cloth: ti.template(),
+    features: ti.template(),
+    ctx: ti.template(),
+    response: ti.template(),
+    act: ti.template(),
+    time: float,
+):
+    """Call `act(cloth, features, ctx, shape, row, time)` for every collider with this response.
+
+    `time`: in substeps since the start of the frame. In the parallel layout each collider has a parallel loop of its
+    own: in a loop over colliders they would race.
+    """
+    for k in ti.static(range(len(SHAPES))):
+        if ti.static(cloth.is_parallel):
+            for row in ti.static(range(*table_range(features.colliders, response, k))):
+                act(cloth, features, ctx, ti.static(SHAPES[k]), row, time)
+        elif ti.static(features.colliders[response][k] > 0):
+            for row in range(
+                ti.static(table_range(features.colliders, response, k)[0]),
+                ti.static(table_range(features.colliders, response, k)[1]),
+            ):
+                act(cloth, features, ctx, ti.static(SHAPES[k]), row, time)
+
+
+@ti.func
+def resolve_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Project particles, then triangles, out of colliders, and reflect velocities, at the end of a substep."""
+    for_each_collider(cloth, features, ctx, PROJECTION, project, ctx.s + 1.0)
+    project_triangles(cloth, features, ctx)
+    if ti.static(ctx.update_velocity):
+        for_each_collider(cloth, features, ctx, REFLECTION, reflect, ctx.s + 1.0)
+
+
+@ti.func
+def add_repulsion(cloth: ti.template(), features: ti.template(), ctx: ti.template(), time: float):
+    """Add the penalty force [N] of every repelling collider at a time, in substeps since the start of the frame."""
+    for_each_collider(cloth, features, ctx, REPULSION, repel, time)
+
+
+@ti.func
+def project(cloth: ti.template(), features: ti.template(), ctx: ti.template(), shape: ti.template(), row: int, time):
+    """Project every particle to the margin of one collider. The collider moves straight and rotates about one axis."""
+    table = ti.static(ctx.colliders)
+    travel = vec3_at(table, row, COLLIDER_END) - vec3_at(table, row, COLLIDER_START)
+    rotation = vec3_at(table, row, COLLIDER_ROTATION)
+    end, fraction = time / ctx.substeps, ctx.dt_scale / ctx.substeps  # of the frame: its end, and the step's length
+    center, axes = pose_at(table, row, end)
+    size, margin = vec3_at(table, row, COLLIDER_SIZE), margin_at(table, row, end)
+    friction = table[row, COLLIDER_FRICTION]
+    start_center, start_axes = center, axes
+    if ti.static(features.continuous):
+        start_center, start_axes = pose_at(table, row, end - fraction)
+    for i in range(cloth.packet_count[None]):
+        x = cloth.x[i]
+        offset = x - broadcast(center, x)
+        push = shape.push_out(features, axes, size, margin, offset)
+        if ti.static(features.continuous):  # noqa: SIM102 (only this condition is known while compiling)
+            if table[row, COLLIDER_CONTINUOUS] > 0.0:
+                start = to_local(start_axes, cloth.x_prev[i] - broadcast(start_center, x))
+                path = to_local(axes, offset) - start
+                impact, normal = shape.time_of_impact(features, size, margin - SURFACE_TOLERANCE, start, path)
+                tangential = path - scale(normal, dot(normal, path))  # after the impact it slides on
+                stopped = to_world(axes, start + scale(path, impact) + scale(tangential, 1.0 - impact))
+                push = select(
+                    impact <= 1.0, stopped - offset + shape.push_out(features, axes, size, margin, stopped), push
+                )
+        move = push
+        if ti.static(ctx.update_velocity) and friction > 0.0:
+            surface = broadcast(travel * fraction, x) + cross(broadcast(rotation * fraction, x), offset + push)
+            move += friction_correction(push, x + push - cloth.x_prev[i] - surface, friction)
+            if ti.static(features.continuous):  # friction of a long push may lead into the collider
+                move += shape.push_out(features, axes, size, margin, offset + move)
+        free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
+        project_position(cloth, features, ctx, i, scale(move, free))
+
+
+@ti.func
+def surface_motion(table: ti.template(), row: int, seconds: float):
+    """Return the linear [m/s] and angular [1/s] velocity of a collider in a frame of that length."""
+    travel = vec3_at(table, row, COLLIDER_END) - vec3_at(table, row, COLLIDER_START)
+    return travel / seconds, vec3_at(table, row, COLLIDER_ROTATION) / seconds
+
+
+@ti.func
+def contact_of(
+    cloth: ti.template(),
+    features: ti.template(),
+    ctx: ti.template(),
+    shape: ti.template(),
+    row: int,
+    i: int,
+    state: ti.template(),
+):
+    """Return the displacement of a particle to a collider's margin [m], and its velocity relative to the surface."""
+    center, axes, margin, speed, spin = ti.static(state)
+    x = cloth.x[i]
+    offset = x - broadcast(center, x)
+    size = vec3_at(ctx.colliders, row, COLLIDER_SIZE)
+    push = shape.push_out(features, axes, size, margin, offset)
+    surface = broadcast(speed, x) + cross(broadcast(spin, x), offset)
+    return push, velocity_of(cloth, features, i, ctx.h) - surface
+
+
+@ti.func
+def reflect(cloth: ti.template(), features: ti.template(), ctx: ti.template(), shape: ti.template(), row: int, time):
+    """Reverse the normal velocity of particles that approach within the margin, times the restitution."""
+    table = ti.static(ctx.colliders)
+    restitution, friction = table[row, COLLIDER_RESTITUTION], table[row, COLLIDER_FRICTION]
+    center, axes = pose_at(table, row, time / ctx.substeps)
+    margin = margin_at(table, row, time / ctx.substeps)
+    speed, spin = surface_motion(table, row, ctx.substeps * ctx.h)
+    for i in range(cloth.packet_count[None]):
+        push, velocity = contact_of(cloth, features, ctx, shape, row, i, ti.static((center, axes, margin, speed, spin)))
+        normal = scale(push, 1.0 / ti.max(length(push), TINY))
+        change = scale(normal, -(1.0 + restitution) * ti.min(dot(normal, velocity), 0.0))
+        change += friction_correction(change, velocity + change, friction)
+        free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
+        apply_impulse(cloth, features, i, scale(change, free), ctx.h)
+
+
+@ti.func
+def repel(cloth: ti.template(), features: ti.template(), ctx: ti.template(), shape: ti.template(), row: int, time):
+    """Add a pressure proportional to the depth. A particle stands for an area of its mass over the area density."""
+    table = ti.static(ctx.colliders)
+    rate = table[row, COLLIDER_STIFFNESS] / ctx.params[AREA_DENSITY]  # [1/s²]
+    friction = table[row, COLLIDER_FRICTION]
+    center, axes = pose_at(table, row, time / ctx.substeps)
+    margin = margin_at(table, row, time / ctx.substeps)
+    speed, spin = surface_motion(table, row, ctx.substeps * ctx.h)
+    for i in range(cloth.packet_count[None]):
+        push, velocity = contact_of(cloth, features, ctx, shape, row, i, ti.static((center, axes, margin, speed, spin)))
+        change = push * (rate * ctx.h)  # [m/s] in a substep
+        change += friction_correction(change, velocity + change, friction)
+        w = cloth.inverse_mass[i]
+        mass = ti.select(w > 0.0, 1.0 / ti.max(w, TINY), 0.0)
+        cloth.force[i] = cloth.force[i] + scale(change, mass / ctx.h)
+
+
+GROWTH_RATE = 0.2  # [m/s]
+MIN_DEPTH = 0.05  # [m] below the margin: what is less deep is projected out at once
+UNKNOWN = -1.0
+
+
+class Depenetration:
+    """By how much the margin of every collider is reduced, so that particles inside it are let out slowly.
+
+    It is determined after the cloth was placed, or a collider teleported or grew, and then decreases to 0.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.reduction = np.full(count, UNKNOWN)
+        """Reduction of every collider [m], or `UNKNOWN` until the next frame."""
+
+    def invalidate(self, row: int | slice = slice(None)) -> None:
+        """Have the reduction of one collider, or of all, determined anew at the next frame."""
+        self.reduction[row] = UNKNOWN
+
+    def advance(
+        self, colliders: Sequence[Collider | Ground], points: Callable[[], Floats], start: float, end: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the reduction of every collider at the start and the end of a frame [m].
+
+        `points` returns the positions of all free particles [m], (N, 3); it is called only when needed.
+        """
+        teleported = np.array([teleports(collider, start, end) for collider in colliders], bool)
+        self.reduction[teleported] = UNKNOWN
+        if self.reduction.any():  # in nearly every frame all are 0
+            positions = points()
+            for row in map(int, np.flatnonzero(self.reduction)):
+                (posed,) = pose_colliders([colliders[row]], end if teleported[row] else start)
+                depth = posed.collider.margin - float(signed_distance(posed, positions).min(initial=np.inf))
+                if self.reduction[row] == UNKNOWN:
+                    self.reduction[row] = depth if depth > MIN_DEPTH else 0.0
+                else:
+                    self.reduction[row] = min(self.reduction[row], depth)
+        before = np.maximum(self.reduction, 0.0)
+        self.reduction = np.maximum(before - GROWTH_RATE * (end - start), 0.0)
+        return before, self.reduction

@@ -1,0 +1,173 @@
+"""Self-collision: parts of a cloth closer than its thickness are moved apart, with friction.
+
+A contact has up to four particles with weights: two particles (1, −1), a particle and a point of a triangle, or points
+of two edges. Σ weight·x is the gap and Σ weight·x_prev the gap at the start of the substep; where they point in
+opposite directions the parts have passed through each other and are brought back. Parts that were no farther apart on
+the flat sheet do not collide.
+
+Contacts are resolved in Jacobi fashion, all from the same positions. Corrections are summed as integers, which makes
+the result independent of order and thread count. Each of n contacts of a particle may apply 1/n of its correction
+(Macklin et al. 2014, *Unified particle physics*, section 4.2). Here n is the sum of their depths over the largest
+depth, because counting grazing contacts would weaken a deep one (a fold sank to a sixth of the thickness), and the
+largest n of the contact's particles, so that momentum is conserved.
+"""
+
+import taichi as ti
+import taichi.math as tm
+
+from ..kernels.constraint_math import TINY, friction_correction
+from ..kernels.integration import project_position
+from ..kernels.layout import packet, read, read_inverse_mass
+from ..kernels.step_params import SELF_FRICTION, THICKNESS
+from ..kernels.vec import cast
+from .self_broadphase import (
+    CORRECTIONS,
+    DEPTHS,
+    edge_weights,
+    for_each_candidate,
+    query_edges,
+    query_particles,
+    query_triangles,
+    triangle_weights,
+    update_candidates,
+)
+from .static_friction import slide_since_anchor
+
+UNITS = 1 << 20  # integer units of a correction per thickness
+DEPTH_UNITS = 1 << 12  # integer units of a depth per thickness: fewer, since thousands of depths are summed
+MAX_SEPARATION_SPEED = 1.5  # [m/s] of parts that are moved apart: with 1.0 the ball of `stack` goes through layers
+NEIGHBOR_DISTANCE = 1.01  # thicknesses apart on the flat sheet: neighbors must not collide by rounding
+
+
+@ti.func
+def resolve_contact(
+    cloth: ti.template(),
+    ctx: ti.template(),
+    particles: ti.template(),
+    weights: ti.template(),
+    count: ti.template(),
+    contact_pass: int,
+    entry: int,
+    static_friction: ti.template(),
+):
+    """Add the depth of a contact to the sum of each of its `count` particles; in the pass `CORRECTIONS`, add their
+    corrections.
+
+    Returns 1 if there is a contact. `entry`: of the candidate list, whose anchor static friction uses; −1 for none.
+    """
+    thickness = ctx.params[THICKNESS]
+    gap, intersecting = tm.vec3(0.0), 0
+    for k in ti.static(range(count)):
+        gap += weights[k] * read(cloth, cloth.x, particles[k])
+        intersecting |= cloth.self_contact.is_intersecting[particles[k]]
+    distance, touching = gap.norm(), 0
+    if distance < thickness and intersecting == 0:
+        start_gap, flat_gap, inverse_mass, contacts = tm.vec3(0.0), tm.vec3(0.0), 0.0, 1.0
+        for k in ti.static(range(count)):
+            start_gap += weights[k] * read(cloth, cloth.x_prev, particles[k])
+            flat_gap += weights[k] * cloth.self_contact.flat_position[particles[k]]
+            inverse_mass += weights[k] * weights[k] * read_inverse_mass(cloth, particles[k])
+            deepest = ti.max(ti.cast(cloth.self_contact.max_depth[particles[k]], ti.f32), 1.0)
+            contacts = ti.max(contacts, cloth.self_contact.depth_sum[particles[k]] / deepest)
+        flat_distance = flat_gap.norm()
+        if flat_distance > NEIGHBOR_DISTANCE * thickness and inverse_mass > 0.0:
+            touching = 1
+            side = ti.select(gap.dot(start_gap) < 0.0, -1.0, 1.0)
+            depth = thickness - side * distance
+            if contact_pass == DEPTHS:
+                units = ti.cast(depth / thickness * DEPTH_UNITS, ti.i32)
+                for k in ti.static(range(count)):
+                    ti.atomic_add(cloth.self_contact.depth_sum[particles[k]], units)
+                    ti.atomic_max(cloth.self_contact.max_depth[particles[k]], units)
+            else:
+                normal = side * gap / ti.max(distance, TINY)
+                if distance < 1e-4 * thickness:  # at one point: separate as on the flat sheet
+                    normal = flat_gap / flat_distance
+                motion = gap - start_gap
+                limit = ti.max(MAX_SEPARATION_SPEED * ctx.h * ctx.dt_scale - normal.dot(motion), 0.0)
+                push = normal * ti.min(depth, limit)
+                slide = motion + push
+                if ti.static(static_friction):  # noqa: SIM102 (only this condition is known while compiling)
+                    if entry >= 0:
+                        slide += slide_since_anchor(cloth.friction_anchors, ctx, entry, normal, start_gap, push)
+                push += friction_correction(push, slide, ctx.params[SELF_FRICTION])
+                unit = UNITS / (thickness * inverse_mass * contacts)
+                for k in ti.static(range(count)):
+                    factor = weights[k] * read_inverse_mass(cloth, particles[k]) * unit
+                    ti.atomic_add(cloth.self_contact.correction[particles[k]], cast(ti.round(push * factor), ti.i32))
+    return touching
+
+
+@ti.func
+def contact_vertex_vertex(cloth: ti.template(), ctx: ti.template(), n: int, m: int, contact_pass: int, entry: int = -1):
+    particles = tm.ivec2(cloth.self_contact.particle[n], cloth.self_contact.particle[m])
+    return resolve_contact(cloth, ctx, particles, tm.vec2(1.0, -1.0), 2, contact_pass, entry, False)
+
+
+@ti.func
+def contact_vertex_vertex_static(
+    cloth: ti.template(), ctx: ti.template(), n: int, m: int, contact_pass: int, entry: int = -1
+):
+    """A contact of two particles with static friction.
+
+    It is a function of its own, because the broad phase takes a function as template argument.
+    """
+    particles = tm.ivec2(cloth.self_contact.particle[n], cloth.self_contact.particle[m])
+    return resolve_contact(cloth, ctx, particles, tm.vec2(1.0, -1.0), 2, contact_pass, entry, True)
+
+
+@ti.func
+def contact_vertex_triangle(
+    cloth: ti.template(), ctx: ti.template(), n: int, m: int, contact_pass: int, entry: int = -1
+):
+    """A contact of triangle n and particle m."""
+    a, b, c = cloth.self_contact.triangles[n]
+    p = cloth.self_contact.particle[m]
+    return resolve_contact(
+        cloth, ctx, tm.ivec4(p, a, b, c), triangle_weights(cloth, n, m), 4, contact_pass, entry, False
+    )
+
+
+@ti.func
+def contact_edge_edge(cloth: ti.template(), ctx: ti.template(), n: int, m: int, contact_pass: int, entry: int = -1):
+    a, b = cloth.self_contact.edges[n]
+    c, d = cloth.self_contact.edges[m]
+    return resolve_contact(cloth, ctx, tm.ivec4(a, b, c, d), edge_weights(cloth, n, m), 4, contact_pass, entry, False)
+
+
+@ti.func
+def visit_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.template(), contact_pass: int):
+    """Visit all candidates once, to sum depths or corrections."""
+    if ti.static(features.self_triangles):
+        for_each_candidate(
+            cloth, ctx, cloth.self_contact.vertex_triangle, query_triangles, contact_vertex_triangle, contact_pass
+        )
+        for_each_candidate(cloth, ctx, cloth.self_contact.edge_edge, query_edges, contact_edge_edge, contact_pass)
+    elif ti.static(features.static_friction):
+        for_each_candidate(
+            cloth, ctx, cloth.self_contact.vertex_vertex, query_particles, contact_vertex_vertex_static, contact_pass
+        )
+    else:
+        for_each_candidate(
+            cloth, ctx, cloth.self_contact.vertex_vertex, query_particles, contact_vertex_vertex, contact_pass
+        )
+
+
+@ti.func
+def resolve_self_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Move apart what is closer than the thickness, one Jacobi iteration."""
+    if ti.static(features.self_collision):
+        update_candidates(cloth, features, ctx)
+        for n in range(cloth.self_contact.particle_count[None]):
+            cloth.self_contact.depth_sum[cloth.self_contact.particle[n]] = 0
+            cloth.self_contact.max_depth[cloth.self_contact.particle[n]] = 0
+            cloth.self_contact.correction[cloth.self_contact.particle[n]] = tm.ivec3(0)
+        if ti.static(cloth.is_parallel):
+            for contact_pass in ti.static((DEPTHS, CORRECTIONS)):
+                visit_contacts(cloth, features, ctx, contact_pass)
+        else:
+            for contact_pass in range(2):  # DEPTHS, CORRECTIONS
+                visit_contacts(cloth, features, ctx, contact_pass)
+        unit = ctx.params[THICKNESS] / UNITS
+        for i in range(cloth.packet_count[None]):
+            project_position(cloth, features, ctx, i, packet(cloth, cloth.self_contact.correction, i) * unit)

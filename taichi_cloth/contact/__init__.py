@@ -1,1 +1,0 @@
-"""Colliders and how the cloth is kept out of them."""

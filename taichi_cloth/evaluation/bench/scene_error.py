@@ -1,0 +1,266 @@
+"""Error of every solver on complete scenes, with contact, wind and folds (`taichi-cloth bench --error --scene`).
+
+Such scenes have no closed-form solution. All solvers are compared with the float64 reference solution (`reference/`),
+which shares no code with them. It comes with an uncertainty and a horizon: the frame from which the motion is chaotic.
+A scene without a reference solution is listed with the reason. It is not compared with a solver's own finer steps: an
+error in a force would be in both.
+
+Reference solutions take seconds to compute and are cached on disk.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry.cloth_builder import build_particles
+from ...geometry.scene_loader import load_scene
+from ...scene import scene_names
+from ...scene.schema import Camera, Look, Scene
+from ...scene.solver_catalog import SOLVER_CATALOG
+from ...simulation.builder import unsupported_by
+from ...simulation.running_cloth import timed_frame
+from ...simulation.simulation import Simulation
+from ...solvers import SOLVERS
+from ...system.console import machine, markdown_table, printed_table, wide_console
+from ...system.errors import UsageError
+from ...system.files import atomic_file
+from .. import reference
+from ..reference.solution import Solution, distances, reason_unsupported, solve
+from .bench_report import run_info
+from .cases import FRAME_RATES
+
+Floats = NDArray[np.float64]
+
+
+def folder() -> Path:
+    """Return the cache folder: `taichi_cloth` in XDG_CACHE_HOME, or in `.cache` of the home folder.
+
+    Raises OSError for a user without a home folder.
+    """
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "taichi_cloth"
+    except RuntimeError as error:
+        raise FileNotFoundError(str(error)) from None
+
+
+def cached(what: str, code: Path, make: Callable[[], Floats]) -> Floats:
+    """Return the result of `make()`, read from the cache if an earlier run of the same code stored it.
+
+    The cache key is the text `what` and the source `code`: a file, or a folder of Python files. If the cache cannot be
+    read or written (a damaged file, a full or read-only disk), the result is computed again.
+    """
+    files = sorted(code.glob("*.py")) if code.is_dir() else [code]
+    text = b"".join(file.read_bytes() for file in files)
+    name = f"{sha256(what.encode() + text).hexdigest()[:32]}.npy"
+    try:
+        cached: Floats = np.load(folder() / name, allow_pickle=False)
+        return cached
+    except (OSError, ValueError, EOFError):
+        result = make()
+    try:
+        folder().mkdir(parents=True, exist_ok=True)
+        with atomic_file(folder() / name) as file:
+            np.save(file, result)
+    except OSError:
+        pass
+    return result
+
+
+FRAMES = 120
+VERLET_NOTE = "`verlet` has stiffness 0…1 instead of SI constants: its error includes that of the model."
+# (substeps, iterations), measured in addition to the scene's own. They include the defaults of the solvers. Explicit
+# solvers raise (1, 1) to what is stable.
+SETTINGS = {
+    "verlet": ((5, 12), (20, 12)),
+    "xpbd": (SOLVER_CATALOG["xpbd"].defaults, (5, 12), (30, 1), (20, 12)),
+    "lines": (SOLVER_CATALOG["lines"].defaults, (5, 1), (20, 1)),
+    "explicit": ((1, 1),),
+    "rk4": ((1, 1),),
+    "projective": (SOLVER_CATALOG["projective"].defaults, (5, 10)),
+}
+
+
+@dataclass(frozen=True)
+class ScenePoint:
+    """Frame time and error of one setting on one scene."""
+
+    scene: str
+    setting: str
+    median_ms: float
+    """Median frame time [ms]."""
+    p95_ms: float
+    """95th percentile of the frame time [ms]."""
+    rms_error: float
+    """Root mean square over all particles and frames up to the horizon, as a share of the longer side."""
+    max_error: float
+    """Largest error of a particle in these frames, as a share of the longer side."""
+    max_strain: float
+    """Largest strain at the horizon."""
+
+
+@dataclass(frozen=True)
+class SceneErrors:
+    """Frame time and error of all settings on a scene."""
+
+    scene: str
+    horizon: int
+    """Number of frames compared."""
+    rms_uncertainty: float
+    """Root mean square distance of the reference from one with twice the time step, as a share of the longer side."""
+    max_uncertainty: float
+    """Largest distance of a particle between these two, as a share of the longer side."""
+    points: list[ScenePoint]
+
+
+def settings(scene: Scene) -> list[tuple[str, int, int]]:
+    """Return the settings to measure: solver, substeps, iterations. The scene's own is first.
+
+    Solvers that do not support the cloth are left out. Raises UsageError for a scene without a reference solution.
+    """
+    if reason := reason_unsupported(scene):
+        raise UsageError(f"{scene.name} has no independent reference: {reason}")
+    own, has_rows = scene.solver, not unsupported_by(scene, build_particles(scene)).grid_only
+    names = [name for name in SETTINGS if has_rows or not SOLVERS[name].info.grid_only]
+    every = [(name, *pair) for name in names for pair in SETTINGS[name]]
+    return list(dict.fromkeys([(own.name, own.substeps, own.iterations), *every]))
+
+
+def solution(scene: Scene, frames: int) -> Solution:
+    """Return the reference solution of a scene for up to `frames` frames. It is cached on disk."""
+    motion = replace(scene, title="", name="", camera=Camera(), look=Look())
+    positions, coarser = cached(f"{motion} {frames}", Path(reference.__file__).parent, lambda: solve(motion, frames))
+    return Solution(positions, coarser, build_particles(scene).longest_side)
+
+
+def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Solution) -> ScenePoint:
+    """Measure one setting up to the horizon."""
+    solver = replace(scene.solver, name=name, substeps=substeps, iterations=iterations)
+    with Simulation(replace(scene, solver=solver)) as simulation:
+        simulation.step()  # compiles
+        simulation.reset()
+        ms, positions = [], []
+        for _ in truth.positions:
+            ms.append(timed_frame(simulation))
+            positions.append(simulation.positions())
+        error = distances(np.array(positions), truth.positions) / truth.side
+        return ScenePoint(
+            scene=scene.name,
+            setting=simulation.method.partition(" · ")[0],
+            median_ms=float(np.median(ms)),
+            p95_ms=float(np.percentile(ms, 95)),
+            rms_error=float(np.sqrt((error**2).mean())),
+            max_error=float(error.max()),
+            max_strain=simulation.metrics().max_strain,
+        )
+
+
+def errors(scene: Scene) -> Iterator[str | SceneErrors]:
+    """Measure all settings of a scene. Yield the name of each step as it begins, then the result."""
+    yield f"{scene.name}: reference solution"
+    truth = solution(scene, FRAMES)
+    points = []
+    for name, substeps, iterations in settings(scene):
+        yield f"{scene.name}: {name} {substeps}×{iterations}"
+        points.append(measure(scene, name, substeps, iterations, truth))
+    yield SceneErrors(scene.name, truth.horizon, *truth.uncertainty, points)
+
+
+def scenes_without_reference() -> dict[str, str]:
+    """Return the shipped scenes without a reference solution, each with the reason."""
+    reasons = {name: reason_unsupported(load_scene(name)) for name in scene_names()}
+    return {name: reason for name, reason in reasons.items() if reason}
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+
+HEADINGS = ["setting", "ms", "p95", "frames/s", "RMS error", "max error", "strain"]
+
+
+def share(error: float, uncertainty: float) -> str:
+    """Return an error in % of the side, to two digits; for one below the uncertainty of the reference, that bound."""
+    return f"{100 * error:.2g}%" if error >= uncertainty else f"< {100 * uncertainty:.2g}%"
+
+
+def lines(found: SceneErrors) -> list[list[str]]:
+    """Return the rows of the table as text, the heading first."""
+    rows = [HEADINGS]
+    for p in found.points:
+        rate = next((f"{rate}" for rate in FRAME_RATES if p.p95_ms <= 1000 / rate), "-")
+        shares = share(p.rms_error, found.rms_uncertainty), share(p.max_error, found.max_uncertainty)
+        rows.append([p.setting, f"{p.median_ms:.2f}", f"{p.p95_ms:.2f}", rate, *shares, f"{p.max_strain:.1%}"])
+    return rows
+
+
+def heading(found: SceneErrors) -> str:
+    """Return the paragraph above the table: frames compared, and uncertainty of the reference."""
+    frames = "frame 1" if found.horizon == 1 else f"frames 1 to {found.horizon}"
+    return (
+        f"Errors as shares of the longer side, over {frames}. Uncertainty of the reference:"
+        f" {100 * found.rms_uncertainty:.1g}% RMS, {100 * found.max_uncertainty:.1g}% at most."
+    )
+
+
+def print_report(all_found: Sequence[SceneErrors]) -> None:
+    """Print a paragraph and a table for each scene, and the machine in the last line."""
+    console = wide_console()
+    for found in all_found:
+        console.print(f"{found.scene}: {heading(found)}", soft_wrap=True)
+        console.print(printed_table(lines(found)))
+    if any("verlet" in point.setting for found in all_found for point in found.points):
+        console.print(VERLET_NOTE, soft_wrap=True)
+    console.print(" · ".join(machine().values()), soft_wrap=True)
+
+
+def report(all_found: Sequence[SceneErrors]) -> dict[str, object]:
+    """Return everything that is stored in the JSON file."""
+    return {
+        **run_info(),
+        "scenes": [asdict(found) for found in all_found],
+        "left_out": scenes_without_reference(),
+    }
+
+
+def write_json(path: Path, all_found: Sequence[SceneErrors]) -> None:
+    """Write all results as JSON. Raises OSError."""
+    with atomic_file(path) as file:
+        file.write(json.dumps(report(all_found), indent=1).encode())
+
+
+def page(stored: dict[str, Any]) -> str:
+    """Return a Markdown page of a report (the content of the JSON file), with a section for each scene."""
+    text = [
+        "# Scenes: error of each solver",
+        "",
+        "Written by `taichi-cloth bench --error --scene` on:",
+        "",
+        " · ".join([*stored["machine"].values(), stored["date"]]),
+        "",
+        "Errors are distances from the float64 reference solution (`taichi_cloth/evaluation/reference/`), which shares",
+        "no code with the solvers: root mean square, and the largest of any particle in any frame. Frames are compared",
+        "until a perturbation of the start by 1e-9 of the side has grown to 1e-7, a strain limit acts, or a spring",
+        "tears. `<` means below the uncertainty of the reference: its distance from one with twice the time step.",
+        VERLET_NOTE,
+        "",
+    ]
+    if stored["left_out"]:
+        text += ["Scenes without a reference solution:", ""]
+        text += [f"- `{name}`: {reason}." for name, reason in stored["left_out"].items()] + [""]
+    for one in stored["scenes"]:
+        found = SceneErrors(**{**one, "points": [ScenePoint(**point) for point in one["points"]]})
+        text += [f"## {found.scene}", "", heading(found), "", *markdown_table(lines(found)), ""]
+    return "\n".join(text)
+
+
+def write_markdown(path: Path, all_found: Sequence[SceneErrors]) -> None:
+    """Write the Markdown page. Raises OSError."""
+    with atomic_file(path) as file:
+        file.write(page(report(all_found)).encode())

@@ -1,0 +1,352 @@
+"""The commands `bench`, `validate`, `stress` and `ablate`, which print tables and write files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..cli.options import Command, count, strain
+from ..scene.schema import SOLVER_NAMES
+from ..system import taichi_runtime as runtime
+from ..system.errors import OutputConflict, UsageError
+
+if TYPE_CHECKING:
+    from .stress.causes import Cause
+    from .stress.store import Store
+    from .stress.unit import Result, Unit
+
+
+def add_commands(command: Command) -> None:
+    """Add the commands and their options."""
+    bench = command(
+        "bench", run_bench, "measure frame time, compile time and memory on this machine", "bench --filter verlet"
+    )
+    which = bench.add_mutually_exclusive_group()
+    which.add_argument("--filter", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver")
+    which.add_argument("--features", action="store_true", help="instead: the cost of each feature of the curtain")
+    which.add_argument("--goals", action="store_true", help="instead: run time of commands, errors on fine sheets")
+    bench.add_argument("--error", action="store_true", help="instead: error and frame time of each setting")
+    bench.add_argument(
+        "--scene",
+        action="append",
+        default=[],
+        metavar="SCENE",
+        help="with --error: measure on this scene instead of the curtain",
+    )
+    bench.add_argument("--markdown", type=Path, metavar="FILE", help="with --scene: write the tables as Markdown")
+    bench.add_argument("--plot", type=Path, metavar="DIR", help="with --error: write a plot for each grid")
+    bench.add_argument("--all", action="store_true", help="measure all cases; takes half an hour")
+    bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
+    bench.add_argument("--csv", type=Path, metavar="FILE", help="write the measurements, a line each")
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write measurements, features and machine")
+    bench.add_argument("--force", action="store_true", help="replace FILE if it exists")
+
+    validate = command(
+        "validate", run_validate, "compare every solver with known solutions", "validate --filter A2 --solver explicit"
+    )
+    validate.add_argument("--filter", metavar="REF", help="one reference, or all that begin with REF: A2.1, A2, B")
+    validate.add_argument("--solver", choices=SOLVER_NAMES, metavar="NAME", help="one solver")
+    validate.add_argument(
+        "--from", type=Path, dest="read", metavar="FILE", help="measure nothing: report results that --json wrote"
+    )
+    validate.add_argument("--json", type=Path, metavar="FILE", help="write the results, with bounds and sources")
+    validate.add_argument("--markdown", type=Path, metavar="FILE", help="write the report as Markdown")
+    validate.add_argument("--force", action="store_true", help="replace FILE if it exists")
+
+    stress = command("stress", run_stress, "run 40 cases that break cloth", "stress --filter yank --solver lines")
+    stress.add_argument("--filter", metavar="CASE", help="one case, by its number or name")
+    stress.add_argument("--variant", metavar="NAME", help="with --filter: one variant of the case")
+    stress.add_argument(
+        "--solver", choices=(*SOLVER_NAMES, "robust", "robust-slack"), metavar="NAME", help="one solver or setting"
+    )
+    stress.add_argument("--tear", type=strain, metavar="STRAIN", help="let sheets tear at this strain")
+    how_many = stress.add_mutually_exclusive_group()
+    how_many.add_argument(
+        "--runs", type=count, default=10, metavar="N", help="runs of each variant, each from another start"
+    )
+    how_many.add_argument("--quick", action="store_const", dest="runs", const=1, help="one run of each variant")
+    how_many.add_argument("--seed", type=int, metavar="N", help="with one variant and --solver: one run of this seed")
+    stress.add_argument("--soak", action="store_true", help="with --filter 32: run a million frames")
+    stress.add_argument("--json", type=Path, metavar="FILE", help="write all results, after each variant")
+    stress.add_argument("--resume", action="store_true", help="with --json: continue from the results in FILE")
+    stress.add_argument(
+        "--explain", action="store_true", help="with --json: find causes of failures by experiments, after the run"
+    )
+    stress.add_argument(
+        "--from", type=Path, dest="source", metavar="FILE", help="run nothing: report the results in FILE"
+    )
+    stress.add_argument("--markdown", type=Path, metavar="FILE", help="write the report as Markdown")
+    stress.add_argument(
+        "--image-dir", type=Path, default=Path("out/stress"), metavar="DIR", help="folder for images of failed frames"
+    )
+    stress.add_argument("--force", action="store_true", help="replace FILE if it exists")
+
+    ablation = command("ablate", run_ablate, "measure what each feature of a scene costs and changes", "ablate curtain")
+    ablation.add_argument("scenes", nargs="+", metavar="SCENE", help="shipped scenes or TOML files")
+    ablation.add_argument("--frames", type=count, default=120, metavar="N", help="largest number of frames to compare")
+    ablation.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables as Markdown")
+    ablation.add_argument("--force", action="store_true", help="replace FILE if it exists")
+
+
+# -- bench -------------------------------------------------------------------------------------------------------------
+
+
+def run_bench(args: argparse.Namespace) -> int:
+    """Run `bench`, or the measurement that its options select."""
+    from ..system.console import check_output_file, steps_progress, write_csv
+    from .bench import bench_report as report
+    from .bench import cases as c
+    from .bench import subprocess_runner
+
+    for path in filter(None, (args.csv, args.json, args.markdown)):
+        check_output_file(path, force=args.force)
+    if args.markdown and not args.scene:
+        raise UsageError("--markdown needs --scene: it writes the errors on scenes")
+    if args.error:
+        return run_scene_errors(args) if args.scene else run_error_sweep(args)
+    if args.goals:
+        return run_goals(args)
+    if args.plot or args.scene:
+        raise UsageError("--plot and --scene need --error")
+    chosen = c.all_cases() if args.all else [] if args.features else c.default_cases()
+    cases = c.filter_cases(chosen, args.filter)
+    features = c.feature_cases() if args.features or (args.all and not args.filter) else []
+    with (
+        steps_progress(subprocess_runner.steps(cases, features)) as on_step,
+        subprocess_runner.bench(args.frames, on_step) as bench,
+    ):
+        rows, stage_rows = bench.measure(cases, features)
+    report.print_report(rows, stage_rows, bench.floor.missing)
+    if args.csv:
+        write_csv(args.csv, rows, report.Row)
+    if args.json:
+        report.write_json(args.json, rows, stage_rows, bench.floor.missing)
+    return 1 if report.failures(rows, stage_rows) else 0
+
+
+def run_goals(args: argparse.Namespace) -> int:
+    """Run `bench --goals`."""
+    from ..system.console import steps_progress
+    from .bench import pinned_sheet, subprocess_runner
+
+    if args.all or args.plot or args.scene or args.csv:
+        raise UsageError("--goals cannot be combined with --all, --plot, --scene or --csv; use --json")
+    with steps_progress(subprocess_runner.MEASURED + len(pinned_sheet.CASES)) as on_step:
+        commands = []
+        for command in subprocess_runner.measure():
+            on_step(command.what)
+            commands.append(command)
+        runtime.start("cpu")
+        sheets = []
+        for case in pinned_sheet.CASES:
+            on_step(case.name)
+            sheets.append(pinned_sheet.measure(case))
+    pinned_sheet.print_report(commands, sheets)
+    if args.json:
+        pinned_sheet.write_json(args.json, commands, sheets)
+    return 0
+
+
+def run_error_sweep(args: argparse.Namespace) -> int:
+    """Run `bench --error` on the swinging curtain."""
+    from ..system.console import steps_progress, write_csv
+    from .bench import error_sweep
+
+    if args.features or args.goals:
+        raise UsageError("use only one of --error, --features and --goals")
+    if args.plot:
+        error_sweep.load_pyplot()
+    runtime.start("cpu")
+    cells = error_sweep.ALL_GRIDS if args.all else error_sweep.GRIDS
+    wanted = list(error_sweep.points([error_sweep.Curtain(n) for n in cells], args.filter))
+    found = []
+    with steps_progress(len(wanted)) as on_step:
+        for curtain, solver, substeps, iterations in wanted:
+            on_step(f"{solver} {substeps}×{iterations}, {curtain.cells} cells")
+            found.append(error_sweep.measure(curtain, solver, substeps, iterations))
+    found = error_sweep.without_duplicates(found)
+    error_sweep.print_report(found)
+    if args.csv:
+        write_csv(args.csv, found, error_sweep.Point)
+    if args.json:
+        error_sweep.write_json(args.json, found)
+    if args.plot:
+        print(f"{len(error_sweep.plot(args.plot, found))} plots in {args.plot}")
+    return 0
+
+
+def run_scene_errors(args: argparse.Namespace) -> int:
+    """Run `bench --error` on scenes."""
+    from ..geometry.scene_loader import load_scene
+
+    scenes = [load_scene(name) for name in args.scene]
+    from ..system.console import steps_progress, write_csv
+    from .bench import scene_error
+
+    if args.features or args.goals or args.filter or args.all or args.plot:
+        raise UsageError(
+            "--scene can be combined with --csv, --json and --markdown, not with --features, --filter, --all, --plot or"
+            " --goals"
+        )
+    runtime.start("cpu")
+    found = []
+    with steps_progress(sum(len(scene_error.settings(scene)) + 1 for scene in scenes)) as on_step:
+        for scene in scenes:
+            for step in scene_error.errors(scene):
+                if isinstance(step, str):
+                    on_step(step)
+                else:
+                    found.append(step)
+    scene_error.print_report(found)
+    if args.csv:
+        write_csv(args.csv, [point for errors in found for point in errors.points], scene_error.ScenePoint)
+    if args.json:
+        scene_error.write_json(args.json, found)
+    if args.markdown:
+        scene_error.write_markdown(args.markdown, found)
+    return 0
+
+
+# -- validate ----------------------------------------------------------------------------------------------------------
+
+
+def run_validate(args: argparse.Namespace) -> int:
+    """Run `validate`. The exit code is 1 if a result falls short and theory does not explain by how much."""
+    from ..system.console import check_output_file, steps_progress
+    from .validate import validation_report as report
+    from .validate.references import measure_all, select_pairs
+
+    for path in filter(None, (args.json, args.markdown)):
+        check_output_file(path, force=args.force)
+    if args.read:
+        if args.filter or args.solver:
+            raise UsageError(
+                "--from reads the results of an earlier run: it cannot be combined with --filter or --solver"
+            )
+        run = report.read_json(args.read)
+    else:
+        pairs = select_pairs(args.filter, args.solver)
+        with steps_progress(len(pairs)) as on_step:
+            run = report.this_machine(measure_all(pairs, on_step))
+    report.print_report(run)
+    if args.json:
+        report.write_json(args.json, run)
+    if args.markdown:
+        report.write_pages(args.markdown, run)
+    return 1 if any(result.row.unexplained for result in run.results) else 0
+
+
+# -- stress ------------------------------------------------------------------------------------------------------------
+
+
+def run_stress(args: argparse.Namespace) -> int:
+    """Run `stress`. The exit code is 1 if a failure has no known cause."""
+    from ..system.console import check_output_file
+    from .stress import store
+    from .stress import stress_report as report
+
+    if args.markdown:
+        check_output_file(args.markdown, force=args.force)
+    if args.tear is not None and args.markdown:
+        raise UsageError("--markdown cannot be combined with --tear: it writes the report of sheets that do not tear")
+    if args.source:
+        if args.json or args.resume or args.explain:
+            raise UsageError("--from runs nothing: it cannot be combined with --json, --resume or --explain")
+        stored = store.load(args.source)
+        results = stored.ordered()
+    else:
+        stored, results = run_units(args)
+    report.print_report(stored, results)
+    if args.markdown:
+        report.write_pages(args.markdown, stored)
+    return 1 if stored.unexplained(results) else 0
+
+
+def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
+    """Run the requested units that are not stored yet. Return the store, and the results of all requested units."""
+    from ..system.console import check_output_file, steps_progress
+    from .stress import runner, store
+    from .stress.runner import select_units
+    from .stress.setup import ROBUST_SLACK
+
+    for flag in ("resume", "explain"):
+        if getattr(args, flag) and not args.json:
+            raise UsageError(f"--{flag} needs --json")
+    if args.json and not (args.resume and args.json.is_file()):
+        check_output_file(args.json, force=args.force)
+    if args.image_dir.exists() and not args.image_dir.is_dir():
+        raise OutputConflict(f"{args.image_dir} is a file, not a folder")
+    units = select_units(args.filter, args.variant, args.solver, long=args.soak, tear=args.tear)
+    if args.seed is not None and (len(units) != 1 or args.json):
+        raise UsageError("--seed repeats one run: it needs --filter, --variant and --solver, and does not allow --json")
+    planned = units if args.soak or args.tear is not None else select_units()
+    stored = store.Store.new(args.json, planned)
+    if args.resume and args.json.is_file():
+        stored = stored.continued(store.load(args.json))
+    needed = units if args.solver else [unit for unit in units if stored.is_needed(unit.key)]
+    remaining = stored.left(needed, args.runs)
+    seconds = {key: result.seconds for key, result in stored.results.items()}
+    if measured := [seconds[unit.key] for unit in remaining if unit.key in seconds]:
+        hours = sum(measured) / len(measured) * len(remaining) / min(runner.CORES, len(remaining)) / 3600
+        print(f"{len(remaining)} of {len(needed)} variants to run: about {hours:.1f} hours", flush=True)
+
+    def starts(unit: Unit) -> list[tuple[int, int]]:
+        return [(0, args.seed)] if args.seed is not None else unit.starts(args.runs)
+
+    with steps_progress(len(remaining)) as on_step:
+
+        def on_result(result: Result) -> None:
+            stored.add(result)
+            on_step(f"{result.case} {result.name}, {result.variant}, {result.setting}: {result.state}")
+
+        # The others decide which units of `robust-slack` are needed.
+        slack = [unit for unit in remaining if unit.setting.name == ROBUST_SLACK.name]
+        for part in ([unit for unit in remaining if unit not in slack], slack):
+            if now := [unit for unit in part if args.solver or stored.is_needed(unit.key)]:
+                runner.run_all(runner.dearest_first(now, seconds), starts, args.image_dir, on_result)
+    if args.explain:
+        explain(stored, units)
+    return stored, stored.of(units)
+
+
+def explain(stored: Store, units: list[Unit]) -> None:
+    """Find causes of the failures of these units by experiments, for those without an earlier experiment."""
+    from ..system.console import steps_progress
+    from .stress import runner
+
+    failed = stored.untried(units)
+    with steps_progress(len(failed)) as on_step:
+
+        def on_cause(unit: Unit, cause: Cause) -> None:
+            stored.explain(unit.key, cause)
+            on_step(f"{unit.name}: {cause.shown or 'unexplained'}")
+
+        runner.explain_all(failed, on_cause)
+    if remaining := len(stored.untried(units)):
+        print(f"{remaining} failures were not examined: a process ended unexpectedly")
+
+
+# -- ablate ------------------------------------------------------------------------------------------------------------
+
+
+def run_ablate(args: argparse.Namespace) -> int:
+    """Run `ablate`."""
+    from ..geometry.scene_loader import load_scene
+
+    scenes = [load_scene(name) for name in args.scenes]
+    from ..system.console import check_output_file, steps_progress
+    from . import ablation
+
+    if args.markdown:
+        check_output_file(args.markdown, force=args.force)
+    runtime.start("cpu")
+    found = []
+    with steps_progress(len(scenes)) as on_step:
+        for scene in scenes:
+            on_step(scene.name)
+            found.append(ablation.ablate(scene, args.frames))
+    ablation.print_tables(found)
+    if args.markdown:
+        ablation.write_markdown(args.markdown, found)
+    return 0

@@ -1,0 +1,178 @@
+"""The command `compare`: two variants of a scene, side by side."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..cli.options import DEFAULT_FRAMES, VIEWS, Command, count, size
+from ..scene import Scene, parse_override
+from ..system import taichi_runtime as runtime
+from ..system.errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..render.split_view import Run
+
+NEXT_KEY = re.compile(r",(?=\s*\w+\s*=)")  # a comma between two overrides, not one within a value
+
+
+def add_commands(command: Command) -> None:
+    """Add the command `compare`."""
+    comparing = command(
+        "compare",
+        compare,
+        "compare time, strain and error of two variants of a scene",
+        "compare curtain --a solver=verlet,iterations=2 --b solver=explicit",
+    )
+    comparing.add_argument("scene", metavar="SCENE", help="shipped scene or TOML file")
+    for letter, side in (("a", "left"), ("b", "right")):
+        comparing.add_argument(
+            f"--{letter}",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE,…",
+            help=f"scene keys of the {side} side, such as solver=explicit; repeatable",
+        )
+    comparing.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="scene key of both sides; repeatable"
+    )
+    comparing.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi backend")
+    comparing.add_argument("--frames", type=count, metavar="N", help="number of frames (default: no limit in a window)")
+    comparing.add_argument(
+        "--size",
+        type=size,
+        default="1480x640",
+        metavar="WxH",
+        help="size of window or image, both sides together [pixels]",
+    )
+    comparing.add_argument("--log", type=Path, metavar="FILE", help="log file with one JSON line per displayed frame")
+    comparing.add_argument("--headless", action="store_true", help="render images instead of opening a window")
+    comparing.add_argument("--view", choices=VIEWS, default="shaded", help="view of the cloth")
+    comparing.add_argument("--every", type=count, default=1, metavar="K", help="number of frames per image")
+    comparing.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder of the images; implies --headless (default: out/compare_SCENE)"
+    )
+    comparing.add_argument("--force", action="store_true", help="overwrite existing images")
+
+
+def overrides(texts: list[str]) -> dict[str, object]:
+    """Parse texts such as `solver=verlet,iterations=2`. Return values by key. Raises SceneError for invalid text."""
+    return dict(parse_override(part) for text in texts for part in NEXT_KEY.split(text))
+
+
+def compare(args: argparse.Namespace) -> int:
+    """Run the command `compare`: in a window, or as images."""
+    from ..geometry.scene_loader import load_scene
+
+    shared = overrides(args.set)
+    scenes = [load_scene(args.scene, **(shared | overrides(own))) for own in (args.a, args.b)]
+    if scenes[0] == scenes[1]:
+        raise UsageError(
+            "both sides are the same scene: set a difference, such as --a solver=verlet --b solver=explicit"
+        )
+    from ..viewer.display_probe import window_obstacle
+
+    obstacle = "--headless" if args.headless or args.out else window_obstacle()
+    if obstacle is None:
+        from ..viewer import comparison
+        from ..viewer.comparison import Comparison
+
+        runtime.start(args.arch)
+        left, right = scenes
+        comparison.run(
+            lambda: Comparison(left, right, comparison.aspect_of(args.size)),
+            size=args.size,
+            frames=args.frames,
+            log=args.log,
+        )
+        return 0
+    if not (args.headless or args.out):
+        print(f"no window ({obstacle}): rendering images instead", flush=True)
+    return render_compared(scenes, args)
+
+
+def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
+    """Render both scenes to images, and write and print what was measured."""
+    from ..render import sequence, split_view
+    from ..render.split_view import half_width
+    from ..simulation.simulation import Simulation
+    from ..system.console import count_noun, frames_progress, printed_table, wide_console
+
+    half_width(args.size[0])
+    plan = sequence.RenderPlan(
+        out=args.out or Path("out") / f"compare_{scenes[0].name}",
+        frames=args.frames or DEFAULT_FRAMES,
+        width=args.size[0],
+        height=args.size[1],
+        view=args.view,
+        every=args.every,
+    )
+    runtime.start(args.arch)
+    with Simulation(scenes[0]) as a, Simulation(scenes[1]) as b:
+        for letter, simulation in (("a", a), ("b", b)):
+            print(f"{letter}: {simulation.scene.name} · {simulation.method}", flush=True)
+        with sequence.claim_folder(plan, a, force=args.force, resume=False):
+            reference = converged(scenes, plan.frames)
+            with frames_progress(plan.frames) as advance:
+                left, right, distances = split_view.render_both(a, b, plan, advance, len(reference))
+            errors = [error(run, reference) for run in (left, right)]
+            measured = {"horizon": len(reference), "rms_error": errors}
+            split_view.write_report(plan, (left, right), distances, measured)
+        wide_console().print(printed_table(table([left, right], errors)))
+        print(summary(distances, reference))
+    print(f"{count_noun(plan.image_count, 'image')} in {plan.out}; a is on the left, b on the right")
+    return 0
+
+
+def converged(scenes: list[Scene], frames: int) -> np.ndarray | tuple[()]:
+    """Return the positions of the reference solution, (frames, N, 3) [m], up to its horizon and at most `frames`.
+
+    Empty if the scenes differ in more than the solver, and if the reference solver does not support them.
+    """
+    from .bench import scene_error
+    from .reference.solution import reason_unsupported
+
+    a, b = (replace(scene, solver=scenes[0].solver, verlet=scenes[0].verlet) for scene in scenes)
+    if a != b or reason_unsupported(a):
+        return ()
+    print("computing the reference solution …", flush=True)
+    return scene_error.solution(a, min(frames, scene_error.FRAMES)).positions
+
+
+def error(run: Run, reference: np.ndarray | tuple[()]) -> float | None:
+    """Return the RMS error of positions up to the horizon, relative to the longer side; None without a reference."""
+    import numpy as np
+
+    if not len(reference) or not run.positions:
+        return None
+    frames = min(len(reference), len(run.positions))
+    offsets = np.array(run.positions[:frames]) - reference[:frames]
+    return float(np.sqrt((offsets**2).sum(axis=2).mean())) / run.simulation.topology.longest_side
+
+
+def table(runs: list[Run], errors: list[float | None]) -> list[list[str]]:
+    """Return the rows of the table as text, the header first."""
+    import numpy as np
+
+    rows = [["", "setting", "ms", "p95", "max strain", "RMS error"]]
+    for letter, run, rms_error in zip("ab", runs, errors, strict=True):
+        median, p95 = np.percentile(run.ms, (50, 95))
+        error_text = "-" if rms_error is None else f"{rms_error:.3%}"
+        method = run.simulation.method
+        rows.append([letter, method, f"{median:.2f}", f"{p95:.2f}", f"{max(run.strain):.1%}", error_text])
+    return rows
+
+
+def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:
+    """Return one line: the distance of the two sides at the end, and over which frames the error is."""
+    from ..system.console import count_noun
+
+    line = f"RMS distance after {count_noun(len(distances), 'frame')}: {distances[-1]:.2%} of the side"
+    if not len(reference):
+        return f"{line}; no error: the sides differ in more than the solver, or the scene has no reference solution"
+    return f"{line}; the error is that of the first {len(reference)} frames: beyond them the motion is chaotic"

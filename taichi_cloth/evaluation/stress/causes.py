@@ -1,0 +1,247 @@
+"""Causes of failures, found by experiments on the start that failed. Each experiment tests one possible cause.
+
+A failure that no experiment explains is reported as unexplained.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+
+from ...scene import Scene
+from ...scene.schema import COLLIDERS, FRAME_SECONDS, Solver
+from ...solvers import SOLVERS
+from ...solvers.base import ExplicitSolver
+from ..reference.solution import Motion
+from ..reference.spring_model import spring_model
+from ..reference.static_solution import rest_positions
+from .invariants import Floats, Violation
+from .setup import Setting
+from .trial import CALM_SECONDS, TooSlow, Trial, close
+from .unit import Failure, Result, Unit
+
+FINER = 8  # factor on the number of iterations or substeps
+SLACK = 0.01  # relative margin: a failure of another run that is worse by no more has the same cause
+AT_REST = "speed 5 s after"  # the bound on the speed at rest, of `Trial.settle`
+EXPERIMENT_SECONDS = 300.0  # limit on all frames of one start: with 64 times as many iterations it can take hours
+STARTS = 3  # number of starts that must survive with the change
+STAYS = 0.05  # relative change of the largest strain in float64 up to which the cloth was in equilibrium
+# Sections of a scene that act on its cloth besides springs, bending and gravity.
+OUTSIDE = (*COLLIDERS, "ground", "wind", "strain_limit", "self_collision")
+
+
+@dataclass(frozen=True)
+class Cause:
+    """The result of the experiments on one failure."""
+
+    what: str
+    """The violated bound."""
+    most: float
+    """The largest value that this cause explains."""
+    shown: str
+    """The cause in words; empty if no experiment found one."""
+    experiments: int = 0
+    """Number of experiments that there were."""
+    origin: str = ""
+    """Fingerprint of the failed result: another version of the program may fail for another reason."""
+
+    def is_of(self, result: Result) -> bool:
+        """Return whether this cause explains the failure of a result."""
+        failure = result.failure
+        alike = failure is not None and failure.what == self.what and failure.value <= self.most
+        return alike and result.origin == self.origin
+
+
+@dataclass
+class UntimedTrial(Trial):
+    """A trial without a limit on the time of a frame, but with one on all frames together [s]."""
+
+    seconds: float = inf
+
+    def _check_time(self) -> None:
+        if sum(self.times) > 1e3 * self.seconds:
+            raise TooSlow(self.times[-1], self.limit_ms)
+
+
+@dataclass(frozen=True)
+class FailedState:
+    """The state of the cloth in which a start failed."""
+
+    unit: Unit
+    failure: Failure
+    scene: Scene
+    positions: Floats
+    """Positions [m], (N, 3)."""
+    velocities: Floats
+    """Velocities [m/s], (N, 3)."""
+    substeps: int
+    """Substeps per frame that were run: the solver may need more than were requested."""
+    later: float
+    """Speed of the fastest particle after five more seconds [m/s]. Infinite unless it was too fast at rest."""
+
+
+def cause_of(unit: Unit, failure: Failure) -> Cause:
+    """Run the experiments in order and return the first cause that one finds."""
+    end = end_of(unit, failure)
+    found = (experiment(end) for experiment in EXPERIMENTS) if end else iter(())
+    most = failure.value + SLACK * abs(failure.value)
+    return Cause(failure.what, most, next(filter(None, found), ""), len(EXPERIMENTS))
+
+
+def end_of(unit: Unit, failure: Failure) -> FailedState | None:
+    """Repeat the failed start up to its failure, and return the state of the cloth there.
+
+    Returns None if it does not fail at the same bound, or fails before a scene is open.
+    """
+    trial = UntimedTrial(unit.setting, failure.seed)
+    try:
+        unit.variant.run(trial)
+    except Violation as broken:
+        if broken.what != failure.what or not hasattr(trial, "simulation"):
+            return None
+        simulation = trial.simulation
+        x, v = simulation.positions(), simulation.velocities()
+        later = speed_later(trial) if AT_REST in failure.what else inf
+        return FailedState(unit, failure, simulation.scene, x, v, simulation.substeps, later)
+    except Exception:  # an error of the program: no experiment explains it
+        return None
+    finally:
+        close()
+    return None
+
+
+def speed_later(trial: Trial) -> float:
+    """Advance the cloth by five more seconds, and return the speed of its fastest free particle [m/s]."""
+    for _ in range(round(CALM_SECONDS / FRAME_SECONDS)):
+        trial.simulation.step()
+    v = trial.simulation.velocities()[~trial.simulation.topology.pinned]
+    return float(np.linalg.norm(v, axis=1).max(initial=0.0))
+
+
+# -- experiments: each returns the cause in words, or an empty string --------------------------------------------------
+
+
+def another_rest(end: FailedState) -> str:
+    """Test whether the cloth is in another equilibrium: springs that resist compression have more than one.
+
+    Newton's method in float64 relaxes the cloth from the failed state. In an equilibrium its largest strain changes by
+    no more than `STAYS`.
+    """
+    if "strain" not in end.failure.what or outside(end.scene):
+        return ""
+    model = spring_model(end.scene)
+    model = replace(model, topology=replace(model.topology, start=end.positions))
+    structural = model.topology.family("structural")
+    try:
+        here, there = (float(model.strains(x)[structural].max()) for x in (model.start, rest_positions(model)))
+    except ArithmeticError:
+        return ""
+    stays = there > end.failure.bound and np.isclose(here, there, rtol=STAYS)
+    return (
+        f"another equilibrium of the same springs: relaxed in float64 from there, strain {there:.3g}" if stays else ""
+    )
+
+
+def rests_later(end: FailedState) -> str:
+    """Test whether the cloth is at rest after five more seconds: light damping may need the time."""
+    return "" if end.later > end.failure.bound / 2 else f"at rest later: {end.later:.2g} m/s after five more seconds"
+
+
+def float32_rounding(end: FailedState) -> str:
+    """Test for rounding: explicit solvers need short substeps for stiff springs, and each rounds positions to float32.
+
+    The same substeps in float64 must bring the cloth to rest from the failed state.
+    """
+    solver = SOLVERS[end.unit.setting.solver.name]
+    if AT_REST not in end.failure.what or not issubclass(solver, ExplicitSolver) or outside(end.scene):
+        return ""
+    motion = Motion(end.scene, end.substeps)
+    motion.x, motion.v = end.positions.T.copy(), end.velocities.T.copy()
+    for _ in range(round(CALM_SECONDS / FRAME_SECONDS)):
+        motion.step_frame()
+        speed = float(np.sqrt((motion.v**2).sum(axis=0).max()))
+        if speed <= end.failure.bound / 2:
+            return f"rounding to float32: the same substeps in float64 come to rest, {speed:.2g} m/s"
+    return ""
+
+
+def too_few_iterations(end: FailedState) -> str:
+    """Test with `FINER` times the iterations."""
+    solver = end.unit.setting.solver
+    if SOLVERS[solver.name].info.is_explicit:
+        return ""
+    more = replace(solver, iterations=FINER * solver.iterations)
+    return alive_with(end, more, "too few iterations")
+
+
+def too_few_substeps(end: FailedState) -> str:
+    """Test with `FINER` times the substeps."""
+    more = replace(end.unit.setting.solver, substeps=FINER * end.substeps)
+    return alive_with(end, more, "too few substeps")
+
+
+def too_few_of_both(end: FailedState) -> str:
+    """Test with `FINER` times the substeps and `FINER` times the iterations."""
+    solver = end.unit.setting.solver
+    if SOLVERS[solver.name].info.is_explicit:
+        return ""
+    more = replace(solver, substeps=FINER * end.substeps, iterations=FINER * solver.iterations)
+    return alive_with(end, more, "too few substeps and iterations")
+
+
+def not_continuous(end: FailedState) -> str:
+    """Test with continuous collision detection: a fast collider may pass particles within one substep."""
+    setting = end.unit.setting
+    if setting.continuous or not any(getattr(end.scene, kind) for kind in COLLIDERS):
+        return ""
+    return (
+        "no continuous collision detection: alive with `continuous`"
+        if alive(end, replace(setting, continuous=True))
+        else ""
+    )
+
+
+EXPERIMENTS = (
+    another_rest,
+    rests_later,
+    float32_rounding,
+    not_continuous,
+    too_few_iterations,
+    too_few_substeps,
+    too_few_of_both,
+)
+
+
+def outside(scene: Scene) -> bool:
+    """Return whether more than springs, bending and gravity act on the cloth of a scene."""
+    return any(getattr(scene, kind) for kind in OUTSIDE)
+
+
+def alive_with(end: FailedState, solver: Solver, why: str) -> str:
+    """Return the cause `why` if the failed start survives with these solver settings, else an empty string."""
+    explanation = f"{why}: alive with {solver.substeps}×{solver.iterations}"
+    return explanation if alive(end, replace(end.unit.setting, solver=solver)) else ""
+
+
+def alive(end: FailedState, setting: Setting) -> bool:
+    """Return whether the failed start survives with another setting, and two other starts do.
+
+    One start alone may survive by chance.
+    """
+    others = [seed for _, seed in end.unit.starts(STARTS) if seed != end.failure.seed]
+    return all(survives(end.unit, setting, seed) for seed in (end.failure.seed, *others[: STARTS - 1]))
+
+
+def survives(unit: Unit, setting: Setting, seed: int) -> bool:
+    """Return whether the start of a seed survives with a setting."""
+    trial = UntimedTrial(setting, seed, seconds=EXPERIMENT_SECONDS)
+    try:
+        unit.variant.run(trial)
+        trial.require_rest_check()
+    except Exception:  # it violates a bound too, takes too long, or cannot run with this setting
+        return False
+    finally:
+        close()
+    return True

@@ -1,0 +1,149 @@
+"""Selects cases, variants and settings, and runs them in one process per core."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from ...solvers import SOLVERS
+from ...system import taichi_runtime as runtime
+from ...system.errors import UsageError
+from ..worker_pool import run_parallel
+from . import case_catalog
+from .causes import Cause, cause_of
+from .setup import SETTINGS, Setting
+from .unit import PROCESS_ENDED, Case, Failure, Key, Result, Unit, result_of, run_unit
+
+
+def select_units(
+    only: str | None = None,
+    variant: str | None = None,
+    setting: str | None = None,
+    *,
+    long: bool = False,
+    tear: float | None = None,
+) -> list[Unit]:
+    """Return a unit for every variant with every setting, or for one case (number or name), variant or setting.
+
+    `long` selects the long run of a million frames instead of case 32. `tear` is the strain at which springs tear; only
+    settings whose solver supports tearing are used. Raises UsageError for an unknown case or variant, for `long` with
+    another case, and for a setting that cannot tear.
+    """
+    cases = [case for case in case_catalog.CASES if only is None or only in (str(case.number), case.name)]
+    if not cases:
+        raise UsageError(
+            f"unknown case {only!r}; allowed: {', '.join(f'{c.number} {c.name}' for c in case_catalog.CASES)}"
+        )
+    if long:
+        if [case.number for case in cases] != [case_catalog.LONG.number]:
+            raise UsageError(f"--soak requires --filter {case_catalog.LONG.number}, the long run")
+        cases = [case_catalog.LONG]
+    if variant is not None:
+        cases = [of_variant(cases, variant)]
+    return [Unit(case, one, with_it) for with_it in settings(setting, tear) for case in cases for one in case.variants]
+
+
+def of_variant(cases: Iterable[Case], name: str) -> Case:
+    """Return the single case with only this variant. Raises UsageError for several cases and for an unknown variant."""
+    case, *others = cases
+    if others:
+        raise UsageError("--variant requires --filter with a single case")
+    found = tuple(variant for variant in case.variants if variant.name == name)
+    if not found:
+        raise UsageError(f"{case.name} has no variant {name!r}; allowed: {', '.join(v.name for v in case.variants)}")
+    return replace(case, variants=found)
+
+
+def settings(name: str | None, tear: float | None) -> list[Setting]:
+    """Return one setting or all; with `tear`, those that can tear at that strain. Raises UsageError if none can."""
+    found = [one for one in SETTINGS.values() if name in (None, one.name)]
+    if tear is None:
+        return found
+    able = [one for one in SETTINGS.values() if not SOLVERS[one.solver.name].info.grid_only]
+    tearing = [one.tearing(tear) for one in found if one in able]
+    if not tearing:
+        others = ", ".join(one.name for one in able)
+        raise UsageError(f"{name} needs complete grid rows, which tearing breaks: use {others}")
+    return tearing
+
+
+CORES = os.cpu_count() or 1
+
+Starts = Sequence[tuple[int, int]]  # number and seed of each start
+
+# One thread: more do not make cloth of this size faster, and the order of summation is the same on every machine.
+begin = partial(runtime.start, "cpu", cpu_max_num_threads=1)
+
+
+def one_thread_each() -> None:
+    """Limit NumPy to one thread per process, so that processes do not compete for cores."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def dearest_first(units: Sequence[Unit], seconds: Mapping[Key, float]) -> list[Unit]:
+    """Return the units by decreasing cost, so that all cores finish at about the same time.
+
+    Units without a measured time [s] come first, ordered by the cost of their setting; the units of one setting stay
+    together, because they share compiled kernels.
+    """
+    return sorted(units, key=lambda unit: (-seconds.get(unit.key, 1e9), -unit.setting.cost))
+
+
+def run_all(
+    units: Sequence[Unit],
+    starts: Callable[[Unit], Starts],
+    pictures: Path | None,
+    on_result: Callable[[Result], None],
+) -> None:
+    """Run all units and call `on_result` with each result as it completes; units start in the given order.
+
+    If a worker process dies, finished results are kept. Units that may have killed it run again, each in a process of
+    its own; a unit whose own process dies too has failed.
+    """
+    one_thread_each()
+    if len(units) == 1:
+        begin()
+        on_result(run_unit(units[0], starts(units[0]), pictures))
+        return
+    found: set[int] = set()
+
+    def done(k: int, result: Result) -> None:
+        found.add(k)
+        on_result(result)
+
+    def run(some: Sequence[int], processes: int) -> list[int]:
+        """Run some units; return those without a result, if a process died."""
+        jobs = {k: (units[k], starts(units[k]), pictures) for k in some}
+        with suppress(BrokenProcessPool), closing(run_parallel(run_unit, jobs, processes, begin)) as results:
+            for k, result in results:
+                done(k, result)
+        return [k for k in some if k not in found]
+
+    remaining = run(range(len(units)), CORES)
+    while remaining:
+        for k in remaining[: CORES + 1]:  # the pool starts jobs in this order, one more than it has processes
+            for lost in run([k], 1):
+                done(lost, process_ended(units[lost], starts(units[lost])))
+        remaining = run([k for k in remaining if k not in found], CORES)
+
+
+def explain_all(failed: Sequence[tuple[Unit, Failure]], on_cause: Callable[[Unit, Cause], None]) -> None:
+    """Find the cause of every failure, and call `on_cause` with each as it is found.
+
+    If a worker process dies, all experiments end, and the remaining failures stay unexplained.
+    """
+    one_thread_each()
+    with suppress(BrokenProcessPool), closing(run_parallel(cause_of, dict(enumerate(failed)), CORES, begin)) as causes:
+        for k, cause in causes:
+            on_cause(failed[k][0], cause)
+
+
+def process_ended(unit: Unit, starts: Starts) -> Result:
+    """Return the result of a unit whose process died."""
+    start, seed = starts[0]
+    return result_of(unit, len(starts), ran=1, failure=Failure(start, seed, 0, PROCESS_ENDED, 2, 0))

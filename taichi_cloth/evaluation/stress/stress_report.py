@@ -1,0 +1,320 @@
+"""Reports of stress results: tables in the terminal, and two pages of the documentation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...system.console import markdown_table, print_table
+from ...system.files import atomic_file
+from .causes import EXPERIMENT_SECONDS, FINER
+from .setup import CELLS, ROBUST, ROBUST_SLACK
+from .store import Store
+from .trial import SLOW_MS, TIMED_EVERY
+from .unit import ALIVE, FAILED, SLOW, Key, Result
+
+NOT_RUN = "not run"
+UNEXPLAINED = "unexplained"
+HEADINGS = (
+    "case", "variant", "setting", "state", "starts", "energy", "strain", "speed", "depth", "frames", "ms", "other",
+)  # fmt: skip
+LEGEND = (
+    "Worst values of all starts that ran; starts after the first failure of a variant are skipped. Energy: excess\n"
+    "over that at the start and the work done since, relative to the available energy · strain of structural springs\n"
+    "· speed [m/s] · depth of the deepest free particle in a collider [mm] · ms: median of a frame · other: values\n"
+    "that the case records, with bounds, and notes"
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The results of one case with one setting."""
+
+    planned: int
+    """Number of variants."""
+    results: list[Result]
+
+    @property
+    def state(self) -> str:
+        """Return the state of the case: failed if one variant failed, else not run if one is missing.
+
+        Otherwise it is too slow if one variant is, else alive.
+        """
+        states = {result.state for result in self.results}
+        if FAILED in states:
+            return FAILED
+        return NOT_RUN if len(self.results) < self.planned else SLOW if SLOW in states else ALIVE
+
+    def shown(self) -> str:
+        """Return the number of variants alive and of all variants, with the state of the case if it is not alive."""
+        share = f"{sum(result.state == ALIVE for result in self.results)}/{self.planned}"
+        state = self.state
+        return share if state == ALIVE else f"**{share}**" if state == FAILED else f"{share} {state}"
+
+
+Cells = dict[tuple[int, str], Cell]  # by case number and setting
+
+
+def cells_of(store: Store, keys: Sequence[Key] | None = None) -> Cells:
+    """Return the cells of all planned units, or of the units `keys`."""
+    found: Cells = {}
+    for case, variant, setting in store.planned if keys is None else keys:
+        cell = found.setdefault((case, setting), Cell(0, []))
+        result = store.results.get((case, variant, setting))
+        found[case, setting] = Cell(cell.planned + 1, cell.results + ([result] if result else []))
+    return found
+
+
+def settings_of(cells: Cells) -> list[str]:
+    """Return the names of the settings, in order."""
+    return list(dict.fromkeys(setting for _, setting in cells))
+
+
+def counts(cells: Cells) -> dict[str, dict[str, int]]:
+    """Return the number of cases in each state, by setting."""
+    found: dict[str, dict[str, int]] = {}
+    for (_, setting), cell in cells.items():
+        by_state = found.setdefault(setting, dict.fromkeys((ALIVE, FAILED, SLOW, NOT_RUN), 0))
+        by_state[cell.state] += 1
+    return found
+
+
+def alive_with_any(cells: Cells, settings: Sequence[str]) -> int:
+    """Return the number of cases that are alive with at least one of these settings."""
+    return len({case for (case, setting), cell in cells.items() if setting in settings and cell.state == ALIVE})
+
+
+def count_line(cells: Cells) -> str:
+    """Return the numbers of `counts` as one line."""
+    return " · ".join(
+        f"{setting} " + ", ".join(f"{number} {state}" for state, number in found.items() if number or state != NOT_RUN)
+        for setting, found in counts(cells).items()
+    )
+
+
+def besides(result: Result) -> str:
+    """Return the values that the case recorded, with their bounds, and its notes."""
+    bounds = ("" if figure.bound is None else f" (≤ {figure.bound:.2g})" for figure in result.figures)
+    values = [f"{figure.what} {figure.value:.2g}{bound}" for figure, bound in zip(result.figures, bounds, strict=True)]
+    return "; ".join(values + result.notes)
+
+
+def row(result: Result) -> tuple[str, ...]:
+    """Return one row of the table, with the columns of `HEADINGS`."""
+    return (
+        f"{result.case} {result.name}",
+        result.variant,
+        result.setting,
+        result.state,
+        f"{result.ran} of {result.starts}",
+        f"{result.energy:+.1%}" if abs(result.energy) < 100 else f"{result.energy:+.0e}",
+        f"{result.strain:.2g}",
+        f"{result.speed:.3g}",
+        f"{1e3 * result.penetration:.2g}",
+        str(result.frames),
+        frame_time(result),
+        besides(result),
+    )
+
+
+def frame_time(result: Result) -> str:
+    """Return the time of a frame [ms] as text; `-` if no frame ran after the first, which compiles."""
+    ms = result.ms if result.slow_ms is None else result.slow_ms
+    return f"{ms:.2f}" if ms else "-"
+
+
+def failure_line(result: Result, reason: str, *, picture: bool = True) -> str:
+    """Return one line: which start violated which bound, its seed, the cause, and the path of its image."""
+    failure = result.failure
+    assert failure is not None
+    return (
+        f"{result.case} {result.name}, {result.variant}, fails with {result.setting}: {failure.what}"
+        f" {failure.value:.4g}, bound {failure.bound:.4g}, in frame {failure.frame} of start {failure.start}"
+        f" (seed {failure.seed}); {reason or UNEXPLAINED}"
+        + (f"; {result.picture}" if result.picture and picture else "")
+    )
+
+
+def slow_line(result: Result) -> str:
+    """Return one line for a variant that is too slow."""
+    variant = f"{result.case} {result.name}, {result.variant}"
+    return f"{variant}, is too slow with {result.setting}: {result.slow_ms:.0f} ms per frame"
+
+
+def print_report(store: Store, results: Sequence[Result]) -> None:
+    """Print the table of these results, their failures, and the counts."""
+    unexplained = store.unexplained(results)
+    notes = [
+        LEGEND,
+        *(failure_line(r, store.reason(r)) for r in results if r.failure),
+        *(slow_line(r) for r in results if r.state == SLOW),
+    ]
+    notes += [f"{len(unexplained)} of {sum(r.state == FAILED for r in results)} failures are unexplained"]
+    notes += [store.machine, count_line(cells_of(store, [result.key for result in results]))]
+    print_table(HEADINGS, map(row, results), slice(4, -1), notes)
+
+
+def origin_lines(store: Store) -> list[str]:
+    """Return lines that say how many units ran, when, for how long, on which machines, and with which version."""
+    results = store.ordered()
+    missing = len(store.planned) - len(results)
+    lines = [f"{missing} of {len(store.planned)} units not run."] if missing else []
+    if store.older:
+        lines.append(
+            f"Mixed versions: {store.older} of {len(results)} results are from an older version of the program."
+        )
+    if fewest := {result.starts for result in results}:
+        starts = f"{min(fewest)} to {max(fewest)}" if len(fewest) > 1 else f"{min(fewest)}"
+        days = sorted({result.date[:10] for result in results})
+        when = " to ".join(dict.fromkeys((days[0], days[-1])))
+        hours = sum(result.seconds for result in results) / 3600
+        lines.append(f"{starts} starts per variant; run {when}; {hours:.1f} hours of CPU time.")
+    lines += [f"Run on {name}." for name in dict.fromkeys(result.machine for result in results if result.machine)]
+    return lines
+
+
+ROWS = "_rows"  # suffix of the name of the second page
+RECOMMENDED = (ROBUST.name, ROBUST_SLACK.name)
+
+
+def write_pages(path: Path, store: Store) -> None:
+    """Write the summary to `path` and the table of variants next to it, from stored results alone. Raises OSError."""
+    rows = path.with_name(f"{path.stem}{ROWS}{path.suffix}")
+    for target, lines in ((path, main_page(store, rows.name)), (rows, rows_page(store, path.name))):
+        with atomic_file(target) as file:
+            file.write("\n".join([*lines, ""]).encode())
+
+
+def main_page(store: Store, rows: str) -> list[str]:
+    """Return the lines of the summary page. `rows` is the file name of the other page."""
+    cells = cells_of(store)
+    cases = len({case for case, _ in cells})
+    lines = ["# Stability", "", *summary(store, cells), ""]
+    if any(setting == ROBUST_SLACK.name for _, setting in cells):
+        either = alive_with_any(cells, RECOMMENDED)
+        lines += [f"With `{ROBUST.name}` or `{ROBUST_SLACK.name}`: {either} of {cases} cases alive.", ""]
+    lines += [part for line in origin_lines(store) for part in (line, "")]
+    lines += PAGE.format(
+        robust=robust_words(), cells=CELLS, compression=ROBUST_SLACK.compression, damping=ROBUST_SLACK.solver.damping,
+        cases=cases, rows=rows, slow=SLOW_MS, every=TIMED_EVERY, finer=FINER, experiment=EXPERIMENT_SECONDS,
+    ).splitlines()  # fmt: skip
+    lines += ["", "## Variants alive", "", *markdown_table(matrix(store, cells)), ""]
+    lines += [f"## Failures of `{ROBUST.name}`, and causes", ""]
+    found = [result for result in store.ordered() if result.setting == ROBUST.name]
+    failures = [f"- {failure_line(result, store.reason(result), picture=False)}" for result in found if result.failure]
+    failures += [f"- {slow_line(result)}" for result in found if result.state == SLOW]
+    return [*lines, *(failures or ["None."])]
+
+
+def summary(store: Store, cells: Cells) -> list[str]:
+    """Return a table with one row per setting, the recommended ones first."""
+    found = counts(cells)
+    states = [ALIVE, FAILED, SLOW]
+    states += [NOT_RUN] if any(number[NOT_RUN] for number in found.values()) else []
+    unexplained = store.unexplained(store.ordered())
+    lines = [["setting", "cases", *states, "failures unexplained"]]
+    for setting in sorted(found, key=lambda name: name not in RECOMMENDED):
+        count = sum(result.setting == setting for result in unexplained)
+        numbers = [found[setting][state] for state in states]
+        lines.append([f"`{setting}`", *map(str, [sum(found[setting].values()), *numbers, count])])
+    return markdown_table(lines)
+
+
+def matrix(store: Store, cells: Cells) -> list[list[str]]:
+    """Return a table with one row per case: the number of variants alive with each setting, in bold if one failed."""
+    settings = settings_of(cells)
+    labels = {result.case: (f"{result.case} {result.name}", result.parameters) for result in store.ordered()}
+    lines = [["case", "what", *settings]]
+    for case in dict.fromkeys(number for number, _ in cells):
+        shown = (cells[case, one].shown() if (case, one) in cells else "" for one in settings)
+        lines.append([*labels.get(case, (str(case), "")), *shown])
+    return lines
+
+
+def rows_page(store: Store, main: str) -> list[str]:
+    """Return the lines of the second page: every variant that ran, and every failure with its seed."""
+    results = store.ordered()
+    lines = [
+        "# Stability: every variant",
+        "",
+        f"The results behind [{main}]({main}).",
+        "",
+        LEGEND.replace("\n", " "),
+        "",
+    ]
+    lines += markdown_table([HEADINGS, *(row(result) for result in results)])
+    failures = [f"- {failure_line(r, store.reason(r), picture=False)}" for r in results if r.failure]
+    notes = dict.fromkeys(f"- {r.case} {r.name}: {r.about}." for r in results if r.about)
+    lines += ["", "## Failures", "", *(failures or ["None."])]
+    return [*lines, "", "## Differences from the list of cases", "", *notes]
+
+
+def robust_words() -> str:
+    """Return the recommended setting in the keys of a scene file."""
+    solver = ROBUST.solver
+    words = [f'`[solver] name = "{solver.name}"`, `substeps = {solver.substeps}`, `iterations = {solver.iterations}`']
+    words += [
+        "`continuous = true` in every collider",
+        "`untangle = true` and `static_friction = true` if the scene has `[self_collision]`",
+    ]
+    words += [f"and `[strain_limit] iterations = {ROBUST.strain_limit_iterations}` if the scene has a strain limit"]
+    return ", ".join(words)
+
+
+PAGE = """\
+`make stress` runs {cases} cases that break cloth. Each case has several variants, and each variant runs from ten random
+starts: with every solver at its default substeps and iterations, and with two settings recommended for hard scenes:
+
+- `robust` is the scene's own cloth with {robust}.
+- `robust-slack` is the same with another material: its springs do not resist compression
+  (`[fabric] compression = {compression:g}`), and damping between 0 and {damping:g}/s is raised to {damping:g}/s.
+  Only the cases that `robust` does not survive are run with it.
+
+Each start has a random seed, which disturbs positions or velocities slightly. A variant fails if one of its starts
+fails, and a case fails if one of its variants fails. `taichi-cloth stress --filter yank --variant "10 m" --solver xpbd`
+runs one variant, and `--seed N` repeats one start. [{rows}]({rows}) lists every variant and
+every failure.
+
+Unless a case says otherwise, the sheet is 1 m by 1 m with 0.2 kg/m² and {cells} × {cells} cells, for every setting. Its
+springs have 1000 N/m along rows, columns and diagonals, its bending stiffness is 1.57e-5 N·m and its damping 2/s. It
+hangs from two corners or from its top edge.
+
+**Alive** means that after every frame
+
+- all positions and velocities are finite,
+- every pin is exactly where it was put,
+- no particle is farther than two sides of the sheet from everything that holds, carries or throws it,
+- the energy is at most that at the start, plus the work done since, plus 1 %.
+
+In addition, the cloth must come to rest within 5 s after the disturbance. In the last quarter of a second no structural
+spring may exceed the static strain plus 1 %, and no particle 0.1 m/s. The static strain is that of the same cloth in
+float64 with the constants of its fabric; a solver's artificial stretch is not part of it. For a cloth without pins,
+which comes to lie on something, it is that of the cloth hung from two corners, an upper bound. Cases 20 to 22, 24 to
+26, 28, 31 to 34, 36 and 37 run three to five seconds before these 5 s begin, because the list of cases runs every case
+for ten seconds. Cases 2, 3 and 8 to 13 end with these 5 s. Additional bounds of a case, and what it judges differently,
+are in its row. Cases 19 and 20 have no gravity. Sheets that swing or fall without damping (cases 32, 33 and 37) get
+damping before they must come to rest. A mesh with slivers (case 24) is judged by the static strain of the same mesh
+without them, and flat cells by that of a square sheet.
+
+**Energy** is the sum of kinetic, gravitational, spring and bending energy, with the constants of the fabric. The same
+sum is used for the work and for the bound. Work done between two frames is known exactly. Within a frame, growth of the
+energy counts as work up to a bound on the work of grabs, wind, moving colliders, and colliders that push particles out
+because they appeared around them (formulas: `taichi_cloth/evaluation/stress/invariants.py`). The bound for colliders is
+loose: it assumes that they hit every particle within reach in every frame.
+
+**Too slow** means more than {slow:.0f} ms per frame (30 frames per second) unless the row says otherwise. The time is
+the median of the frames of a scene after compilation, checked after 5 frames and then every {every} frames. All cores run
+units at once, so a frame takes longer than on an idle machine. Frames that the judge watches substep by substep are not
+timed. A variant that is too slow counts neither as alive nor as failed.
+
+**Causes** are found by experiments on the start that failed. Three continue from the state in which it failed: Newton's
+method in float64, five more seconds of the same run, and the same substeps in float64. The others repeat this start and
+two more with one change: continuous collision detection, {finer} times the iterations, {finer} times the substeps, or
+both. The first experiment that succeeds gives the cause. An experiment whose frames take more than {experiment:g} s for
+one start is stopped and gives none. A failure without a cause is unexplained. So is a failure that later violates
+another bound, or the same bound by more.
+
+`taichi-cloth stress --tear 0.5` runs the cases with cloth that tears at that strain. It has no bending stiffness, which
+does not support tearing, and omits `lines`, which needs complete grid rows. The criteria are the same, but torn cloth
+need not be at rest at the end, because pieces fall. The rows report the share of torn springs."""

@@ -1,0 +1,356 @@
+"""One start of a variant with one setting, and the static strain of its cloth at rest.
+
+A case changes its cloth through the public interface of `Simulation`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from ...scene import parameters_of
+from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Maps, Scene
+from ...simulation.simulation import Simulation
+from .. import reference
+from ..bench.scene_error import cached
+from ..reference.spring_model import spring_model
+from ..reference.static_solution import rest_positions
+from .invariants import Extremes, Floats, InvariantMonitor, Violation
+from .setup import Setting
+
+HUNG_BY = ("top-left", "top-right")
+CODE = Path(reference.__file__).parent
+ALMOST_NONE = 1e-3  # [m/s²] gravity; not 0, because the solution is judged by forces relative to a particle's weight
+
+
+def static_strain(scene: Scene) -> float:
+    """Return the largest strain of a structural spring of this cloth at rest.
+
+    It is computed in float64 with the constants of the fabric. A solver's artificial stretch is not part of it. For
+    cloth without pins, which comes to lie on something or floats, it is the strain of a single layer hung from its two
+    top corners. That is an upper bound: cloth that lies is supported at more points, and a shorter piece hangs from
+    each. If a map varies the stiffness, all springs are as soft as the softest, because the reference solution assumes
+    uniform stiffness.
+    """
+    cloth = scene.cloth if scene.cloth.pins else replace(scene.cloth, pins=HUNG_BY, layers=1)
+    fabric, maps = scene.fabric, scene.maps
+    if maps is not None and maps.stiffness:
+        fabric = softened(fabric, min(maps.stiffness_min, maps.stiffness_max))
+        maps = replace(maps, stiffness=Maps().stiffness)
+    still = Scene(cloth=cloth, regions=scene.regions, maps=maps, fabric=fabric, forces=scene.forces)
+    return float(cached(f"rest strain {still}", CODE, lambda: np.array(reference.rest_strain(still))))
+
+
+def taut_strain(scene: Scene, pull: float) -> float:
+    """Return the largest strain at rest of a weightless sheet stretched by `pull` between its left and right edges.
+
+    It is more than `pull`: the sheet gets narrower in the middle, which strains the springs at the pinned corners more.
+    """
+    still = Scene(cloth=scene.cloth, fabric=scene.fabric, forces=Forces(gravity=ALMOST_NONE))
+
+    def strain() -> float:
+        model = spring_model(still)
+        stretched = replace(model.topology, start=model.topology.start * [1 + pull, 1.0, 1.0])
+        model = replace(model, topology=stretched)
+        return float(model.strains(rest_positions(model))[stretched.family("structural")].max())
+
+    return float(cached(f"taut strain {pull} {still}", CODE, lambda: np.array(strain())))
+
+
+def softened(fabric: Fabric, share: float) -> Fabric:
+    """Return the fabric with all spring constants multiplied by `share`."""
+    constants = fabric.warp, fabric.weft, fabric.shear, fabric.bend_spring
+    warp, weft, shear, bend = (share * constant for constant in constants)
+    return replace(fabric, warp=warp, weft=weft, shear=shear, bend_spring=bend)
+
+
+CALM_SECONDS = 5.0  # time to come to rest after a disturbance
+CALM_FRAMES = 15  # frames at the end of that time that must all be at rest
+CALM_STRAIN = 0.01  # excess over the static strain at rest
+CALM_SPEED = 0.1  # [m/s] of the fastest particle at rest
+SHAKE = 0.02  # [m/s] amplitude of the random velocities of a start
+SHIFT = 0.01  # [m] amplitude of the random translation of a start without pins
+SLOW_MS = 1000 / 30  # limit for a frame, for interactive use; a slower variant is stopped
+TIMED_FRAMES = 5  # frames after which their median is checked; the first, which may compile kernels, does not count
+TIMED_ENOUGH_MS = 1000.0  # total time after which fewer frames are enough
+TIMED_EVERY = 60  # frames after which the median of all frames of the scene is checked again
+
+
+class TooSlow(Exception):
+    """A frame takes longer than the limit of the variant."""
+
+    def __init__(self, ms: float, limit: float) -> None:
+        super().__init__(f"{ms:.0f} ms a frame")
+        self.ms, self.limit = ms, limit
+
+
+@dataclass
+class Measurement:
+    """A value that a case records, with its bound if it has one."""
+
+    what: str
+    value: float
+    bound: float | None
+
+
+@dataclass
+class Trial:
+    """One run of a case: it opens a scene, starts it, runs it and checks it. All random numbers depend on the seed."""
+
+    setting: Setting
+    seed: int
+    figures: list[Measurement] = field(default_factory=list)
+    worst: Extremes = field(default_factory=Extremes)
+    frame: int = 0
+    notes: list[str] = field(default_factory=list)
+    """What this trial judges differently, and why."""
+    times: list[float] = field(default_factory=list)
+    """Times of frames [ms], without the first of each scene and without those run substep by substep."""
+    limit_ms: float = SLOW_MS
+    max_rest_strain: float = field(init=False)
+    """Bound on the strain at rest."""
+    simulation: Simulation = field(init=False)
+    watch: InvariantMonitor = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.random = np.random.default_rng(self.seed)
+        self._first = True  # the next frame is the first of its scene
+        self._timed_from = 0  # index in `times` of the first time of the scene
+        self._needs_rest_check = False
+
+    # -- starting ------------------------------------------------------------------------------------------------------
+
+    def open(
+        self, scene: Scene, *, far: float = 0.0, rest: Scene | None = None, rest_strain: float | None = None
+    ) -> Floats:
+        """Open a scene with this setting, and return its start positions [m], (N, 3).
+
+        At rest the strain may exceed the static strain of the scene `rest` (default: this scene) by `CALM_STRAIN`, or
+        may reach the bound `rest_strain`. `far` [m] as for `InvariantMonitor`. Raises ValueError if a bound is not
+        finite, and RuntimeError if the scene opened before was not checked at rest.
+        """
+        self.require_rest_check()
+        with_setting = self.setting.of(scene)
+        if rest_strain is not None:
+            if not np.isfinite(rest_strain):
+                raise ValueError("rest_strain must be finite")
+            self.max_rest_strain = rest_strain
+        else:
+            still = with_setting if rest is None else self.setting.of(rest)
+            self.max_rest_strain = static_strain(still) + CALM_STRAIN
+        self.simulation = opened(with_setting)
+        self.watch = InvariantMonitor(self.simulation, self.worst, far)
+        self.limit_ms, self._first, self._needs_rest_check = SLOW_MS, True, True
+        self._timed_from = len(self.times)
+        return self.simulation.topology.start.copy()
+
+    def start(
+        self, positions: Floats | None = None, velocity: Sequence[float] = (0.0, 0.0, 0.0), shake: float = SHAKE
+    ) -> None:
+        """Start at `positions` [m], (N, 3), or at those of the scene.
+
+        All particles get `velocity` [m/s] and a random velocity of up to `shake` [m/s] along each axis. Cloth without
+        pins is also translated randomly by up to `SHIFT`. So no two starts are equal.
+        """
+        topology = self.simulation.topology
+        x = topology.start.copy() if positions is None else positions
+        if not topology.pinned.any():
+            x = x + self.random.uniform(-SHIFT, SHIFT, 3)
+        self.simulation.set_state(x, self.random.uniform(-shake, shake, x.shape) + np.asarray(velocity))
+        self.watch.begin()
+
+    def frame_limit_ms(self, ms: float, reason: str) -> None:
+        """Set the limit on the time of a frame of this scene [ms]."""
+        self.limit_ms = ms
+        self.note(f"up to {ms:g} ms a frame: {reason}")
+
+    def skip_rest_check(self, reason: str) -> None:
+        """Declare that this scene is checked only after each frame: it has no time to come to rest."""
+        self._needs_rest_check = False
+        self.note(f"not judged at rest: {reason}")
+
+    def note(self, line: str) -> None:
+        """Add a note to the result, once."""
+        if line not in self.notes:
+            self.notes.append(line)
+
+    def require_rest_check(self) -> None:
+        """Raise RuntimeError if a scene was opened and never checked at rest, which is an error of the case."""
+        if self._needs_rest_check:
+            raise RuntimeError("a case opened a scene and called neither settle() nor skip_rest_check()")
+
+    # -- running -------------------------------------------------------------------------------------------------------
+
+    def change(self, change: Callable[[], object]) -> None:
+        """Change the cloth between two frames. The change of its energy counts as work done on it."""
+        before = self.energy()
+        change()
+        self.watch.add_work(self.energy() - before)
+        self.watch.read_colliders()
+
+    def energy(self) -> float:
+        """Return the energy of the cloth [J]."""
+        return self.watch.energy(self.simulation.positions(), self.simulation.velocities())
+
+    def run(self, seconds: float, *, driven: bool = False) -> None:
+        """Run frames for a time [s]. `driven`: a grab moves in them."""
+        for _ in range(round(seconds / FRAME_SECONDS)):
+            self.one_frame(driven=driven)
+
+    def one_frame(self, *, driven: bool = False, look: Callable[[float], object] | None = None) -> None:
+        """Run one frame and check it. Raises Violation and TooSlow.
+
+        `driven`: a grab moves in this frame. `look` is called after each substep, as by `step_by_substep`. A frame run
+        substep by substep is not timed: its time would include `look` and one kernel launch per substep.
+        """
+        simulation, watch = self.simulation, self.watch
+        if driven:
+            watch.begin_grab_work()
+
+            def after_substep(share: float) -> None:
+                watch.add_grab_work()
+                if look is not None:
+                    look(share)
+
+            simulation.step_by_substep(after_substep)
+        elif look is not None:
+            simulation.step_by_substep(look)
+        else:
+            self._timed_step()
+        self.frame += 1
+        watch.check_frame()
+        self._check_time()
+        if self.setting.tear is not None:
+            self.record("torn [%]", 100 * float(simulation.torn.mean()))
+
+    def _timed_step(self) -> None:
+        """Run one frame and append its time."""
+        wall_start, cpu_start = time.perf_counter(), time.process_time()
+        self.simulation.step()
+        # Wall time counts other programs on the machine, and CPU time counts every thread: the smaller is the frame's.
+        seconds = min(time.perf_counter() - wall_start, time.process_time() - cpu_start)
+        if not self._first:  # the first may compile kernels
+            self.times.append(1e3 * seconds)
+        self._first = False
+
+    def _check_time(self) -> None:
+        """Raise TooSlow if the median time of the scene's frames is over the limit. Checked early, then regularly."""
+        count = len(self.times) - self._timed_from
+        few = 0 < count < TIMED_FRAMES and sum(self.times[self._timed_from :]) > TIMED_ENOUGH_MS
+        if few or count == TIMED_FRAMES or (count and count % TIMED_EVERY == 0):
+            ms = median(self.times[self._timed_from :])
+            if ms > self.limit_ms:
+                raise TooSlow(ms, self.limit_ms)
+
+    def change_solver(self, name: str) -> None:
+        """Switch to another solver, which has springs of its own, for the same cloth."""
+
+        def change() -> None:
+            self.simulation.switch_solver(name)
+            self.watch.read_springs()
+
+        self.change(change)
+
+    def change_scene(self, scene: Scene) -> None:
+        """Continue the same sheet with the fabric, masses and colliders of another scene."""
+
+        def change() -> None:
+            self.simulation.switch_scene(self.setting.of(scene))
+            self.watch.read_scene()
+
+        self.change(change)
+
+    def set_pins(self, positions: Floats) -> None:
+        """Move the pins to positions [m], in the order of their indices, between two frames."""
+        simulation = self.simulation
+        pinned = simulation.topology.pinned
+        x, v = simulation.positions(), simulation.velocities()
+        x[pinned] = positions
+
+        def set_pins() -> None:
+            simulation.set_state(x, v)
+
+        self.change(set_pins)
+        self.watch.set_pin_positions(positions)
+
+    def move_pins(self, positions: Floats, seconds: float) -> None:
+        """Run for a time [s] while the pins move straight to positions [m]."""
+        start = self.simulation.positions()[self.simulation.topology.pinned]
+        frames = max(1, round(seconds / FRAME_SECONDS))
+        for k in range(frames):
+            self.set_pins(start + (positions - start) * (k + 1) / frames)
+            self.one_frame()
+
+    def settle(self, *, max_speed: float = CALM_SPEED) -> None:
+        """Run `CALM_SECONDS` after the last disturbance, and check that the cloth is at rest in the last `CALM_FRAMES`.
+
+        Torn cloth is not checked, because pieces of it fall. `max_speed` [m/s] is the bound on the speed, for cloth
+        that something still moves. Raises Violation, and ValueError if `max_speed` is not finite.
+        """
+        if not np.isfinite(max_speed):
+            raise ValueError("max_speed must be finite")
+        self._needs_rest_check = False
+        self.run(CALM_SECONDS - CALM_FRAMES * FRAME_SECONDS)
+        for _ in range(CALM_FRAMES):
+            self.one_frame()
+            if self.simulation.torn.any():
+                continue
+            self.check("strain 5 s after", self.watch.strain, self.max_rest_strain)
+            self.check("speed 5 s after [m/s]", self.watch.speed, max_speed)
+
+    # -- checking ------------------------------------------------------------------------------------------------------
+
+    def record(self, what: str, value: float, bound: float | None = None) -> None:
+        """Record the largest value of a quantity for the report. Raises Violation if it exceeds a bound."""
+        if bound is not None and not np.isfinite(bound):
+            raise ValueError(f"{what}: the bound must be finite, or None")
+        for figure in self.figures:
+            if figure.what == what:
+                figure.value, figure.bound = max(figure.value, value), bound
+                break
+        else:
+            self.figures.append(Measurement(what, value, bound))
+        if bound is not None:
+            self.check(what, value, bound)
+
+    def expect_error(self, what: str, attempt: Callable[[], object]) -> None:
+        """Try an invalid call. Raises Violation unless it raises ValueError with a message that contains `what`."""
+        try:
+            attempt()
+        except ValueError as error:
+            self.check(f"refusals of {what} that do not name it", what not in str(error), 0)
+        else:
+            raise Violation(f"{what} is not refused", 1, 0)
+
+    def check(self, what: str, value: float, bound: float) -> None:
+        """Raise Violation unless the value is at most the bound. NaN fails."""
+        if not value <= bound:
+            raise Violation(what, value, bound)
+
+
+_opened: list[Simulation] = []  # the last simulation, kept for the next start
+
+
+def opened(scene: Scene) -> Simulation:
+    """Return a simulation of a scene at its start. Reuses the last one if its scene is equal."""
+    if _opened and _opened[0].scene == scene:
+        simulation = _opened[0]
+        for name, key in parameters_of(scene).items():
+            simulation.params[name] = key.value
+        simulation.params["wind"] = True
+        simulation.reset()
+        return simulation
+    close()
+    _opened.append(Simulation(scene))
+    return _opened[0]
+
+
+def close() -> None:
+    """Close the simulation that `opened` keeps."""
+    while _opened:
+        _opened.pop().close()

@@ -1,0 +1,212 @@
+"""A7: contact and friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from math import atan, degrees, exp, pi, sqrt
+
+import numpy as np
+
+from ...scene.collider_schema import Capsule, Ground, Plane, Sphere
+from ...scene.schema import Forces, Scene
+from ...simulation.simulation import Simulation
+from .check import Check, Timed, advance, at_most, base, center, damped, relative, run_with_limit, strip, substep
+from .exact import GRAVITY, scarf_ratio
+
+FRICTIONS = (0.1, 0.3, 0.5)
+SPEED = 1.0  # [m/s]
+STOPPING = (0.05, 0.01)  # A7: 5 %, 1 %
+CREEP = (1e-3, 1e-5)  # [m] A7: 1 mm, 0.01 mm
+KINETIC = (1e-6, 1e-10)  # [J/kg] A7
+STILL = (2e-5, 2e-7)  # [m] in a frame, at those kinetic energies
+DEPTH = (1e-4, 1e-9)  # [m] in a ground without margin
+SCARF = (0.1, 0.03)  # A7: 10 %, 3 %
+SLIDING = (0.2, 0.4, 0.57)  # friction coefficients on a slope of 30°
+WRAPS = (pi / 2, pi, 2 * pi)  # [rad] wrap angles around a bar
+WRAP_FRICTIONS = (0.3, 0.5)
+WRAP_RADIUS, WRAP_END, WRAP_LINK = 0.1, 0.3, 0.01  # [m] radius of the bar, length of a free end, length of a link
+WRAP_TIGHT = 0.02  # initial strain of the strip
+WRAP_SPIN = 180.0  # [degrees/s] of the bar, which slides under the strip
+WRAP_SECONDS = 4.0
+SPHERE_MARGIN = 0.02  # [m] margin of the ball that cloth rests on
+THICKNESS = (0.1, 0.0)  # A7: a tenth of the thickness, nothing
+HALF_A_STEP = "the reported velocity contains half a substep of gravity: ½·(½gh)²"
+SLOPES = (0.1, 0.3, 0.5, 0.8)  # friction coefficients for which the slope is searched at which a sheet starts to slide
+SLIP = 2e-3  # [m] in a second: sliding cloth moves more, 1 % above the angle where it starts, and sticking cloth less
+HALVINGS = 9  # bisections of the range from 0.25 to 1.75 of the exact value: to 0.2 %
+BAR, SHORT_END, SCARF_LINKS = 0.03, 0.3, 120  # [m] radius of the bar, shorter end of the scarf
+LEVEL = (-90.0, 0.0, 0.0)
+
+
+def stopping(solver: str) -> Iterator[Check]:
+    """Measure how far a sheet slides on the ground until friction has used up its energy: v²/(2μg)."""
+    for friction in FRICTIONS:
+        ground = Ground(height=0.0, margin=0.0, friction=friction)
+        with Timed(replace(base(solver, rotation=LEVEL), ground=ground)) as simulation:
+            advance(simulation, 0.2)
+            x = simulation.positions()
+            simulation.set_state(x, (SPEED, 0.0, 0.0))
+            start = center(simulation)[0]
+            advance(simulation, SPEED / (friction * GRAVITY) + 0.5)
+            exact = SPEED**2 / (2 * friction * GRAVITY)
+            yield relative(
+                f"way to a stop from 1 m/s, μ = {friction:g} [m]", exact, center(simulation)[0] - start, *STOPPING
+            )
+
+
+def resting(solver: str) -> Iterator[Check]:
+    """Measure sheets 5 s after a drop of 5 cm on the ground, and on a ball.
+
+    They must be at rest, on the collider and not in it.
+    """
+    scene = replace(base(solver, rotation=LEVEL, center=(0.0, 0.05, 0.0)), ground=Ground(height=0.0, margin=0.0))
+    with Timed(scene) as simulation:
+        advance(simulation, 5.0)
+        yield from still(simulation, "the ground", half_kick_energy(solver, simulation))
+        yield at_most("depth in the ground [m]", simulation.metrics().penetration, *DEPTH)
+        drift = float(np.linalg.norm(center(simulation)[[0, 2]]))
+        yield at_most("creep over the ground [m]", drift, *CREEP)
+    ball = Sphere(center=(0.0, -0.35, 0.0), radius=0.3, margin=SPHERE_MARGIN, friction=0.5)
+    with Timed(damped(replace(base(solver, 17, 17, rotation=LEVEL), spheres=(ball,)))) as simulation:
+        advance(simulation, 5.0)
+        yield from still(simulation, "a ball")
+        depth = simulation.metrics().penetration / SPHERE_MARGIN
+        yield at_most("depth in a ball, of the thickness", depth, *THICKNESS)
+
+
+def half_kick_energy(solver: str, simulation: Simulation) -> float | None:
+    """Return the kinetic energy [J/kg] of half a kick of gravity, or None for solvers that do not report it.
+
+    Explicit solvers report it for cloth that lies on level ground.
+    """
+    return (GRAVITY * substep(simulation) / 2) ** 2 / 2 if solver in ("explicit", "rk4") else None
+
+
+def still(simulation: Simulation, on: str, law: float | None = None) -> Iterator[Check]:
+    """Measure the fastest particle of a sheet at rest. `law`: kinetic energy [J/kg] that its solver reports."""
+    before = simulation.positions()
+    simulation.step()
+    energy = 0.5 * float((simulation.velocities() ** 2).sum(axis=1).max())
+    row = at_most(f"kinetic energy of the fastest particle after 5 s on {on} [J/kg]", energy, *KINETIC)
+    yield row if law is None else row.by_law(HALF_A_STEP, law)
+    distance = float(np.linalg.norm(simulation.positions() - before, axis=1).max())
+    yield at_most(f"way of the fastest particle in the next frame on {on} [m]", distance, *STILL)
+
+
+def on_slope(solver: str, tangent: float, friction: float) -> Scene:
+    """Return the scene of a sheet that lies on a slope that falls toward −x."""
+    angle = degrees(atan(tangent))
+    slope = Plane(rotation=(0.0, 0.0, angle), margin=0.0, friction=friction)
+    return replace(base(solver, rotation=(-90.0, 0.0, angle)), planes=(slope,))
+
+
+def incline(solver: str) -> Iterator[Check]:
+    """Measure a sheet on an incline.
+
+    It slides if the slope is steeper than the friction, tan θ > μ, with the acceleration g·(sin θ − μ·cos θ). Otherwise
+    it stays.
+    """
+    for friction in SLOPES:
+
+        def slides(share: float, friction: float = friction) -> bool:
+            with Timed(on_slope(solver, share * friction, friction)) as simulation:
+                advance(simulation, 1.0)
+                return float(np.linalg.norm(center(simulation))) > SLIP
+
+        yield relative(
+            f"slope where it slides, μ = {friction:g}", friction, friction * find_threshold(slides), *STOPPING
+        )
+    with Timed(on_slope(solver, 0.9 * 0.5, 0.5)) as simulation:
+        advance(simulation, 1.0)  # it settles
+        before = center(simulation)
+        advance(simulation, 10.0)
+        creep = float(np.linalg.norm(center(simulation) - before))
+        yield at_most("creep in 10 s at 0.9 of that slope, μ = 0.5 [m]", creep, *CREEP)
+    for friction in SLIDING:
+        with Timed(on_slope(solver, 1 / sqrt(3), friction)) as simulation:
+            advance(simulation, 1.0)
+            distance = GRAVITY * (0.5 - friction * sqrt(0.75)) / 2
+            measured = float(np.linalg.norm(center(simulation)))
+            yield relative(f"way down 30° in 1 s, μ = {friction:g} [m]", distance, measured, *STOPPING)
+
+
+def scarf(solver: str) -> Iterator[Check]:
+    """Measure where a scarf over a round bar slips.
+
+    It slips if its longer end outweighs the friction along half of the bar.
+    """
+    for friction in FRICTIONS:
+        exact = scarf_ratio(friction, BAR / SHORT_END)
+
+        def slips(share: float, friction: float = friction, exact: float = exact) -> bool:
+            long_end = SHORT_END * exact * share
+            length = SHORT_END + pi * BAR + long_end
+            scene = strip(solver, SCARF_LINKS, constant=2000.0, pins=())
+            bar = Capsule(rotation=(90.0, 0.0, 0.0), center=(0.0, 0.0, 0.0), length=1.0, radius=BAR, margin=0.0)
+            bar = replace(bar, friction=friction)
+            scene = replace(scene, cloth=replace(scene.cloth, height=length), capsules=(bar,))
+            with Timed(scene) as simulation:
+                along = np.linspace(0.0, length, SCARF_LINKS + 1) - SHORT_END
+                angle = np.clip(along / BAR, 0.0, pi)
+                below = np.minimum(along, 0.0) + np.minimum(length - SHORT_END - along - long_end, 0.0)
+                positions = np.stack([-BAR * np.cos(angle), BAR * np.sin(angle) + below, 0.0 * along], axis=1)
+                across = simulation.topology.start.reshape(-1, 3, 3)[0, :, 0] - simulation.topology.start[1, 0]
+                simulation.set_state((positions[:, None] + across[:, None] * np.array([0.0, 0.0, 1.0])).reshape(-1, 3))
+                before = simulation.positions()[-2, 1]
+                advance(simulation, 1.0)
+                return float(before - simulation.positions()[-2, 1]) > 10 * SLIP
+
+        yield relative(
+            f"longer end over shorter where it slips, μ = {friction:g}", exact, exact * find_threshold(slips), *SCARF
+        )
+
+
+def capstan(solver: str) -> Iterator[Check]:
+    """Measure a weightless strip around a bar that rotates under it: its tension differs by e^(μφ) between the ends."""
+    for friction in WRAP_FRICTIONS:
+        for angle in WRAPS:
+            what = f"tension over tension round {degrees(angle):g}°, μ = {friction:g}"
+            yield run_with_limit(what, *SCARF, partial(measure_wrap, what, solver, friction, angle))
+
+
+def measure_wrap(what: str, solver: str, friction: float, angle: float) -> Check:
+    """Measure one wrap angle.
+
+    Both ends of the strip are pinned, with a straight piece between them and the bar. The strip is slightly too short,
+    so that it starts under tension.
+    """
+    length = 2 * WRAP_END + angle * WRAP_RADIUS
+    links = round(length / WRAP_LINK)
+    bar = Capsule(rotation=(90.0, 0.0, 0.0), center=(0.0, 0.0, 0.0), length=1.0, radius=WRAP_RADIUS, margin=0.0)
+    bar = replace(bar, friction=friction, spin=(0.0, 0.0, WRAP_SPIN))
+    scene = damped(strip(solver, links, constant=200.0, pins=("top", "bottom")))
+    cloth = replace(scene.cloth, height=length / (1 + WRAP_TIGHT))
+    scene = replace(scene, cloth=cloth, capsules=(bar,), forces=Forces(gravity=0.0))
+    with Timed(scene) as simulation:
+        start = simulation.topology.start.reshape(-1, 3, 3)
+        across = start[0, :, 0] - start[0, 1, 0]
+        along = np.linspace(0.0, length, links + 1) - WRAP_END
+        wrapped_angle = np.clip(along / WRAP_RADIUS, 0.0, angle)
+        off = along - wrapped_angle * WRAP_RADIUS  # length off the bar: negative before it, positive behind it
+        radial = np.stack([np.cos(wrapped_angle), np.sin(wrapped_angle), 0 * wrapped_angle], axis=1)
+        tangent = np.stack([-np.sin(wrapped_angle), np.cos(wrapped_angle), 0 * wrapped_angle], axis=1)
+        positions = WRAP_RADIUS * radial + off[:, None] * tangent
+        simulation.set_state((positions[:, None] + across[:, None] * np.array([0.0, 0.0, 1.0])).reshape(-1, 3))
+        advance(simulation, WRAP_SECONDS)
+        x = simulation.positions().reshape(-1, 3, 3)
+        straight = round(0.8 * WRAP_END / WRAP_LINK)  # links of an end that never touch the bar
+        rest = cloth.height / links
+        strains = np.linalg.norm(np.diff(x, axis=0), axis=2).mean(axis=1) / rest - 1
+        first, last = float(strains[:straight].mean()), float(strains[-straight:].mean())
+        return relative(what, exp(friction * angle), first / last, *SCARF)
+
+
+def find_threshold(happens: Callable[[float], bool]) -> float:
+    """Return the share between 0.25 and 1.75 from which on `happens` is true, by bisection."""
+    low, high = 0.25, 1.75
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if happens(middle) else (middle, high)
+    return (low + high) / 2

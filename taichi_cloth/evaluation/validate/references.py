@@ -1,0 +1,220 @@
+"""All references, in the order of the report, and their measurement in parallel processes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from functools import partial
+
+from ...system import taichi_runtime as runtime
+from ...system.errors import UsageError
+from ..worker_pool import run_parallel
+from . import drape, flight, friction, hanging, membrane, strand, swing, symmetry
+from .check import ALL, ELASTIC, Reference, Result, measure
+
+IMPLICIT = ("xpbd", "lines", "projective")
+MESHES = ("xpbd", "explicit", "rk4", "projective")  # for triangle meshes, without `verlet`, which has no SI stiffness
+WITH_SPRING_DAMPING = ("xpbd", "explicit", "lines", "rk4")  # solvers with spring damping; `projective` ignores it
+
+
+REFERENCES = (
+    Reference("A1.1", "free fall", "Newton; Euler's steps summed", flight.free_fall, ALL),
+    Reference("A1.2", "free fall, all on", "as A1.1", flight.fall_with_all_features, ALL),
+    Reference("A1.3", "free fall in float32", "as A1.1", flight.fall_from_heights, ALL),
+    Reference("A1.4", "parabola", "as A1.1", flight.parabola, ALL),
+    Reference("A1.5", "spin-down", "recursion of a rigid pair's angle", flight.spin, ALL),
+    Reference("A1.6", "momentum", "conservation", flight.momentum, ALL),
+    Reference("A1.7", "damping", "e^(−ct)", flight.damping, ALL),
+    Reference(
+        "A2.1",
+        "pendulum",
+        "complete elliptic integral",
+        swing.pendulum,
+        ALL,
+    ),
+    Reference("A2.2", "one spring", "the method's own discrete law", swing.one_spring, ELASTIC),
+    Reference(
+        "A2.3",
+        "hanging strip",
+        "zeros of Laguerre's L20",
+        swing.curtain_modes,
+        ALL,
+    ),
+    Reference("A2.4", "taut strip", "2√(T/ma)·sin(jπ/2N)", swing.taut_strip, ELASTIC),
+    Reference(
+        "A2.5",
+        "taut square",
+        "Poisson's five points; springs under tension",
+        membrane.drum,
+        ELASTIC,
+    ),
+    Reference("A2.6", "strip along itself", "2√(k/m)·sin((2j−1)π/(4N+2))", swing.longitudinal_swing, ELASTIC),
+    Reference("A2.7", "damped spring", "e^(−ζωt)·(cos + sin)", swing.damped_spring, WITH_SPRING_DAMPING),
+    Reference(
+        "A2.8",
+        "pendulum's height",
+        "conservation",
+        swing.pendulum_height,
+        ALL,
+    ),
+    Reference("A3.1", "hanging sheet", "sum of the weights below", hanging.elongation, ELASTIC),
+    Reference("A3.2", "artificial stretch", "fixed point of a red-black sweep", hanging.stretch, ("verlet", "xpbd")),
+    Reference("A3.3", "hammock", "equilibrium of its springs", hanging.hammock, ELASTIC),
+    Reference("A3.4", "buckling", "Euler's elastica", hanging.buckling, ELASTIC),
+    Reference("A4.1", "doubling", "linear bending", hanging.doubling, ELASTIC),
+    Reference(
+        "A4.2",
+        "doubling, springs",
+        "linear bending",
+        hanging.doubling_by_springs,
+        ("explicit", "lines"),
+    ),
+    Reference("A4.3", "cantilever", "heavy elastica", hanging.droop, ELASTIC),
+    Reference("A4.4", "pear loop", "elastica", hanging.loop, ELASTIC),
+    Reference("A4.5", "tip load", "elastica with both weights", hanging.tip_load, ELASTIC),
+    Reference(
+        "A4.6",
+        "drape coefficient",
+        "published measurements",
+        drape.drape,
+        MESHES,
+    ),
+    Reference(
+        "A5.1",
+        "stiffness of a grid",
+        "homogenised springs",
+        membrane.modulus,
+        ELASTIC,
+    ),
+    Reference("A5.2", "shear of a grid", "homogenised springs", membrane.panel, ELASTIC),
+    Reference("A6.1", "fall in air", "½ρC_D·v² = σg; tanh", flight.falling, ALL),
+    Reference(
+        "A6.2",
+        "sail",
+        "−b·ln cos(x/b); (H/p)(t + t³/3)",
+        flight.sail,
+        ALL,
+    ),
+    Reference("A7.1", "sliding to a stop", "v²/(2μg), Coulomb", friction.stopping, ALL),
+    Reference("A7.2", "rest on the ground", "-", friction.resting, ALL),
+    Reference("A7.3", "incline", "tan θ = μ; g·(sin θ − μ·cos θ)", friction.incline, ALL),
+    Reference(
+        "A7.4",
+        "scarf over a bar",
+        "capstan with weight",
+        friction.scarf,
+        ALL,
+    ),
+    Reference("A7.5", "capstan", "e^(μφ)", friction.capstan, ELASTIC),
+    Reference("A8.1", "rest shape", "-", symmetry.at_rest, ALL),
+    Reference("A8.2", "rotation", "-", symmetry.rotated, ALL),
+    Reference("A8.3", "mirror", "-", symmetry.mirrored, ALL),
+    Reference("A8.4", "far from the origin", "-", symmetry.far_away, ALL),
+    Reference("A8.5", "order", "the same curtain in float64", symmetry.order, ELASTIC),
+    Reference(
+        "A8.6",
+        "energy",
+        "conservation",
+        symmetry.energy,
+        ELASTIC,
+    ),
+    Reference("A8.7", "mesh, hammock", "-", hanging.finer_hammock, ALL),
+    Reference("A8.8", "on a ball", "-", symmetry.on_a_ball, ALL),
+    Reference("A8.9", "mesh, swinging curtain", "-", swing.finer_curtain, ALL),
+    Reference("A8.10", "transposition", "-", symmetry.transposed, ALL),
+    Reference(
+        "B1",
+        "swinging curtain",
+        "float64, converged",
+        swing.swinging_curtain,
+        ALL,
+    ),
+    Reference("B3", "iterations", "sum of the weights below", hanging.independence, ("xpbd", "lines")),
+    Reference("B4", "substeps or iterations", "the method in float64", hanging.split, ("xpbd",)),
+    Reference("B5", "force of a chain", "Newton's method in float64", strand.force, ("xpbd",)),
+    Reference("B6.1", "heavy strand at rest", "sum of the weights below", strand.at_rest, IMPLICIT),
+    Reference(
+        "B6.2",
+        "heavy strand: residual",
+        "its own equation",
+        strand.residual,
+        IMPLICIT,
+    ),
+    Reference(
+        "B6.3",
+        "heavy strand: strains",
+        "Newton's method in float64",
+        strand.strains,
+        IMPLICIT,
+    ),
+)
+
+
+def select_pairs(only: str | None, solver: str | None) -> list[tuple[Reference, str]]:
+    """Return pairs of a reference and one of its solvers.
+
+    `only` keeps the references whose number begins with it, `solver` keeps one solver. Raises UsageError if none is
+    left.
+    """
+    pairs = [
+        (reference, name)
+        for reference in REFERENCES
+        for name in reference.solvers
+        if reference.number.startswith(only or "") and solver in (None, name)
+    ]
+    if not pairs:
+        numbers = ", ".join(reference.number for reference in REFERENCES)
+        with_solver = f" with {solver}" if solver else ""
+        raise UsageError(f"no reference {only!r}{with_solver}; choose from {numbers}")
+    return pairs
+
+
+CORES = os.cpu_count() or 1
+start_worker = partial(runtime.start, "cpu")
+BY_NUMBER = {reference.number: reference for reference in REFERENCES}
+SLOWEST_FIRST = (
+    "projective",
+    "rk4",
+    "xpbd",
+    "lines",
+    "explicit",
+    "verlet",
+)  # slowest first: no core waits long for another
+
+
+def measure_all(pairs: Sequence[tuple[Reference, str]], on_step: Callable[[str], None]) -> list[Result]:
+    """Return the rows of every pair of a reference and a solver, in order.
+
+    One pair runs in this process, more run in as many processes as there are cores.
+    """
+    if len(pairs) == 1 or CORES == 1:
+        return measure_serially(pairs, on_step)
+    order = sorted(range(len(pairs)), key=lambda k: SLOWEST_FIRST.index(pairs[k][1]))
+    jobs = {k: (pairs[k][0].number, pairs[k][1]) for k in order}
+    rows: dict[int, list[Result]] = {}
+    with closing(run_parallel(measure_pair, jobs, min(CORES, len(pairs)), start_worker)) as results:
+        for k, result in results:
+            rows[k] = result
+            on_step(name_of(*pairs[k]))
+    return [result for k in range(len(pairs)) for result in rows[k]]
+
+
+def measure_serially(pairs: Sequence[tuple[Reference, str]], on_step: Callable[[str], None]) -> list[Result]:
+    """Return the rows of every pair, measured in this process."""
+    start_worker()
+    results = []
+    for reference, solver in pairs:
+        on_step(name_of(reference, solver))
+        results += measure(reference, solver)
+    return results
+
+
+def measure_pair(number: str, solver: str) -> list[Result]:
+    """Return the rows of one pair, in a worker process."""
+    return measure(BY_NUMBER[number], solver)
+
+
+def name_of(reference: Reference, solver: str) -> str:
+    """Return the name of a pair for the progress display."""
+    return f"{reference.number} {reference.name}, {solver}"

@@ -1,0 +1,191 @@
+"""A8: symmetry, order of convergence and conservation of energy. Only the order needs a reference solution."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from math import sqrt
+
+import numpy as np
+
+from ...geometry.cloth_builder import spring_stiffness
+from ...geometry.topology import energies, spring_strains
+from ...scene.collider_schema import Sphere
+from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Scene, Solver
+from ..bench.error_sweep import Curtain, curtain_solution
+from .check import (
+    ROUNDED,
+    Check,
+    Timed,
+    advance,
+    at_most,
+    base,
+    default_solver,
+    order_lost,
+    rounding_error,
+    structural,
+)
+from .exact import GRAVITY, Floats
+
+REST_FLAT, REST_TURNED = (0.0, 0.0), (1e-6, 0.0)  # A8: exactly, or < 1e-6·L
+EQUAL = (1e-5, 1e-6)  # A8: 1e-5·L
+ON_A_BALL = (1e-3, 1e-6)  # A8: 1e-3·L, 1e-6·L at 2 s
+BALL_SECONDS = 2.0
+SHIFTED = (1e-4, 1e-4)  # A8: unchanged to 1e-4·L; no wider bound is defined to pass
+SHIFTS = (10.0, 100.0, 1000.0)  # [m]
+ORDERS = {"explicit": 2.0, "lines": 2.0, "rk4": 4.0}  # 1 for all others
+ORDER_SUBSTEPS = {"explicit": (4, 8, 16, 32), "lines": (1, 2, 4, 8), "rk4": (1, 2, 4, 8)}
+SLOPE = (0.15, 0.05)  # A8: ±0.15, here in each of three halvings
+ORDER_CURTAIN = Curtain(cells=8, stiffness=6.0, degrees=60.0)  # soft: the largest steps are stable
+CONSERVING = ("explicit", "rk4")
+BOUNDED = (1e-2, 1e-3)  # A8: 1 % over 10,000 steps
+NEVER_RISING = (1e-5, 1e-6)  # A8: Euler's energy never rises without work done; float32 as in A1.6
+BALL = Sphere(center=(0.0, -0.36, 0.0), radius=0.3, margin=0.05, friction=0.5)
+SHORT_SECONDS = 0.5  # [s] before folds amplify rounding errors
+
+
+def at_rest(solver: str) -> Iterator[Check]:
+    """Measure the displacement of a sheet without forces.
+
+    The rest lengths of a rotated sheet are rounded; those of a sheet along the axes are exact.
+    """
+    for name, rotation in (("flat", (0.0, 0.0, 0.0)), ("turned", (-37.0, 20.0, 0.0))):
+        scene = replace(base(solver, rotation=rotation), forces=Forces(gravity=0.0))
+        with Timed(scene) as simulation:
+            for _ in range(max(1, 10_000 // simulation.substeps)):
+                simulation.step()
+            final_positions = float(np.abs(simulation.positions() - simulation.topology.start).max())
+            bounds = REST_FLAT if name == "flat" else REST_TURNED
+            yield at_most(f"displacement without forces in 10,000 substeps, {name} [m]", final_positions, *bounds)
+
+
+def swinging(solver: str, **keys: object) -> Scene:
+    """Return the scene of a sheet that is released from its top edge, 60° off hanging."""
+    scene = base(solver, 17, 17, **{"pins": ("top",), "rotation": (-60.0, 0.0, 0.0), **keys})
+    return replace(scene, fabric=Fabric(warp=500.0, weft=500.0, shear=250.0, bend_spring=5.0))
+
+
+def final_positions(scene: Scene) -> Floats:
+    """Return the positions of the particles after `SHORT_SECONDS` [m], relative to the initial middle of the sheet."""
+    with Timed(scene) as simulation:
+        advance(simulation, SHORT_SECONDS)
+        from_center: Floats = simulation.positions() - np.asarray(scene.cloth.center)
+        return from_center
+
+
+def rotated(solver: str) -> Iterator[Check]:
+    """Compare a sheet that is rotated by 30° about the vertical with the rotated motion of the original."""
+    plain, other = final_positions(swinging(solver)), final_positions(swinging(solver, rotation=(-60.0, 30.0, 0.0)))
+    c, s = sqrt(3) / 2, 0.5
+    rotation = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    yield at_most("difference when turned by 30° [m]", float(np.abs(other - plain @ rotation.T).max()), *EQUAL)
+
+
+def mirrored(solver: str) -> Iterator[Check]:
+    """Compare a symmetric sheet with its mirror image."""
+    x = final_positions(swinging(solver)).reshape(17, 17, 3)
+    image = x[:, ::-1] * [-1.0, 1.0, 1.0]
+    yield at_most("difference to its mirror image [m]", float(np.abs(image - x).max()), *EQUAL)
+
+
+def transposed(solver: str) -> Iterator[Check]:
+    """Compare a sheet with the same sheet whose rows are columns."""
+    plain, other = swinging(solver), swinging(solver, pins=("left",))
+    transposition = np.arange(17 * 17).reshape(17, 17).T.ravel()
+    with Timed(other) as simulation:
+        with Timed(plain) as first:
+            start = first.positions()
+        simulation.set_state(start[transposition])
+        advance(simulation, SHORT_SECONDS)
+        x = simulation.positions()[transposition]
+    difference = float(np.abs(x - final_positions(plain)).max())
+    yield at_most("difference with rows for columns [m]", difference, *EQUAL)
+
+
+def on_a_ball(solver: str) -> Iterator[Check]:
+    """Compare a square sheet that falls on a ball with its mirror images."""
+    scene = replace(base(solver, 17, 17, rotation=(-90.0, 0.0, 0.0), mass_lumping="uniform"), spheres=(BALL,))
+    with Timed(scene) as simulation:
+        advance(simulation, BALL_SECONDS)
+        x = simulation.positions().reshape(17, 17, 3)
+    images = (x[:, ::-1] * [-1.0, 1.0, 1.0], x[::-1] * [1.0, 1.0, -1.0], x.transpose(1, 0, 2)[:, :, [2, 1, 0]])
+    worst = max(float(np.abs(image - x).max()) for image in images)
+    yield at_most(f"difference to its mirror images {BALL_SECONDS:g} s after it fell on a ball [m]", worst, *ON_A_BALL)
+
+
+def far_away(solver: str) -> Iterator[Check]:
+    """Compare a sheet far from the origin with one at the origin."""
+    plain = final_positions(swinging(solver))
+    for shift in SHIFTS:
+        other = final_positions(swinging(solver, center=(shift, shift, 0.0)))
+        yield at_most(f"difference {shift:g} m away, up and aside [m]", float(np.abs(other - plain).max()), *SHIFTED)
+
+
+def order(solver: str) -> Iterator[Check]:
+    """Measure the order of convergence in each of three halvings of the substep.
+
+    The scene is a curtain whose columns move as chains, and the exact motion is that of an independent program in
+    float64 (`evaluation/bench/error_sweep.py`).
+    """
+    cells = ORDER_CURTAIN.cells
+    frames = round(SHORT_SECONDS / FRAME_SECONDS)
+    exact = curtain_solution(ORDER_CURTAIN, frames)[-1]
+    rotation = (-ORDER_CURTAIN.degrees, 0.0, 0.0)
+    sheet = base(solver, cells + 1, cells + 1, mass_lumping="uniform", pins=("top",), rotation=rotation)
+    sheet = structural(sheet, ORDER_CURTAIN.stiffness)
+    errors = []
+    halvings = ORDER_SUBSTEPS.get(solver, (8, 16, 32, 64))
+    for substeps in halvings:
+        with Timed(replace(sheet, solver=Solver(solver, substeps, 50, damping=0.0))) as simulation:
+            pivot = simulation.topology.start[0]
+            advance(simulation, SHORT_SECONDS)
+            x = (simulation.positions() - pivot).reshape(cells + 1, cells + 1, 3)[:, cells // 2]
+            errors.append(float(np.sqrt(((x[:, [2, 1]] - exact) ** 2).sum(axis=1).mean())))
+    law = ORDERS.get(solver, 1.0)
+    yield order_row(law, errors, [frames * substeps for substeps in halvings], exact)
+
+
+def order_row(law: float, errors: list[float], steps: list[int], exact: Floats) -> Check:
+    """Return the row of the worst halving, or of the worst that rounding does not explain, if there is one.
+
+    `exact` are the final positions of the chain [m].
+    """
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    missed = np.abs(orders - law)
+    speed = sqrt(2 * GRAVITY * 1.0)  # [m/s] after a fall of the chain's length
+    floors = [rounding_error(count, SHORT_SECONDS, float(np.abs(exact).max()), speed) for count in steps[1:]]
+    lost = np.array([order_lost(law, error, floor) for error, floor in zip(errors[:-1], floors, strict=True)])
+    unexplained = missed > lost + SLOPE[0]
+    k = int(np.where(unexplained | ~unexplained.any(), missed, -1.0).argmax())
+    row = Check("order of convergence, the worst of three halvings", law, float(orders[k]), float(missed[k]), *SLOPE)
+    return row.by_law(ROUNDED, partial(float, lost[k]))
+
+
+def energy(solver: str) -> Iterator[Check]:
+    """Measure how well an undamped sheet conserves its energy over 10,000 substeps: gravitational, elastic and kinetic.
+
+    Explicit methods may neither lose nor gain energy. Implicit methods lose the energy of motion that they cannot
+    resolve, but must not gain any.
+    """
+    scene = replace(swinging(solver), solver=default_solver(solver))
+    with Timed(scene) as simulation:
+        topology = simulation.topology
+        stiffness = spring_stiffness(scene, simulation.solver.info.stiffness_section, topology)
+        totals, kinetic = [], []
+        for _ in range(max(60, 10_000 // simulation.substeps)):
+            x = simulation.positions()
+            kinetic_now, gravitational = energies(topology, x, simulation.velocities(), GRAVITY)
+            elastic = 0.5 * float((stiffness * (spring_strains(topology, x) * topology.rest) ** 2).sum())
+            totals.append(kinetic_now + gravitational + elastic)
+            kinetic.append(kinetic_now)
+            simulation.step()
+        relative = np.array(totals) / max(kinetic)
+        if solver in CONSERVING:
+            change = float(np.abs(relative - relative[0]).max())
+            yield at_most("energy lost or won, of the largest kinetic energy", change, *BOUNDED)
+        else:
+            gain = float((relative - np.minimum.accumulate(relative)).max())
+            lost = float(relative[0] - relative[-1])
+            what = f"energy won, of the largest kinetic energy ({100 * lost:.1f} % lost)"
+            yield at_most(what, gain, *NEVER_RISING)

@@ -1,0 +1,265 @@
+"""The report of a run: a table in the terminal, JSON, and two pages of the documentation.
+
+The first page shows what passes and why the rest does not, the second shows every row. `read_json` reads the JSON of an
+earlier run.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...system.console import machine, markdown_table, print_table
+from ...system.errors import UsageError, error_text
+from ...system.files import atomic_file
+from .check import EXCELLENT, FAIL, PASS, TOO_SLOW, Check, KnownLimit, Result
+
+HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
+UNEXPLAINED = "no law explains it"
+PACKAGE = Path(__file__).parents[2]
+BROKEN = "more than its law explains"
+
+
+class Measured(NamedTuple):
+    """A run: the machine it ran on, every row, and when it ran with which program, if known."""
+
+    machine: Mapping[str, str]
+    results: Sequence[Result]
+    date: str | None = None  # UTC
+    commit: str | None = None
+    """Commit of the program, or the version of the package if it is not a clone."""
+
+
+def cells(result: Result) -> tuple[str, ...]:
+    """Return one row of the table."""
+    row = result.row
+    if result.verdict == TOO_SLOW:
+        return (result.reference, result.solver, row.what, "-", "-", "-", f"too slow: over {row.seconds:.0f} s")
+    numbers = (f"{row.exact:.6g}", f"{row.measured:.6g}", f"{row.error:.1e}")
+    return (result.reference, result.solver, row.what, *numbers, result.verdict)
+
+
+def reason(result: Result) -> str:
+    """Return why a row does not pass, or an empty string if it passes."""
+    row = result.row
+    if result.verdict == TOO_SLOW:
+        return "its set-ups take too long"
+    if result.verdict != FAIL:
+        return ""
+    if row.limit is None:
+        return UNEXPLAINED
+    return BROKEN if row.broken else row.limit.law
+
+
+def reasons(results: Sequence[Result]) -> list[str]:
+    """Return a line for each reference and reason, with the solvers that fall short."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for result in results:
+        cause = reason(result)
+        if cause:
+            solvers = groups.setdefault((result.reference, cause), [])
+            if result.solver not in solvers:
+                solvers.append(result.solver)
+    return [f"{reference} falls short with {', '.join(names)}: {cause}" for (reference, cause), names in groups.items()]
+
+
+def tally(results: Sequence[Result]) -> dict[str, float]:
+    """Return the number of rows of each kind, and the shares [%] that pass and that are excellent."""
+    verdicts = [result.verdict for result in results]
+    excellent, passed = verdicts.count(EXCELLENT), verdicts.count(PASS)
+    rows = max(len(results), 1)
+    return {
+        "rows": len(results),
+        "excellent": excellent,
+        "pass": passed,
+        "falls short": verdicts.count(FAIL),
+        "too slow": verdicts.count(TOO_SLOW),
+        "broken": sum(result.row.broken for result in results),
+        "pass or excellent [%]": round(100 * (excellent + passed) / rows, 1),
+        "excellent [%]": round(100 * excellent / rows, 1),
+    }
+
+
+def summary_line(results: Sequence[Result]) -> str:
+    """Return the last line of the report."""
+    n = tally(results)
+    explained = sum(result.row.explained for result in results)
+    return (
+        f"{n['rows']} rows: {n['excellent']} excellent, {n['pass']} pass, {n['falls short']} fall short"
+        f" ({explained} as a law says, {n['broken']} broken), {n['too slow']} too slow"
+    )
+
+
+def by_solver(results: Sequence[Result]) -> dict[str, dict[str, float]]:
+    """Return the tally of every solver."""
+    solvers = dict.fromkeys(result.solver for result in results)
+    return {solver: tally([result for result in results if result.solver == solver]) for solver in solvers}
+
+
+def print_report(run: Measured) -> None:
+    """Print the table, the reasons, the machine and the last line."""
+    notes = (*reasons(run.results), " · ".join(run.machine.values()), summary_line(run.results))
+    print_table(HEADINGS, map(cells, run.results), slice(3, 6), notes)
+
+
+def as_number(value: float) -> float | None:
+    """Return a value for JSON: None if it is not finite."""
+    return value if isfinite(value) else None
+
+
+def as_float(value: float | None) -> float:
+    """Return a value from JSON: NaN for None."""
+    return nan if value is None else float(value)
+
+
+def write_json(path: Path, run: Measured) -> None:
+    """Write all of a run as JSON. Raises OSError."""
+    rows = [
+        {
+            "reference": result.number,
+            "name": result.name,
+            "solver": result.solver,
+            "what": result.row.what,
+            "exact": as_number(result.row.exact),
+            "measured": as_number(result.row.measured),
+            "error": as_number(result.row.error),
+            "pass": as_number(result.row.tolerance),
+            "excellent": as_number(result.row.tight_tolerance),
+            "verdict": result.verdict,
+            "reason": reason(result),
+            "law": None
+            if result.row.limit is None
+            else {"formula": result.row.limit.law, "max_error": result.row.limit.max_error},
+            "seconds": result.row.seconds,
+            "source": result.source,
+        }
+        for result in run.results
+    ]
+    everything = {
+        "machine": dict(run.machine),
+        "date": run.date,
+        "commit": run.commit,
+        "summary": {"all": tally(run.results), **by_solver(run.results)},
+        "rows": rows,
+    }
+    with atomic_file(path) as file:
+        file.write(json.dumps(everything, indent=1, ensure_ascii=False, allow_nan=False).encode())
+
+
+def read_json(path: Path) -> Measured:
+    """Return a run that `write_json` wrote. Raises UsageError if the file cannot be read or is not one."""
+    try:
+        read = json.loads(path.read_text(encoding="utf-8"))
+        results = [result_of(row) for row in read["rows"]]
+        return Measured(read["machine"], results, read["date"], read["commit"])
+    except OSError as error:
+        raise UsageError(error_text(error)) from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"{path} was not written by `validate --json`: {error!r}") from None
+
+
+def result_of(row: Mapping[str, Any]) -> Result:
+    """Return the result that a row of the JSON describes."""
+    limit = None if row["law"] is None else KnownLimit(row["law"]["formula"], float(row["law"]["max_error"]))
+    exact, measured, error, good, best = (
+        as_float(row[key]) for key in ("exact", "measured", "error", "pass", "excellent")
+    )
+    measured_row = Check(row["what"], exact, measured, error, good, best, limit, float(row["seconds"]))
+    return Result(row["reference"], row["name"], row["source"], row["solver"], measured_row)
+
+
+def this_machine(results: Sequence[Result]) -> Measured:
+    """Return a run that ends now, on this machine."""
+    return Measured(machine(), results, datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), commit_of(PACKAGE.parent))
+
+
+def commit_of(folder: Path) -> str:
+    """Return the commit of the clone in a folder, or the version of the package if the folder is not that of a clone.
+
+    A `+` is appended if files of the package were changed since.
+    """
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, check=True).stdout
+
+    try:
+        if Path(git("rev-parse", "--show-toplevel").strip()).resolve() == folder.resolve():
+            changed = git("status", "--porcelain", "--untracked-files=no", "--", PACKAGE.name)
+            return git("rev-parse", "HEAD").strip() + ("+" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        pass
+    return version("taichi-cloth")
+
+
+# -- pages -------------------------------------------------------------------------------------------------------------
+
+ROWS_SUFFIX = "_rows"  # suffix of the name of the page with all rows
+MARKS = {EXCELLENT: "*", PASS: "", FAIL: "**", TOO_SLOW: "**"}
+GOAL = (90.0, 60.0)  # [%] of rows that should pass, and that should be excellent
+
+
+def write_pages(path: Path, run: Measured) -> None:
+    """Write the main page to `path` and the page of all rows next to it. Raises OSError."""
+    rows = path.with_name(f"{path.stem}{ROWS_SUFFIX}{path.suffix}")
+    for target, lines in ((path, main_page(run, rows.name)), (rows, rows_page(run, path.name))):
+        with atomic_file(target) as file:
+            file.write("\n".join([*lines, ""]).encode())
+
+
+def main_page(run: Measured, rows: str) -> list[str]:
+    """Return the lines of the main page."""
+    results = run.results
+    n = tally(results)
+    lines = ["# Validation", "", f"{summary_line(results)}. [{rows}]({rows}) has them all.", ""]
+    lines += [
+        f"{n['pass or excellent [%]']:.1f} % pass (goal: {GOAL[0]:g} %), {n['excellent [%]']:.1f} % are excellent"
+        f" (goal: {GOAL[1]:g} %).",
+        "",
+        *markdown_table(summary(results)),
+        "",
+        " · ".join([*run.machine.values(), *filter(None, (run.date, run.commit))]),
+        "",
+    ]
+    lines += ["## Largest errors", "", "*Excellent* · pass · **falls short or too slow**", ""]
+    lines += markdown_table(matrix(results))
+    return [*lines, "", "## Why", "", *(f"- {line}" for line in reasons(results))]
+
+
+def rows_page(run: Measured, main: str) -> list[str]:
+    """Return the lines of the page of all rows."""
+    table = markdown_table([[*HEADINGS, "source"], *([*cells(result), result.source] for result in run.results)])
+    return ["# Validation: every row", "", f"The results behind [{main}]({main}).", "", *table]
+
+
+def summary(results: Sequence[Result]) -> list[list[str]]:
+    """Return the table of counts: all solvers, then each solver."""
+    lines = [["solver", "rows", "excellent", "pass", "falls short", "too slow", "pass or excellent", "excellent"]]
+    for name, n in {"all": tally(results), **by_solver(results)}.items():
+        counts = [f"{n[key]:g}" for key in ("rows", "excellent", "pass", "falls short", "too slow")]
+        lines.append([name, *counts, f"{n['pass or excellent [%]']:.1f} %", f"{n['excellent [%]']:.1f} %"])
+    return lines
+
+
+def matrix(results: Sequence[Result]) -> list[list[str]]:
+    """Return a table of the largest error of each reference with each solver, in bold where it falls short."""
+    solvers = list(dict.fromkeys(result.solver for result in results))
+    order = (EXCELLENT, PASS, TOO_SLOW, FAIL)
+    lines = [["reference", *solvers]]
+    for reference in dict.fromkeys(result.reference for result in results):
+        line = [reference]
+        for solver in solvers:
+            rows = [result for result in results if (result.reference, result.solver) == (reference, solver)]
+            worst = max(rows, key=lambda r: (order.index(r.verdict), r.row.error), default=None)
+            if worst is None:
+                line.append("")
+            else:
+                mark = MARKS[worst.verdict]
+                line.append(f"{mark}{'too slow' if worst.verdict == TOO_SLOW else f'{worst.row.error:.1e}'}{mark}")
+        lines.append(line)
+    return lines

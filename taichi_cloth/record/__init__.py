@@ -1,1 +1,0 @@
-"""What was done to a simulation, kept and repeated."""

@@ -1,0 +1,146 @@
+"""The orbit camera. Matrices act on column vectors: clip = projection @ view @ (x, y, z, 1).
+
+In eye space x points right and y up, and the camera looks along −z; clip w is therefore the distance along the view
+axis [m]. A screen point (u, v) runs from (0, 0) at the bottom left of the image to (1, 1), like the cursor of GGUI,
+Taichi's window toolkit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import asin, atan2, cos, exp, hypot, log, pi, radians, sin, tan
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..scene.schema import Camera as SceneCamera
+
+NEAR, FAR = 0.1, 1000.0  # [m] clip planes, those of GGUI
+MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is undefined
+ZOOM_STEP = 0.1  # change of log(distance) per step
+MAX_ZOOM = 20.0  # zooming changes the initial distance by at most this factor, in both directions
+
+Floats = NDArray[np.float64]
+Vec3 = tuple[float, float, float]
+
+
+class OrbitCamera:
+    """Camera that orbits `target` [m] at a `distance` [m].
+
+    `azimuth` [rad] is 0 on the +z axis and grows towards +x; `elevation` [rad] is 0 on the horizontal plane.
+    """
+
+    def __init__(self, eye: Sequence[float], target: Sequence[float], fov_degrees: float) -> None:
+        """`fov_degrees`: vertical field of view. An eye that coincides with the target is moved away from it."""
+        self.fov = radians(fov_degrees)
+        self.view_shift = 0.0
+        """Distance of the target to the right of the image center [image heights]."""
+        self._initial_target = np.array(target, np.float64)
+        x, y, z = np.asarray(eye, np.float64) - self._initial_target
+        self._initial_distance = max(hypot(x, y, z), NEAR)
+        self._initial_azimuth = atan2(x, z)
+        self._initial_elevation = _clamp_elevation(asin(y / self._initial_distance))
+        self.reset()
+
+    @classmethod
+    def from_scene(cls, camera: SceneCamera) -> OrbitCamera:
+        """Return a camera with the settings of a scene."""
+        return cls(camera.eye, camera.target, camera.fov)
+
+    def reset(self) -> None:
+        """Return to the initial target, distance and angles."""
+        self.target = self._initial_target.copy()
+        self.distance = self._initial_distance
+        self.azimuth = self._initial_azimuth
+        self.elevation = self._initial_elevation
+
+    # -- motion: by amounts, not by time, so that the speed does not depend on the frame rate --------------------------
+
+    def orbit(self, right: float, up: float) -> None:
+        """Rotate about the target as if the cursor dragged the scene by `right` and `up` [window heights].
+
+        A drag by 1 is half a turn.
+        """
+        self.azimuth = (self.azimuth - pi * right) % (2 * pi)
+        self.elevation = _clamp_elevation(self.elevation - pi * up)
+
+    def zoom(self, steps: float) -> None:
+        """Move the eye closer by `steps`, or farther away if negative. The target stays in the center."""
+        nearest = max(self._initial_distance / MAX_ZOOM, NEAR)
+        log_distance = log(self.distance) - ZOOM_STEP * steps  # no number of steps overflows a logarithm
+        self.distance = exp(min(max(log_distance, log(nearest)), log(self._initial_distance * MAX_ZOOM)))
+
+    def pan(self, right: float, up: float) -> None:
+        """Move eye and target parallel to the image by `right` and `up` [image heights at the target's distance]."""
+        axes = self._axes()
+        self.target = self.target + self._image_height() * (right * axes[0] + up * axes[1])
+
+    # -- matrices ------------------------------------------------------------------------------------------------------
+
+    @property
+    def eye(self) -> Vec3:
+        """Position of the eye [m]."""
+        right, _, back = self._axes()
+        x, y, z = self.target + self.distance * back - self.view_shift * self._image_height() * right
+        return float(x), float(y), float(z)
+
+    @property
+    def look_at(self) -> Vec3:
+        """Point in the image center at the distance of the target [m]; equal to the target if `shift` is 0."""
+        x, y, z = self.eye - self.distance * self._axes()[2]
+        return float(x), float(y), float(z)
+
+    def _image_height(self) -> float:
+        """Return the height of the visible area at the distance of the target [m]."""
+        return 2 * self.distance * tan(self.fov / 2)
+
+    def _axes(self) -> Floats:
+        """Return the unit vectors right, up and back (from target to eye) as rows, (3, 3)."""
+        sin_a, cos_a, sin_e, cos_e = sin(self.azimuth), cos(self.azimuth), sin(self.elevation), cos(self.elevation)
+        return np.array(
+            [[cos_a, 0.0, -sin_a], [-sin_e * sin_a, cos_e, -sin_e * cos_a], [cos_e * sin_a, sin_e, cos_e * cos_a]]
+        )
+
+    def view(self) -> Floats:
+        """Return the matrix from world to eye space, (4, 4)."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self._axes()
+        matrix[:3, 3] = -self._axes() @ self.eye
+        return matrix
+
+    def projection(self, aspect: float) -> Floats:
+        """Return the matrix from eye to clip space, (4, 4). `aspect`: width / height."""
+        scale = 1 / tan(self.fov / 2)
+        depth = (FAR + NEAR) / (NEAR - FAR), 2 * FAR * NEAR / (NEAR - FAR)
+        return np.array([[scale / aspect, 0, 0, 0], [0, scale, 0, 0], [0, 0, *depth], [0, 0, -1, 0]])
+
+    def view_projection(self, aspect: float) -> Floats:
+        """Return the matrix from world to clip space, (4, 4). `aspect`: width / height."""
+        return self.projection(aspect) @ self.view()
+
+    # -- between screen and world --------------------------------------------------------------------------------------
+
+    def ray(self, u: float, v: float, aspect: float) -> tuple[Floats, Floats]:
+        """Return the origin [m] and the unit direction of the ray through a screen point, each (3,)."""
+        half = tan(self.fov / 2)
+        right, up, back = self._axes()
+        direction = (2 * u - 1) * half * aspect * right + (2 * v - 1) * half * up - back
+        return np.array(self.eye), direction / np.linalg.norm(direction)
+
+    def to_screen(self, points: ArrayLike, aspect: float) -> tuple[Floats, Floats]:
+        """Return the screen points, (N, 2), of `points`, (N, 3) [m], and their distances along the view axis [m], (N,).
+
+        The screen point of a point that is not in front of the eye is NaN.
+        """
+        points = np.atleast_2d(np.asarray(points, np.float64))
+        clip = np.column_stack([points, np.ones(len(points))]) @ self.view_projection(aspect).T
+        depth = clip[:, 3]
+        uv = np.full((len(points), 2), np.nan)
+        front = depth > 0
+        uv[front] = (clip[front, :2] / depth[front, None] + 1) / 2
+        return uv, depth
+
+
+def _clamp_elevation(elevation: float) -> float:
+    """Return an elevation limited to ±`MAX_ELEVATION` [rad]."""
+    return min(max(elevation, -MAX_ELEVATION), MAX_ELEVATION)

@@ -1,0 +1,314 @@
+"""The draw list: one lit triangle mesh with everything that a view shows.
+
+Window and rasterizer draw the same mesh. Meshes of the colliders and the pole are built once, in local coordinates.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from ..collision.colliders import PosedCollider, is_static, shape_of
+from ..collision.shapes import SPHERE
+from ..geometry import closed_surface
+from ..geometry.closed_surface import cylinder
+from ..geometry.topology import Topology
+from ..scene.collider_schema import Ground
+from ..scene.schema import Scene
+from ..simulation.simulation import Simulation
+from ..state.field_pool import Pool
+from . import fill, lighting
+from .patterns import pattern_colors, rgb
+
+Floats = NDArray[np.float32]
+TriangleSoup = tuple[Floats, Floats, Floats]  # positions, normals and colors of the corners, each (3·T, 3)
+
+POLE_COLOR = (0.36, 0.24, 0.15)
+
+
+def split_colliders(colliders: list[PosedCollider]) -> tuple[list[PosedCollider], list[int]]:
+    """Return the static colliders, and the indices of the moving ones.
+
+    Spheres and the ground are in neither list. They are drawn separately: the radius of a sphere can change.
+    """
+    drawn = [k for k, one in enumerate(colliders) if shape_of(one.collider) is not SPHERE and not is_ground(one)]
+    static = [colliders[k] for k in drawn if is_static(colliders[k].collider)]
+    return static, [k for k in drawn if not is_static(colliders[k].collider)]
+
+
+def is_ground(posed: PosedCollider) -> bool:
+    return isinstance(posed.collider, Ground)
+
+
+def collider_mesh(posed: PosedCollider) -> TriangleSoup:
+    """Return the mesh of a collider other than the ground, relative to its center and axes."""
+    shape = shape_of(posed.collider)
+    assert shape.triangles is not None
+    return with_color(*shape.triangles(posed.collider), shape.color)
+
+
+def pole_mesh(scene: Scene, start: NDArray[np.float64]) -> TriangleSoup:
+    """Return a pole along the top edge of a grid cloth whose start positions are `start`, (N, 3) [m].
+
+    It is 6 % longer than the edge at each end.
+    """
+    left, right = start[[0, scene.cloth.columns - 1]]
+    overhang, radius = 0.06 * (right - left), 0.012 * scene.cloth.width
+    return with_color(*cylinder(left - overhang, right + overhang, radius), POLE_COLOR)
+
+
+def pose_mesh(posed: PosedCollider, local: TriangleSoup) -> TriangleSoup:
+    """Transform a mesh from the local coordinates of a collider to world space."""
+    positions, normals, colors = local
+    rotation = posed.axes.T.astype(np.float32)
+    return (positions @ rotation + posed.center).astype(np.float32), normals @ rotation, colors
+
+
+def with_color(
+    positions: NDArray[np.float64], normals: NDArray[np.float64], color: tuple[float, float, float]
+) -> TriangleSoup:
+    """Return a mesh in a single color."""
+    colors = np.tile(np.array(color, np.float32), (len(positions), 1))
+    return positions.astype(np.float32), normals.astype(np.float32), colors
+
+
+@dataclass(eq=False)
+class DrawMesh:
+    """A triangle soup: corners 3t, 3t + 1 and 3t + 2 belong to triangle t. No triangle is ever culled.
+
+    The fields have room for the largest frame; a frame uses their first `corners` elements: the floor, the solids from
+    `solids_from` on, and the cloth from `cloth_from` on. The cloth is lit on the side that faces the eye. Renderers use
+    `color` unchanged: it contains all light, so that the window and the rasterizer show the same image.
+    """
+
+    position: ti.MatrixField
+    """Position in world space [m], float32 vec3 (capacity,)."""
+    normal: ti.MatrixField
+    """Unit normal, float32 vec3 (capacity,)."""
+    albedo: ti.MatrixField
+    """Color without light, factors 0…1, float32 vec3 (capacity,)."""
+    color: ti.MatrixField
+    """Color with light, factors 0…1, float32 vec3 (capacity,)."""
+    corners: int = 0
+    """Number of corners in use."""
+    solids_from: int = 0
+    """First corner of the solids."""
+    cloth_from: int = 0
+    """First corner of the cloth."""
+
+
+VIEWS = ("shaded", "strain", "wireframe", "particles")
+
+FLOOR_COLOR, GRID_LINE_COLOR = (0.925, 0.92, 0.91), (0.845, 0.84, 0.83)  # colors of the floor and of its grid lines
+# Lengths relative to the distance from the eye to the target of the scene's camera.
+FLOOR_EXTENT, GRID_EXTENT = 2.4, 1.44  # half the side of the floor, and of the part with grid lines
+GRID_SPACING, GRID_LINE_WIDTH = 1 / 8, 2e-3  # of the grid lines; the spacing is rounded down (`round_down_125`)
+SHADOW_EXTENT = 0.95  # half the side of the shadow map
+GLOSS = 0.35  # strength of the highlight on solids; the cloth has `look.sheen`
+STRAIN_VIEW_CONTRAST = 0.45  # contrast of light and shade in the view `strain`, low so that the colors stay readable
+MIN_MARKER_RADIUS = 0.008  # smallest radius of a marker, relative to the longer side of the cloth; used on fine grids
+PINNED_COLOR, GRABBED_COLOR = (0.85, 0.45, 0.10), (1.0, 0.80, 0.20)  # colors of pinned and of grabbed particles
+FAMILY_COLORS = {"structural": (0.16, 0.33, 0.55), "shear": (0.62, 0.44, 0.24), "bend": (0.5, 0.5, 0.5)}
+
+
+@dataclass(eq=False)
+class ParticleData:
+    """Per-particle data that the views need, (N,)."""
+
+    normal: Any
+    """Unit normal, vec3."""
+    strain: Any
+    """Strain of largest magnitude among the springs of the particle."""
+
+
+def _allocate_mesh(corners: int) -> DrawMesh:
+    return DrawMesh(*(ti.Vector.field(3, ti.f32, corners) for _ in range(4)))
+
+
+def _allocate_look(particles: int) -> ParticleData:
+    return ParticleData(ti.Vector.field(3, ti.f32, particles), ti.field(ti.f32, particles))
+
+
+_meshes = Pool(_allocate_mesh)
+_looks = Pool(_allocate_look)
+_shadow_maps: Pool[Any] = Pool(lambda: ti.field(ti.i32, (lighting.SHADOW_MAP_SIZE, lighting.SHADOW_MAP_SIZE)))
+
+
+class DrawList:
+    """The draw mesh of one simulation; `update` writes the current frame into it. Close it before the simulation.
+
+    Order of the corners: floor, static solids, moving solids, spheres and markers, cloth.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        scene, topology = simulation.scene, simulation.topology
+        distance = float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
+        self._sphere, self._marker = (closed_surface.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
+        self._pins = simulation.added_pins
+        self._spring_length = mean_spring_length(topology)
+        self._marker_radius = marker_radius(topology)
+        self._shadow_frame = ti.math.vec4(*scene.camera.target, SHADOW_EXTENT * distance)
+        self._floor_extent = FLOOR_EXTENT * distance  # [m] half the side of the floor
+
+        colliders = simulation.colliders()
+        static, self._moving = split_colliders(colliders)
+        self._moving_meshes = [collider_mesh(colliders[k]) for k in self._moving]
+        pole = [pole_mesh(scene, topology.start)] if scene.look.pole else []
+        static_meshes = [*pole, *(pose_mesh(posed, collider_mesh(posed)) for posed in static)]
+        floor = self._floor(distance)
+        self._first_solid = sum(len(p) for p, _, _ in floor)
+        self._first_moving = self._first_solid + sum(len(p) for p, _, _ in static_meshes)
+        self._first_sphere = self._first_moving + sum(len(p) for p, _, _ in self._moving_meshes)
+        sphere_corners = len(scene.spheres) * len(self._sphere) + (1 + len(self._pins)) * len(self._marker)
+        self._first_cloth = self._first_sphere + sphere_corners
+        self._rebuild_topology()
+        self.mesh = _meshes.acquire(self._first_cloth + max(self._cloth_corners.values()))
+        self.mesh.solids_from, self.mesh.cloth_from = self._first_solid, self._first_cloth
+        self._look = _looks.acquire(topology.particle_count)
+        self._shadow_map = _shadow_maps.acquire()
+        self._fill_meshes(0, floor)
+        self._fill_meshes(self._first_solid, static_meshes)
+
+    def close(self) -> None:
+        """Release the fields for the next draw list."""
+        _meshes.release(self.mesh)
+        _looks.release(self._look)
+        _shadow_maps.release(self._shadow_map)
+
+    def update(self, view: str, eye: tuple[float, float, float]) -> DrawMesh:
+        """Write the current frame in one of `VIEWS`, seen from `eye` [m], and return the mesh."""
+        simulation, mesh, cloth = self.simulation, self.mesh, self.simulation.cloth
+        if simulation.topology is not self._topology:  # the cloth tore: it has fewer springs and triangles
+            self._rebuild_topology()
+        self._update_spheres()
+        colliders = simulation.colliders() if self._moving else []
+        moved = [pose_mesh(colliders[k], local) for k, local in zip(self._moving, self._moving_meshes, strict=True)]
+        self._fill_meshes(self._first_moving, moved)
+        first = self._first_cloth
+        mesh.corners = first + self._cloth_corners[view]
+        fill.particle_normals(cloth, self._look.normal)
+        if view == "shaded":
+            fill.fill_shaded(cloth, mesh, self._look.normal, first, self._triangle_colors)
+        elif view == "strain":
+            springs = self._structural_count or simulation.topology.spring_count
+            fill.particle_strains(cloth, self._look.strain, springs)
+            fill.fill_strain(cloth, mesh, self._look.normal, self._look.strain, first)
+        elif view == "wireframe":
+            width = 0.06 * self._spring_length
+            fill.fill_springs(
+                cloth, mesh, first, ti.math.vec3(*eye), width, self._drawn_spring_count, self._spring_colors
+            )
+        else:
+            free = ti.math.vec3(*rgb(simulation.scene.look.color))
+            fill.fill_particles(cloth, mesh, first, 0.22 * self._spring_length, free, ti.math.vec3(*PINNED_COLOR))
+        self._light(view, ti.math.vec3(*eye))
+        return mesh
+
+    def _light(self, view: str, eye: object) -> None:
+        """Render the shadow map, and light every corner."""
+        mesh, shadow_map, frame = self.mesh, self._shadow_map, self._shadow_frame
+        lighting.clear_shadow_map(shadow_map)
+        lighting.cast_shadow(mesh, self._first_solid, mesh.corners, shadow_map, frame)
+        center = ti.math.vec3(*self._floor_center())
+        lighting.shade_floor(mesh, self._first_solid, shadow_map, frame, center, self._floor_extent)
+        lighting.shade_solids(mesh, self._first_solid, self._first_cloth, GLOSS, eye, shadow_map, frame)
+        if view in ("shaded", "strain"):
+            gloss, contrast = (
+                (self.simulation.scene.look.sheen, 1.0) if view == "shaded" else (0.0, STRAIN_VIEW_CONTRAST)
+            )
+            lighting.shade_cloth(mesh, self._first_cloth, mesh.corners, gloss, contrast, eye, shadow_map, frame)
+        else:
+            lighting.shade_solids(mesh, self._first_cloth, mesh.corners, 0.0, eye, shadow_map, frame)
+
+    def _update_spheres(self) -> None:
+        """Write the spheres of the scene, and the markers of the first grabbed particle and of added pins.
+
+        The marker of the grabbed particle has radius 0 if nothing is grabbed: the mesh has a fixed number of corners.
+        """
+        simulation = self.simulation
+        spheres = simulation.colliders()[: len(simulation.scene.spheres)]
+        first = self._first_sphere
+        if spheres:
+            centers, radii = zip(*((posed.center, posed.size[0]) for posed in spheres), strict=True)
+            first = self._fill_spheres(first, self._sphere, centers, radii, [SPHERE.color] * len(spheres))
+        grabbed = simulation.grabbed[:1].tolist()
+        markers = simulation.positions()[[*(grabbed or [0]), *self._pins]]
+        sizes = [self._marker_radius if grabbed else 0.0, *[self._marker_radius] * len(self._pins)]
+        self._fill_spheres(first, self._marker, markers, sizes, [GRABBED_COLOR, *[PINNED_COLOR] * len(self._pins)])
+
+    def _fill_spheres(self, first: int, unit: Floats, centers: object, radii: object, colors: object) -> int:
+        """Write copies of a unit sphere from corner `first` on, and return the corner after the last."""
+        centers32, radii32, colors32 = (np.array(values, np.float32) for values in (centers, radii, colors))
+        fill.fill_spheres(self.mesh, first, unit, centers32, radii32, colors32)
+        return first + len(centers32) * len(unit)
+
+    def _fill_meshes(self, first: int, meshes: list[TriangleSoup]) -> None:
+        """Write meshes one after another, from corner `first` on."""
+        for positions, normals, colors in meshes:
+            fill.fill_mesh(self.mesh, first, positions, normals, colors)
+            first += len(positions)
+
+    # -- floor ---------------------------------------------------------------------------------------------------------
+
+    def _floor(self, distance: float) -> list[TriangleSoup]:
+        """Return the floor and its grid lines; empty without ground. `distance`: from eye to target [m]."""
+        if self.simulation.scene.ground is None:
+            return []
+        center, lift = self._floor_center(), np.array([0.0, 3e-3 * distance, 0.0])
+        spacing = round_down_125(GRID_SPACING * distance)
+        parts = (
+            (closed_surface.floor_triangles(center, self._floor_extent), FLOOR_COLOR),
+            (
+                closed_surface.floor_lines(center + lift, GRID_EXTENT * distance, spacing, GRID_LINE_WIDTH * distance),
+                GRID_LINE_COLOR,
+            ),
+        )
+        return [with_color(c, np.broadcast_to([0.0, 1.0, 0.0], c.shape), color) for c, color in parts]
+
+    def _floor_center(self) -> NDArray[np.float64]:
+        """Return the point of the floor below the camera's target [m], (3,)."""
+        scene = self.simulation.scene
+        x, _, z = scene.camera.target
+        return np.array([x, scene.ground.height if scene.ground else 0.0, z])
+
+    # -- colors of the cloth -------------------------------------------------------------------------------------------
+
+    def _rebuild_topology(self) -> None:
+        """Update corner counts and colors for the current topology."""
+        self._topology = topology = self.simulation.topology
+        counts = topology.family_counts
+        self._structural_count = counts.get("structural", 0)
+        self._drawn_spring_count = self._structural_count + counts.get("shear", 0)
+        self._triangle_colors = pattern_colors(topology, self.simulation.scene.look)
+        self._spring_colors = self._family_colors()
+        self._cloth_corners = {
+            "shaded": 3 * topology.triangle_count,
+            "strain": 3 * topology.triangle_count,
+            "wireframe": 6 * self._drawn_spring_count,
+            "particles": 24 * topology.particle_count,
+        }
+
+    def _family_colors(self) -> Floats:
+        """Return the color of every spring, by family, (E, 3)."""
+        topology = self.simulation.topology
+        colors = [FAMILY_COLORS[b.family] for b in topology.batches for _ in range(b.count)]
+        return np.array(colors, np.float32).reshape(-1, 3)
+
+
+def mean_spring_length(topology: Topology) -> float:
+    """Return the mean rest length of the springs [m]; 0.1 m if there are none."""
+    return float(topology.rest.mean()) if topology.spring_count else 0.1
+
+
+def marker_radius(topology: Topology) -> float:
+    """Return the radius of the markers on grabbed particles and added pins [m]."""
+    return max(0.3 * mean_spring_length(topology), MIN_MARKER_RADIUS * topology.longest_side)
+
+
+def round_down_125(length: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(k * power for k in (1, 2, 5) if k * power <= length))

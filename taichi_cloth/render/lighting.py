@@ -1,0 +1,166 @@
+"""Lighting: a directional light with a soft shadow and a highlight, light from sky and floor, and a rim light.
+
+Kernels compute it at the corners of the triangles, and renderers add nothing to it. The lights of GGUI, Taichi's window
+toolkit, are not used: they light both sides of a cloth alike and cast no shadow.
+
+The shadow map is a square grid of texels perpendicular to the light. Each texel stores the depth of the surface that is
+nearest to the light. A `frame` is the position of the map: its center in world space [m] and half its side [m].
+"""
+
+import taichi as ti
+import taichi.math as tm
+
+from ..kernels.constraint_math import TINY
+
+# -- shadow map --------------------------------------------------------------------------------------------------------
+
+LIGHT_DIRECTION = tm.vec3(-0.45991, 0.71986, 0.51990)  # unit vector towards the light: left, up and to the front
+SHADOW_U = tm.vec3(0.74900, 0.0, 0.66257)  # axis of the columns
+SHADOW_V = tm.vec3(0.47696, 0.69412, -0.53917)  # axis of the rows
+SHADOW_MAP_SIZE = 256  # [texels]
+DEPTH_STEPS = 2.0**20  # depth steps along half the side of the map
+SAMPLE_SPACING = 1.25  # [texels] between two samples; 4 × 4 samples soften the edge of a shadow
+SHADOW_BIAS = 1.6  # [texels] offset of a point from its surface towards the light, against self-shadowing
+
+
+@ti.func
+def to_shadow_map(p: tm.vec3, frame: tm.vec4) -> tm.vec3:
+    """Return column and row [texels] and depth [steps] of a point; the depth grows towards the light."""
+    q = (p - frame.xyz) / frame.w
+    return tm.vec3(
+        (0.5 + 0.5 * q.dot(SHADOW_U)) * SHADOW_MAP_SIZE,
+        (0.5 + 0.5 * q.dot(SHADOW_V)) * SHADOW_MAP_SIZE,
+        (1.0 + q.dot(LIGHT_DIRECTION)) * DEPTH_STEPS,
+    )
+
+
+@ti.kernel
+def clear_shadow_map(shadow: ti.template()):
+    """Set every texel to 0: no surface."""
+    for i, j in shadow:
+        shadow[i, j] = 0
+
+
+@ti.kernel
+def cast_shadow(mesh: ti.template(), first: int, end: int, shadow: ti.template(), frame: tm.vec4):
+    """Write the depth of the nearest of the triangles of corners `first` … `end` − 1 into every texel of a cleared map.
+
+    Texels without a triangle stay 0.
+    """
+    for t in range(first // 3, end // 3):
+        a = to_shadow_map(mesh.position[3 * t], frame)
+        b = to_shadow_map(mesh.position[3 * t + 1], frame)
+        c = to_shadow_map(mesh.position[3 * t + 2], frame)
+        # A value that is not finite becomes the smallest integer, which makes the range empty.
+        low, high = ti.cast(tm.min(a, b, c), ti.i32), ti.cast(tm.max(a, b, c), ti.i32)
+        area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+        if ti.abs(area) > 1e-6:
+            for i in range(ti.max(low.x, 0), ti.min(high.x, SHADOW_MAP_SIZE - 1) + 1):
+                for j in range(ti.max(low.y, 0), ti.min(high.y, SHADOW_MAP_SIZE - 1) + 1):
+                    x, y = i + 0.5 - a.x, j + 0.5 - a.y
+                    v = (x * (c.y - a.y) - y * (c.x - a.x)) / area
+                    w = (y * (b.x - a.x) - x * (b.y - a.y)) / area
+                    if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
+                        ti.atomic_max(shadow[i, j], int(a.z + v * (b.z - a.z) + w * (c.z - a.z)))
+
+
+@ti.func
+def light_visibility(shadow: ti.template(), frame: tm.vec4, p: tm.vec3, normal: tm.vec3) -> float:
+    """Return the fraction of the directional light that reaches p, 0…1; 1 outside the shadow map."""
+    texel = 2.0 * frame.w / SHADOW_MAP_SIZE
+    side = 1.0
+    if normal.dot(LIGHT_DIRECTION) < 0.0:
+        side = -1.0
+    q = to_shadow_map(p + SHADOW_BIAS * texel * (side * normal + LIGHT_DIRECTION), frame)
+    fraction = 1.0
+    if q.x > 4.0 and q.x < SHADOW_MAP_SIZE - 4.0 and q.y > 4.0 and q.y < SHADOW_MAP_SIZE - 4.0:
+        for i in ti.static(range(4)):
+            for j in ti.static(range(4)):
+                column = ti.math.clamp(int(q.x + SAMPLE_SPACING * (i - 1.5)), 0, SHADOW_MAP_SIZE - 1)
+                row = ti.math.clamp(int(q.y + SAMPLE_SPACING * (j - 1.5)), 0, SHADOW_MAP_SIZE - 1)
+                if shadow[column, row] > ti.max(int(q.z), 0):
+                    fraction -= 1.0 / 16.0
+    return fraction
+
+
+# -- shading -----------------------------------------------------------------------------------------------------------
+
+BACKGROUND = (0.875, 0.885, 0.895)  # factors 0…1, like all colors here
+LIGHT_COLOR = tm.vec3(0.60, 0.57, 0.51)
+SKY, FLOOR_LIGHT = tm.vec3(0.53, 0.545, 0.575), tm.vec3(0.36, 0.34, 0.33)  # light on surfaces that face up, and down
+RIM_COLOR = tm.vec3(0.11, 0.13, 0.17)  # from the right, for surfaces that face away from the light; casts no shadow
+RIM_DIRECTION = tm.vec3(0.90226, 0.25063, -0.35088)
+TRANSMISSION = 0.42  # fraction of the directional light that passes through the cloth
+SPECULAR_EXPONENT = 22.0  # exponent of the highlight (Blinn 1977)
+
+
+@ti.func
+def diffuse_at(p: tm.vec3, normal: tm.vec3, through: float, shadow: ti.template(), frame: tm.vec4) -> tm.vec3:
+    """Return the red, green and blue light on a white surface at p. `through`: fraction that passes from the back."""
+    visible = light_visibility(shadow, frame, p, normal)
+    cosine = normal.dot(LIGHT_DIRECTION)
+    direct = tm.max(cosine, 0.0) + through * tm.max(-cosine, 0.0)
+    ambient = tm.mix(FLOOR_LIGHT, SKY, 0.5 + 0.5 * normal[1])
+    return ambient + visible * direct * LIGHT_COLOR + tm.max(normal.dot(RIM_DIRECTION), 0.0) * RIM_COLOR
+
+
+@ti.func
+def specular_at(p: tm.vec3, normal: tm.vec3, eye: tm.vec3) -> float:
+    """Return the highlight at p seen from the eye, 0…1."""
+    half = ((eye - p).normalized(TINY) + LIGHT_DIRECTION).normalized(TINY)
+    return tm.max(normal.dot(half), 0.0) ** SPECULAR_EXPONENT
+
+
+@ti.kernel
+def shade_floor(mesh: ti.template(), end: int, shadow: ti.template(), frame: tm.vec4, center: tm.vec3, reach: float):
+    """Light the floor, corners 0 … `end` − 1, and fade it into the background with the distance from `center` [m].
+
+    It is fully faded at 80 % of `reach` [m].
+    """
+    for k in range(end):
+        p = mesh.position[k]
+        distance = (p - center).norm() / reach
+        lit = mesh.albedo[k] * diffuse_at(p, mesh.normal[k], 0.0, shadow, frame)
+        mesh.color[k] = tm.mix(tm.min(lit, 1.0), tm.vec3(BACKGROUND), tm.smoothstep(0.2, 0.8, distance))
+
+
+@ti.kernel
+def shade_solids(
+    mesh: ti.template(), first: int, end: int, gloss: float, eye: tm.vec3, shadow: ti.template(), frame: tm.vec4
+):
+    """Light corners `first` … `end` − 1 on the side of their normals."""
+    for k in range(first, end):
+        p, normal = mesh.position[k], mesh.normal[k]
+        lit = (
+            mesh.albedo[k] * diffuse_at(p, normal, 0.0, shadow, frame)
+            + gloss * specular_at(p, normal, eye) * LIGHT_COLOR
+        )
+        mesh.color[k] = tm.min(lit, 1.0)
+
+
+@ti.kernel
+def shade_cloth(
+    mesh: ti.template(),
+    first: int,
+    end: int,
+    gloss: float,
+    contrast: float,
+    eye: tm.vec3,
+    shadow: ti.template(),
+    frame: tm.vec4,
+):
+    """Light the triangles of corners `first` … `end` − 1 on the side that faces the eye, and through from the back.
+
+    `contrast` is the fraction of the computed light, the rest is uniform: 1 for a realistic image, less for colors that
+    stand for values.
+    """
+    for t in range(first // 3, end // 3):
+        a, b, c = mesh.position[3 * t], mesh.position[3 * t + 1], mesh.position[3 * t + 2]
+        side = 1.0
+        if (b - a).cross(c - a).dot(eye - a) < 0.0:
+            side = -1.0
+        for k in ti.static(range(3)):
+            p, normal = mesh.position[3 * t + k], side * mesh.normal[3 * t + k]
+            light = tm.mix(tm.vec3(0.95), diffuse_at(p, normal, TRANSMISSION, shadow, frame), contrast)
+            lit = mesh.albedo[3 * t + k] * light + gloss * specular_at(p, normal, eye) * LIGHT_COLOR
+            mesh.color[3 * t + k] = tm.min(lit, 1.0)

@@ -1,0 +1,186 @@
+"""Data for the WebGL renderer `drawing.js`, shared by the web server and the HTML export.
+
+The cloth, the colliders and the pole become vertex arrays. Camera, light and floor have the values of the window. HTML
+templates have placeholders `{{name}}`, which are replaced by scripts and data.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..collision.colliders import PosedCollider, is_static
+from ..collision.shapes import SPHERE
+from ..geometry import closed_surface
+from ..geometry.topology import Topology
+from ..scene.collider_schema import Ground, Sphere
+from ..scene.schema import Scene
+from ..simulation.simulation import Simulation
+from ..system.errors import one_line
+from . import draw_list, lighting, split_view
+from .draw_list import TriangleSoup, collider_mesh, pole_mesh, with_color
+
+# -- HTML templates ----------------------------------------------------------------------------------------------------
+
+RENDERER_SCRIPT = Path(__file__).with_name("drawing.js")
+
+
+def fill_template(page: Path, title: str, parts: Mapping[str, str]) -> str:
+    """Return an HTML template with its placeholders replaced: `title` escaped, `drawing.js`, and `parts` unchanged."""
+    all_parts = {"title": escape(one_line(title)), "drawing": RENDERER_SCRIPT.read_text(encoding="utf-8"), **parts}
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: all_parts[match[1]], page.read_text(encoding="utf-8"))
+
+
+def script_safe(value: object) -> str:
+    """Return JSON that is safe inside a script element: "<" is escaped, so that none of it is parsed as HTML."""
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
+
+
+# -- cloth -------------------------------------------------------------------------------------------------------------
+
+STEPS = 2**16 - 1  # quantization steps along each side of a bounding box
+
+Floats = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+
+def quantize(x: Floats) -> tuple[Floats, Floats, NDArray[np.uint16]]:
+    """Quantize positions, (…, 3) [m], to 16 bits within their bounding box.
+
+    Return the lowest corner of the box (3,) [m], the step along each axis (3,) [m], and the positions in steps (…, 3).
+    """
+    axes = np.ascontiguousarray(x.reshape(-1, 3).T)  # NumPy reduces rows ten times as fast as columns
+    low = axes.min(axis=1)
+    step = (axes.max(axis=1) - low) / STEPS
+    inverse = np.divide(1.0, step, out=np.zeros(3), where=step > 0)
+    return low, step, ((x - low) * inverse + 0.5).astype(np.uint16)  # truncation is faster than rounding
+
+
+def merge_vertices(topology: Topology, colors: NDArray[np.float32]) -> tuple[Ids, NDArray[np.uint8], Ids]:
+    """Merge triangle corners of equal particle and color into vertices.
+
+    `colors`: of every corner, factors 0…1, (3·T, 3). Return the particle (V,) and the color (V, 3), 0…255, of every
+    vertex, and the three vertices of every triangle (T, 3).
+    """
+    rgb = np.rint(255 * colors).astype(np.int64)
+    key = (topology.triangles.ravel().astype(np.int64) << 24) + (rgb << np.array([16, 8, 0])).sum(axis=1)
+    unique, corners = np.unique(key, return_inverse=True)
+    rgb_bytes = (unique[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
+    return unique >> 24, rgb_bytes, corners.reshape(-1, 3)
+
+
+def remaining_triangles(untorn: Topology, torn: Topology) -> NDArray[np.bool_]:
+    """Return a mask of the triangles of an untorn topology, (T,): true for those that remain in the torn one."""
+    left: NDArray[np.bool_] = np.isin(_keys(untorn), _keys(torn))
+    return left
+
+
+def _keys(topology: Topology) -> Ids:
+    """Return a number for every triangle, (T,), that depends only on its particles: tearing does not change it."""
+    a, b, c = topology.triangles.T.astype(np.int64)
+    keys: Ids = (a * topology.particle_count + b) * topology.particle_count + c
+    return keys
+
+
+# -- solids, camera and light ------------------------------------------------------------------------------------------
+
+
+class Solids:
+    """Everything that is drawn except cloth and floor: the colliders and the pole."""
+
+    def __init__(self, simulation: Simulation, more: Sequence[TriangleSoup] = ()) -> None:
+        """`more`: meshes that are drawn too; the caller provides their poses."""
+        self._simulation = simulation
+        colliders = simulation.colliders()
+        self._drawn = [k for k, posed in enumerate(colliders) if not isinstance(posed.collider, Ground)]
+        self._sizes = [colliders[k].size[0] for k in self._drawn]
+        self.moving = [not is_static(colliders[k].collider) for k in self._drawn]
+        self._meshes = [_local_mesh(colliders[k]) for k in self._drawn]
+        if simulation.scene.look.pole:
+            self._meshes.append(pole_mesh(simulation.scene, simulation.topology.start))
+            self.moving.append(False)
+        self._meshes += more
+
+    def poses(self) -> Floats:
+        """Return the current pose of every solid as a matrix, (K, 4, 4), without the meshes `more`."""
+        colliders = self._simulation.colliders()
+        poses = [_pose(colliders[k], size) for k, size in zip(self._drawn, self._sizes, strict=True)]
+        poses += [np.eye(4)] * (len(self.moving) - len(poses))
+        return np.array(poses).reshape(-1, 4, 4)
+
+    def pack(self) -> tuple[list[dict[str, object]], Floats, NDArray[np.int64]]:
+        """Return a description of every solid, and the vertices (V, 6) and corners (3·T,) of all solids in this order.
+
+        A vertex is a position [m] and a normal. A description has the color, the first corner and the number of
+        corners.
+        """
+        descriptions: list[dict[str, object]] = []
+        corners, vertices = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
+        vertex_count = first = 0
+        for mesh in self._meshes:
+            color = [round(float(factor), 3) for factor in mesh[2][0]]
+            descriptions.append({"color": color, "first": first, "corners": len(mesh[0])})
+            unique, inverse = np.unique(np.hstack(mesh[:2]), axis=0, return_inverse=True)
+            vertices.append(unique)
+            corners.append(inverse.ravel() + vertex_count)
+            vertex_count, first = vertex_count + len(unique), first + len(mesh[0])
+        return descriptions, np.concatenate(vertices), np.concatenate(corners)
+
+
+def air(scene: Scene) -> dict[str, object]:
+    """Return camera, light and floor with the values of the window, for JSON; lengths in m, colors as factors 0…1."""
+    camera, distance = scene.camera, float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
+    light = {
+        "lightDirection": lighting.LIGHT_DIRECTION,
+        "shadowU": lighting.SHADOW_U,
+        "shadowV": lighting.SHADOW_V,
+        "lightColor": lighting.LIGHT_COLOR,
+        "sky": lighting.SKY,
+        "floorLight": lighting.FLOOR_LIGHT,
+        "rimColor": lighting.RIM_COLOR,
+        "rimDirection": lighting.RIM_DIRECTION,
+        "background": lighting.BACKGROUND,
+        "transmission": lighting.TRANSMISSION,
+        "specularExponent": lighting.SPECULAR_EXPONENT,
+        "shadowExtent": draw_list.SHADOW_EXTENT * distance,
+        "texel": 2 * draw_list.SHADOW_EXTENT * distance / lighting.SHADOW_MAP_SIZE,
+        "shadowBias": lighting.SHADOW_BIAS,
+        "sampleSpacing": lighting.SAMPLE_SPACING,
+        "target": camera.target,
+        "floorExtent": draw_list.FLOOR_EXTENT * distance,
+        "gridExtent": draw_list.GRID_EXTENT * distance,
+        "gridSpacing": draw_list.round_down_125(draw_list.GRID_SPACING * distance),
+        "gridLineWidth": draw_list.GRID_LINE_WIDTH * distance,
+        "gridLineColor": draw_list.GRID_LINE_COLOR,
+    }
+    return {
+        "camera": {"eye": camera.eye, "target": camera.target, "fov": camera.fov, "minAspect": split_view.MIN_ASPECT},
+        "light": {name: np.array(value, float).tolist() for name, value in light.items()},
+        "gloss": draw_list.GLOSS,
+        "sheen": scene.look.sheen,
+        "strainViewContrast": draw_list.STRAIN_VIEW_CONTRAST,
+        "floor": draw_list.FLOOR_COLOR,
+        "ground": None if scene.ground is None else scene.ground.height,
+    }
+
+
+def _local_mesh(posed: PosedCollider) -> TriangleSoup:
+    """Return the mesh of a collider in its local coordinates."""
+    if isinstance(posed.collider, Sphere):
+        sphere = closed_surface.unit_sphere()
+        return with_color(posed.size[0] * sphere, sphere, SPHERE.color)
+    return collider_mesh(posed)
+
+
+def _pose(posed: PosedCollider, first_size: float) -> Floats:
+    """Return the pose of a collider as a matrix, (4, 4). It scales a sphere that had the radius `first_size` [m]."""
+    pose = np.eye(4)
+    scale = posed.size[0] / first_size if isinstance(posed.collider, Sphere) else 1.0
+    pose[:3, :3], pose[:3, 3] = scale * posed.axes, posed.center
+    return pose

@@ -1,0 +1,145 @@
+"""Metadata of scene keys, and the check of a value against it: type, range and choices."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, fields
+from functools import cache
+from math import isfinite
+from typing import Any, get_type_hints
+
+from ..system.errors import RENAMED_SOLVERS, SceneError, nearest_name, short_repr
+
+Vec3 = tuple[float, float, float]
+Keyframes = tuple[tuple[float, ...], ...]
+Pins = tuple[str | int, ...]
+
+# A pin is an edge, a corner, the index of a particle, `group:NAME` or `region:NAME`.
+EDGES = ("top", "bottom", "left", "right")
+CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
+GROUP, REGION = "group:", "region:"  # prefixes: a group of a mesh file; one of [[regions]]
+PIN_NAMES = (*EDGES, *CORNERS)
+
+_TYPE_NAMES = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # including line ends and surrogates
+
+
+@dataclass(frozen=True)
+class Key:
+    """Metadata of one scene key: meaning, unit and allowed values."""
+
+    help: str
+    unit: str = ""
+    min: float | None = None
+    max: float | None = None
+    """Ends of the allowed range."""
+    exclusive_min: bool = False
+    """Whether `min` itself is not allowed."""
+    slider: tuple[float, float] | None = None
+    """Ends of the slider, for a key that may change while the simulation runs."""
+    slider_name: str = ""
+    """Name of the runtime parameter, if it does not follow from section and key."""
+    param: str = ""
+    """Column of the step parameters that holds the value, a constant of `kernels/step_params.py`."""
+    choices: tuple[str, ...] = ()
+    """Allowed strings; all if empty."""
+    color: bool = False
+    """Whether the string must be #rrggbb."""
+
+
+def key_field(default: Any, help: str, unit: str = "", **bounds: Any) -> Any:
+    """Return the field of a key: its default and metadata."""
+    return field(default=default, metadata={"key": Key(help, unit, **bounds)})
+
+
+def keys_of(section: type) -> dict[str, Key]:
+    """Return the metadata of a section's keys by name, as in `keys_of(Wind)["x"].unit`."""
+    return {f.name: f.metadata["key"] for f in fields(section) if "key" in f.metadata}
+
+
+@cache
+def types_of(section: type) -> dict[str, object]:
+    """Return the types of a section's keys by name."""
+    return get_type_hints(section)
+
+
+def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
+    """Return `value` as the type `hint`. Raises SceneError if its type is wrong or `key` does not allow it."""
+    if hint == Vec3:
+        if not isinstance(value, (list, tuple)) or len(value) != 3:
+            raise SceneError(file, where, f"must be three numbers, as in [0.0, 1.0, 0.0], got {short_repr(value)}")
+        return tuple(check_value(v, float, key, file, f"{where}[{k}]") for k, v in enumerate(value))
+    if hint == Keyframes:
+        return _keyframes(value, key, file, where)
+    if hint == Pins:
+        if not isinstance(value, (list, tuple)):
+            raise SceneError(file, where, f'must be a list, as in ["top", 17], got {short_repr(value)}')
+        return tuple(_pin(v, file, f"{where}[{k}]") for k, v in enumerate(value))
+    accepted: Any = (int, float) if hint is float else hint
+    if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):
+        raise SceneError(file, where, f"must be {_TYPE_NAMES[hint]}, got {short_repr(value)}")
+    if hint is str:
+        _check_string(str(value), key, file, where)
+    elif hint is not bool:
+        _check_number(value, key, file, where)
+    return hint(value)
+
+
+def range_text(key: Key) -> str:
+    """Return the allowed values of a key as text: the range with its unit, or the choices."""
+    if key.min is None or key.max is None:
+        return "#rrggbb" if key.color else ", ".join(choice or '""' for choice in key.choices)
+    return f"{'above ' * key.exclusive_min}{key.min:.10g} to {key.max:.10g} {key.unit}".rstrip()
+
+
+def _check_number(value: float, key: Key, file: str, where: str) -> None:
+    if isinstance(value, float) and not isfinite(value):
+        raise SceneError(file, where, f"must be a finite number, got {value}")
+    too_low = key.min is not None and (value <= key.min if key.exclusive_min else value < key.min)
+    if too_low or (key.max is not None and value > key.max):
+        raise SceneError(file, where, f"{short_repr(value)} is out of range: {range_text(key)}")
+
+
+def _check_string(value: str, key: Key, file: str, where: str) -> None:
+    if key.choices and RENAMED_SOLVERS.get(value) in key.choices:
+        raise SceneError(file, where, f"{value} was renamed to {RENAMED_SOLVERS[value]}")
+    if key.choices and value not in key.choices:
+        raise SceneError(
+            file, where, f"{short_repr(value)} is not one of: {range_text(key)}", nearest_name(value, key.choices)
+        )
+    if key.color and not re.fullmatch("#[0-9a-fA-F]{6}", value):
+        raise SceneError(file, where, f"must be a color #rrggbb, as in #b5303c, got {short_repr(value)}")
+    if _CONTROL.search(value):
+        raise SceneError(file, where, f"must be one line of plain text, got {short_repr(value)}")
+
+
+def _keyframes(value: object, key: Key, file: str, where: str) -> Keyframes:
+    """Return checked keyframes: rows of 4 or 7 numbers with increasing times."""
+    if not isinstance(value, (list, tuple)):
+        raise SceneError(file, where, f"must be rows, as in [[0, 0, 0, 0], [2, 0, 1, 0]], got {short_repr(value)}")
+    rows = []
+    for k, row in enumerate(value):
+        row_key = f"{where}[{k}]"
+        if not isinstance(row, (list, tuple)) or len(row) not in (4, 7):
+            raise SceneError(
+                file, row_key, f"must be seconds, x, y, z and optionally three angles, got {short_repr(row)}"
+            )
+        rows.append(tuple(check_value(v, float, key, file, f"{row_key}[{n}]") for n, v in enumerate(row)))
+        if k and rows[k][0] <= rows[k - 1][0]:
+            raise SceneError(file, row_key, f"times must increase, got {row[0]:g} s after {value[k - 1][0]:g} s")
+    return tuple(rows)
+
+
+def _pin(value: object, file: str, where: str) -> str | int:
+    """Return a pin of valid form. Whether the cloth has it is checked with the complete scene."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return value
+    if isinstance(value, str) and (value in PIN_NAMES or value.startswith((GROUP, REGION))):
+        if _CONTROL.search(value):
+            raise SceneError(file, where, f"must be one line of plain text, got {short_repr(value)}")
+        return value
+    reason = (
+        f"{short_repr(value)} is not a pin; use an edge or corner ({', '.join(PIN_NAMES)}), a particle index, "
+        f"{REGION}NAME or {GROUP}NAME"
+    )
+    raise SceneError(file, where, reason, nearest_name(value, PIN_NAMES) if isinstance(value, str) else "")

@@ -1,0 +1,1 @@
+"""A running simulation: stepping, events, runtime parameters, grabs, recordings and checkpoints."""

@@ -1,0 +1,198 @@
+"""Builds a simulation: the features of a scene, its topology, state and solver, and the parameter row of a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from math import exp, hypot
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import state
+from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, pose, repulsion_frequency
+from ..geometry.cloth_builder import attachment_ids, build_topology, spring_stiffness
+from ..geometry.signed_distance import collider_sdf
+from ..geometry.topology import Topology
+from ..kernels import step_params as c
+from ..scene import Scene
+from ..scene.keys import keys_of
+from ..scene.parameters import parameters_of
+from ..scene.schema import sections
+from ..solvers import SOLVERS, Features, Solver, Unsupported, choose_layout
+from ..state.constraint_data import attach_attachments
+from ..state.contact_data import acquire_sdf, release_sdf
+from ..system.errors import UsageError
+from .grabbing import Grab
+
+MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles each by itself; a grid has at most 12
+# Features that are listed beside spring families and colliders: field of `Features`, and name for the user.
+FEATURE_NAMES = {
+    "bending": "bending",
+    "strain_limit": "strain limit",
+    "tethers": "tethers",
+    "max_distances": "max distances",
+    "attachments": "attachments",
+    "wind": "wind",
+    "self_collision": "self-collision",
+    "continuous": "continuous",
+    "triangles": "triangles",
+}
+
+
+def features_of(scene: Scene) -> Features:
+    """Return the features of a scene. Acquires `sdf` if it has mesh colliders; `release_solver` releases it."""
+    colliders = colliders_of(scene)
+    contact = scene.self_collision
+    return Features(
+        wind=scene.wind is not None,
+        colliders=collider_counts(colliders),
+        sdf=acquire_sdf([collider_sdf(mesh) for mesh in scene.meshes]),
+        triangles=any(collides_with_triangles(collider) for collider in colliders),
+        continuous=any(collider.continuous for collider in colliders),
+        soft_compression=scene.fabric.compression < 1,
+        spring_damping=scene.fabric.damping_time > 0,
+        strain_limit=0 if scene.strain_limit is None else scene.strain_limit.iterations,
+        tethers=scene.tethers is not None,
+        max_distances=scene.maps is not None and bool(scene.maps.max_distance),
+        attachments=bool(scene.attachments),
+        self_collision=contact is not None,
+        untangle=contact is not None and contact.untangle,
+        static_friction=contact is not None and contact.static_friction,
+        self_triangles=contact is not None and contact.primitives == "triangles",
+    )
+
+
+def feature_names(features: Features) -> list[str]:
+    """Return the names of the features in use."""
+    return [name for field, name in FEATURE_NAMES.items() if getattr(features, field)]
+
+
+def unsupported_by(scene: Scene, topology: Topology) -> Unsupported:
+    """Return the layouts and solvers that do not support the cloth of a scene, with reasons."""
+    grid_only = simd = parallel = ""
+    colors = len(topology.batches)
+    if colors > MAX_PARALLEL_COLORS:
+        parallel = f"the springs have {colors} colors, more than {MAX_PARALLEL_COLORS}: a particle has too many edges"
+    if scene.tearing is not None:
+        grid_only = simd = "tearing breaks rows"
+    if scene.cloth.file:
+        grid_only = simd = "cloth.file is a mesh without rows"
+    if scene.cloth.layers > 1:
+        simd = f"cloth.layers is {scene.cloth.layers}"
+    if scene.maps is not None and scene.maps.stiffness:
+        simd = "maps.stiffness makes springs differ"
+    if any(collides_with_triangles(collider) for collider in colliders_of(scene)):
+        simd = 'a collider has collide_with = "triangles"'
+        parallel = 'collide_with = "triangles" does not work on a mesh file' if scene.cloth.file else parallel
+    return Unsupported(grid_only, simd, parallel)
+
+
+MAX_SUBSTEPS = 200_000  # substeps of a frame: seconds for a thousand particles
+
+
+class BuiltSimulation(NamedTuple):
+    """Properties of a simulation that was built. The solver is not among them: it must not outlive `close`."""
+
+    topology: Topology
+    pin_changes: NDArray[np.bool_]
+    """Particles whose pin differs from the scene, (N,)."""
+    damping_time: float
+    """Damping time of the springs in use [s]."""
+    min_stable_substeps: int
+    """Fewest substeps of a frame at which the solver is stable."""
+
+
+def build(scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | None) -> tuple[Solver, BuiltSimulation]:
+    """Build the simulation of a scene at its start. `release_solver` releases the solver.
+
+    `layout`: one of `LAYOUTS`; chosen by the cloth if None. `pin_changes`: particles that are pinned although the scene
+    does not pin them, or the reverse, (N,).
+
+    Raises UsageError for a layout that is not supported, and for springs that need too many substeps.
+    """
+    solver_type = SOLVERS[scene.solver.name]
+    topology = build_topology(scene, solver_type.info.stiffness_section)
+    pin_changes = np.zeros(topology.particle_count, bool) if pin_changes is None else pin_changes
+    topology = replace(topology, pinned=topology.pinned ^ pin_changes)
+    chosen_layout = choose_layout(solver_type, topology.shape, layout, unsupported_by(scene, topology))
+    stiffness = spring_stiffness(scene, solver_type.info.stiffness_section, topology)
+    cloth = state.acquire_state(topology)
+    cloth.upload(topology, stiffness)
+    solver = solver_type(cloth, topology, stiffness, features_of(scene), chosen_layout)
+    if scene.attachments:
+        centers = np.array([pose(attachment, 0.0)[0] for attachment in scene.attachments])
+        attach_attachments(solver.layout, topology, np.where(pin_changes, -1, attachment_ids(scene, topology)), centers)
+    repulsion = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
+    solver.frequency = hypot(solver.frequency, repulsion)
+    damping_time = solver.damping_time(scene.fabric.damping_time)
+    min_substeps = solver.min_stable_substeps(damping_time)
+    if min_substeps > MAX_SUBSTEPS:
+        release_solver(solver)
+        raise UsageError(
+            f"{scene.name}: {solver_type.name} needs {min_substeps:,} substeps a frame, more than {MAX_SUBSTEPS:,}: "
+            "springs or bending are too stiff for the particles' masses, or cells are too narrow"
+        )
+    return solver, BuiltSimulation(topology, pin_changes, damping_time, min_substeps)
+
+
+def release_solver(solver: Solver) -> None:
+    """Release the fields of a solver and its cloth, so that the next scene can use them."""
+    solver.close()
+    state.release_state(solver.cloth)
+    release_sdf(solver.features.sdf)
+
+
+Floats = NDArray[np.float64]
+
+
+class StepRow:
+    """Builds the parameter row of every frame of one scene.
+
+    Columns that hold a scene key (`Key.param`) are filled from the scene and its runtime parameters; the others are
+    computed here.
+    """
+
+    def __init__(self, scene: Scene, origin: Floats, damping_time: float) -> None:
+        """`origin` [m]: what positions in kernels are relative to. `damping_time` [s]: of the springs."""
+        self._scene = scene
+        self._origin = origin
+        self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
+        self._constants = np.zeros(c.PARAM_COUNT, np.float32)
+        self._constants[c.DAMPING_TIME] = damping_time
+        if scene.wind is not None:
+            self._constants[c.HALF_AIR_DENSITY] = scene.wind.air_density / 2
+        for part in sections().values():
+            section = getattr(scene, part.name)
+            if section is not None and not part.is_array:
+                for name, key in keys_of(part.cls).items():
+                    if key.param:
+                        self._constants[getattr(c, key.param)] = getattr(section, name)
+        self._columns = {name: getattr(c, one.key.param) for name, one in parameters_of(scene).items() if one.key.param}
+
+    def at(
+        self, values: Mapping[str, float], *, wind_on: bool, grabs: Mapping[int, Grab], seconds: float, h: float
+    ) -> NDArray[np.float32]:
+        """Return the row of the frame that begins at `seconds` [s], in substeps of `h` [s], (PARAM_COUNT,).
+
+        `values`: of the runtime parameters by name. With `wind_on` False the air is at rest, and still slows the cloth.
+        """
+        row = self._constants.copy()
+        for name, column in self._columns.items():
+            row[column] = values[name]
+        row[c.VELOCITY_FACTOR] = exp(-values["damping"] * h)
+        wind = self._scene.wind
+        if wind is not None:
+            x, z = (values["wind_x"], values["wind_z"]) if wind_on else (0.0, 0.0)
+            row[c.WIND_X], row[c.WIND_Z] = x, z
+            row[c.GUST_SPEED] = wind.turbulence * np.hypot(x, z)
+            # Reduced to one turn in float64: float32 would lose the phase in a long run.
+            phase = self._gust_phase + np.asarray(c.GUST_FREQUENCIES) * seconds
+            phase -= np.asarray(c.GUST_WAVEVECTORS) @ self._origin
+            row[c.GUST_PHASE : c.GUST_PHASE + 3] = phase % 1
+        for number, grab in grabs.items():
+            first = c.GRABS + 6 * number
+            row[first : first + 3] = grab.start - grab.rest_positions[0]
+            row[first + 3 : first + 6] = grab.target - grab.rest_positions[0]
+        return row

@@ -1,0 +1,141 @@
+"""Checkpoints: all that moves in a simulation, as a NumPy .npz file."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from math import prod
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from ..scene import scene_to_toml
+from ..scene.parameters import check_parameter
+from ..state.field_pool import upload_all
+from ..system.errors import one_line, short_repr
+from ..system.files import atomic_file
+from .grabbing import grab_arrays, grabs_from_arrays
+from .parameter_values import check_vectors
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+Arrays = dict[str, NDArray[Any]]
+
+GRAB_ARRAYS = ("grabbed", "grabbed_at", "grabs", "grab_paths")  # vary in length
+MAX_BYTES = 1 << 24  # of what may vary: a scene's text, four bytes a character, and the grabs
+
+
+def write_checkpoint(simulation: Simulation, path: str | PathLike[str]) -> None:
+    """Write a checkpoint; the file appears whole or not at all. Raises OSError."""
+    with atomic_file(path) as file:
+        file.write(checkpoint_bytes(simulation))
+
+
+def checkpoint_bytes(simulation: Simulation) -> bytes:
+    """Return the content of a checkpoint file."""
+    content = io.BytesIO()
+    text = np.array(scene_to_toml(simulation.scene))
+    np.savez(content, allow_pickle=False, scene=text, **state_arrays(simulation))
+    return content.getvalue()
+
+
+def state_arrays(simulation: Simulation) -> Arrays:
+    """Return all that moves in a simulation."""
+    cloth = simulation.cloth
+    return {
+        "x": cloth.to_numpy(cloth.x),
+        "x_prev": cloth.to_numpy(cloth.x_prev),
+        "velocity": cloth.to_numpy(cloth.velocity),
+        "frame": np.array(simulation.frame, np.int64),
+        "torn": simulation.torn,
+        "depenetration": simulation.depenetration.reduction.copy(),
+        "params": np.array(list(simulation.params.values_by_name.values()), np.float64),
+        "wind_on": np.array(simulation.params.wind_on),
+        "pinned": simulation.topology.pinned,
+        **grab_arrays(simulation.grabs),
+    }
+
+
+def read_checkpoint(simulation: Simulation, source: str | PathLike[str] | bytes) -> None:
+    """Set the simulation's state from a file, or its content.
+
+    Raises OSError if it cannot be read, and ValueError if it is not a checkpoint of this scene; nothing changes then.
+    """
+    name = "checkpoint" if isinstance(source, bytes) else str(source)
+    arrays = _read(name, source, scene_to_toml(simulation.scene), state_arrays(simulation))
+    try:
+        known = simulation.params.known().values()
+        numbers = zip(known, arrays["params"].tolist(), strict=True)
+        values = {
+            parameter.name: check_parameter(parameter, int(v) if parameter.is_int and v == int(v) else v)
+            for parameter, v in numbers
+        }
+        grabs = grabs_from_arrays(arrays, simulation.topology.particle_count)
+        for key in ("x", "x_prev", "velocity", "grabbed_at", "grab_paths"):
+            check_vectors(arrays[key], key, arrays[key].shape)
+        if arrays["frame"] < 0:
+            raise ValueError(f"frame is {arrays['frame']}")
+    except ValueError as error:
+        raise ValueError(f"{name}: damaged: {error}") from None
+    simulation.set_pins(arrays["pinned"])
+    simulation.params.values_by_name = values
+    simulation.params.wind_on = bool(arrays["wind_on"])
+    simulation.depenetration.reduction[:] = arrays["depenetration"]
+    simulation.untear(arrays["torn"])
+    simulation.frame = int(arrays["frame"])
+    upload_all(*((getattr(simulation.cloth, key), arrays[key]) for key in ("x", "x_prev", "velocity")))
+    simulation.set_grabs(grabs)
+
+
+def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like: Arrays) -> Arrays:
+    """Return the arrays of a checkpoint of the same scene; `like` are those of the present state.
+
+    Raises ValueError naming the first line in which the scenes differ. Allocates nothing for what is too large.
+    """
+    limit = 2 * (MAX_BYTES + sum(array.nbytes for array in like.values()))
+    arrays = {}
+    try:
+        content = source
+        if not isinstance(content, bytes):
+            with open(content, "rb") as file:
+                content = file.read(limit + 1)
+        if len(content) > limit:
+            raise ValueError(f"it is larger than {limit} bytes")
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            theirs = str(_entry(archive, "scene", np.array("")))
+            if theirs == scene_text:
+                arrays = {key: _entry(archive, key, array) for key, array in like.items()}
+    except OSError:
+        raise
+    except Exception as error:  # the readers of zip, deflate and NumPy headers raise a dozen kinds
+        raise ValueError(f"{name}: not a checkpoint ({one_line(str(error))})") from None
+    for ours, other in zip(scene_text.splitlines(), theirs.splitlines(), strict=False):
+        if ours != other:
+            raise ValueError(
+                f"{name}: a checkpoint of another scene: it has {short_repr(other)}, this one {short_repr(ours)}"
+            )
+    if theirs != scene_text:
+        raise ValueError(f"{name}: a checkpoint of another scene")
+    for key, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name}: damaged: {key} is not finite")
+    return arrays
+
+
+def _entry(archive: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[Any]:
+    """Return one array, read only if its header has the type and shape of `like`. Raises ValueError and others."""
+    with archive.open(f"{name}.npy") as stream:
+        header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
+        shape, _, dtype = header(stream)
+    same_type = dtype == like.dtype or dtype.kind == like.dtype.kind == "U"
+    varies = name in GRAB_ARRAYS and len(shape) == like.ndim
+    same_shape = shape == like.shape or (varies and shape[1:] == like.shape[1:])
+    if not (same_type and same_shape) or prod(shape) * dtype.itemsize > max(like.nbytes, MAX_BYTES):
+        raise ValueError(f"{name} is {dtype} of shape {shape}, not {like.dtype} of shape {like.shape}")
+    with archive.open(f"{name}.npy") as stream:
+        array: NDArray[Any] = npy.read_array(stream, allow_pickle=False)
+    return array

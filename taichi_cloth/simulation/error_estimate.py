@@ -1,0 +1,250 @@
+"""Estimates of the error of a solver setting, without simulating.
+
+Error of motion: measured by `taichi-cloth bench --error` on the swinging curtain, or from a scaling law. It is the root
+mean square of all position errors over the first second of a swing from 45°, as a fraction of the side. Errors of
+contact and wind are not included.
+
+Artificial stretch of a hanging sheet by iterations that do not converge: in each substep of h seconds every particle
+falls by g·h², and red-black Gauss-Seidel iterations over the springs correct that. On a sheet of N rows below its pins,
+with springs of stiffness k [N/m] and particles of mass m [kg], an iteration reduces an error by the factor
+
+    ρ = (2w/(2w + α))² = 1/(1 + m/(2kh²))²,    w = 1/m, α = 1/(kh²)
+
+In equilibrium, i iterations leave an excess of κ·(1 − ρ)·ρ^(i−1)/(1 − ρ^i) of the elastic elongation, with κ = kh²/m.
+For stiff springs ρ → 1, and it becomes κ/i: an artificial stretch of ½·N²·g·h²/i for any fabric. (In Müller's
+position-based dynamics this is the only elongation.) Both formulas are for structural springs; shear springs carry a
+third of the load.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, replace
+from functools import cache
+from math import exp, hypot, log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.cloth_builder import build_topology, spring_stiffness
+from ..geometry.stability_bounds import max_damping_time, max_frequency, min_rk4_substeps, min_symplectic_substeps
+from ..geometry.topology import Topology
+from ..scene.presets import asset_folder
+from ..scene.schema import FRAME_SECONDS, Scene
+from ..system.errors import UsageError
+
+# Fewest stable substeps of explicit solvers.
+MIN_STABLE_SUBSTEPS = {"explicit": min_symplectic_substeps, "rk4": min_rk4_substeps}
+
+# Scaling law of `verlet` and `xpbd`, within a factor of 1.6 of every measured row it is used for: Euler steps have an
+# error of EULER_ERROR·h·√(g/L) even if each step is solved exactly, and iterations leave a stretch of
+# ½·N²·g·h²/iterations.
+EULER_ERROR = 1.05
+MAX_LAW_SUBSTEPS = {"verlet": 40, "xpbd": 60}  # most substeps the law holds for: above, float32 rounding dominates
+
+
+# -- error of motion ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class MeasuredSetting:
+    """Frame time and error of one setting on one grid."""
+
+    solver: str
+    cells: int
+    """Cells along a side."""
+    substeps: int
+    iterations: int
+    ms: float
+    """Frame time [ms]."""
+    error: float
+    """Root mean square error of all positions, as a fraction of the side."""
+
+    @property
+    def setting(self) -> str:
+        """Solver with substeps and iterations, as in `Simulation.method`."""
+        return f"{self.solver} {self.substeps}" + ("" if self.solver in MIN_STABLE_SUBSTEPS else f"×{self.iterations}")
+
+
+@cache
+def measured() -> tuple[MeasuredSetting, ...]:
+    """Return all measured settings, from the shipped `error.csv`."""
+    with (asset_folder() / "error.csv").open(encoding="utf-8", newline="") as file:
+        return tuple(
+            MeasuredSetting(
+                row["solver"],
+                int(row["cells"]),
+                int(row["substeps"]),
+                int(row["iterations"]),
+                float(row["median_ms"]),
+                float(row["rms_error"]),
+            )
+            for row in csv.DictReader(file)
+        )
+
+
+def cells_of(scene: Scene) -> int:
+    """Return the number of cells along the longer side of a scene's grid."""
+    return max(scene.cloth.rows, scene.cloth.columns) - 1
+
+
+def settings_near(cells: int) -> list[MeasuredSetting]:
+    """Return the measured settings of the grid closest in size."""
+    grid = min({row.cells for row in measured()}, key=lambda n: (abs(log(n / cells)), n))
+    return [row for row in measured() if row.cells == grid]
+
+
+def estimate(scene: Scene, solver: str, substeps: int, iterations: int, gravity: float) -> float | None:
+    """Return the error of a setting on a scene, measured or by the scaling law; None if neither applies.
+
+    `gravity`: current value [m/s²].
+    """
+    if scene.cloth.file:  # only grids were measured
+        return None
+    cells = cells_of(scene)
+    for row in settings_near(cells):
+        if row.solver == solver and solver in MIN_STABLE_SUBSTEPS:  # it takes as many substeps as it needs on any grid
+            return row.error
+    for row in measured():
+        if (row.solver, row.cells, row.substeps, row.iterations) == (solver, cells, substeps, iterations):
+            return row.error
+    if solver == "lines":
+        return interpolate_lines(cells, substeps)
+    if substeps > MAX_LAW_SUBSTEPS.get(solver, 0):
+        return None
+    return scaling_law(cells, substeps, iterations, gravity, scene.cloth.height)
+
+
+def interpolate_lines(cells: int, substeps: int) -> float | None:
+    """Return the error of `lines` by log-log interpolation of the closest grid; None outside the measured substeps."""
+    rows = [row for row in settings_near(cells) if row.solver == "lines"]
+    steps, errors = ([log(getattr(row, name)) for row in rows] for name in ("substeps", "error"))
+    if not rows[0].substeps <= substeps <= rows[-1].substeps:
+        return None
+    return exp(float(np.interp(log(substeps), steps, errors)))
+
+
+def scaling_law(cells: int, substeps: int, iterations: int, gravity: float, height: float) -> float:
+    """Return the error of `verlet` and `xpbd`, as a fraction of the side: of Euler steps and of unconverged iterations.
+
+    `gravity` [m/s²], `height` of the sheet [m].
+    """
+    h = FRAME_SECONDS / substeps
+    time_step_error = EULER_ERROR * h * sqrt(gravity / height)
+    return hypot(time_step_error, cells**2 * gravity * h**2 / (2 * iterations * height))
+
+
+def settings_for_error(scene: Scene, target: float, only: str | None = None) -> tuple[Scene, str]:
+    """Return the scene with the fastest measured setting whose error is at most `target`, and a line that explains it.
+
+    `only`: consider this solver only. Raises UsageError if no setting is accurate enough, and for a mesh file.
+    """
+    if scene.cloth.file:
+        raise UsageError("a target error needs a grid: errors were not measured for a cloth from a mesh file")
+    near = [row for row in settings_near(cells_of(scene)) if only in (None, row.solver)]
+    rows = sorted((estimate_for_scene(row, scene) for row in near), key=lambda row: row.ms)
+    good = [row for row in rows if row.error <= target]
+    if not good:
+        best = min(rows, key=lambda row: row.error)
+        raise UsageError(
+            f"no measured setting reaches an error of {100 * target:g} %: the best, {best.setting}, has"
+            f" {100 * best.error:.2g} %"
+        )
+    chosen = good[0]
+    line = (
+        f"target {100 * target:g} %: {chosen.setting}, {100 * chosen.error:.2g} % in about {chosen.ms:.2g} ms a frame"
+        f" (measured on a swinging curtain of {near[0].cells} cells)"
+    )
+    faster = [row for row in rows if row.ms < chosen.ms]
+    if faster:
+        best_faster = min(faster, key=lambda row: row.error)
+        line += f"; best of the faster settings: {best_faster.setting}, {100 * best_faster.error:.2g} %"
+    solver = replace(scene.solver, name=chosen.solver, substeps=chosen.substeps, iterations=chosen.iterations)
+    return replace(scene, solver=solver), line
+
+
+def estimate_for_scene(row: MeasuredSetting, scene: Scene) -> MeasuredSetting:
+    """Return a measured setting with the frame time for the scene's particles and the substeps its fabric needs."""
+    particles = scene.cloth.rows * scene.cloth.columns
+    ms = row.ms * particles / (row.cells + 1) ** 2
+    if row.solver not in MIN_STABLE_SUBSTEPS:
+        return replace(row, ms=ms)
+    topology = build_topology(scene, "fabric")
+    frequency = max_frequency(topology, spring_stiffness(scene, "fabric", topology))
+    coarsest = min(r.substeps for r in measured() if (r.solver, r.cells) == (row.solver, row.cells))
+    damping_time = min(scene.fabric.damping_time, max_damping_time(frequency))
+    substeps = MIN_STABLE_SUBSTEPS[row.solver](frequency, damping_time, FRAME_SECONDS) * row.substeps // coarsest
+    return replace(row, substeps=substeps, ms=ms * substeps / row.substeps)
+
+
+# -- artificial stretch ------------------------------------------------------------------------------------------------
+
+GRAVITY = 9.81  # [m/s²] the default of a scene
+
+
+def unconverged_fraction(constant: float, mass: float, h: float, iterations: int) -> float:
+    """Return the excess elongation of a hanging sheet as a fraction of its elastic elongation.
+
+    `constant`: stiffness of a spring [N/m]; `mass` of a particle [kg]; `h`: length of a substep [s].
+    """
+    kappa = constant * h * h / mass
+    rho = 1 / (1 + 1 / (2 * kappa)) ** 2
+    if rho > 1 - 1e-9:
+        return kappa / iterations
+    return float(kappa * (1 - rho) * rho ** (iterations - 1) / (1 - rho**iterations))
+
+
+def artificial_stretch(rows: int, h: float, iterations: int, gravity: float = GRAVITY) -> float:
+    """Return the artificial stretch of a hanging sheet with inextensible springs [m]: ½·N²·g·h²/i."""
+    return 0.5 * rows**2 * gravity * h * h / iterations
+
+
+STRETCH_WITH_SHEAR = 2 / 3  # of the stretch remains with shear springs: ⅓·N²·g·h²/i
+MAX_SAMPLES = 2048  # particles, and pins, whose distances are compared
+MIN_REPORTED_STRETCH = 1e-3  # smallest artificial stretch that is reported, as a fraction of the hanging length
+MIN_REPORTED_FRACTION = 1e-2  # smallest excess that is reported, as a fraction of the elastic elongation
+
+
+def rows_below(topology: Topology) -> int:
+    """Return the distance from the pins to the farthest particle, in springs; 0 without pins."""
+    rest = topology.rest[topology.family("structural")]
+    if not topology.pinned.any() or not len(rest):
+        return 0
+    pins, others = (sample_points(topology.flat[which]) for which in (topology.pinned, ~topology.pinned))
+    if not len(others):
+        return 0
+    squared = np.full(len(others), np.inf)
+    for pin in pins:
+        squared = np.minimum(squared, ((others - pin) ** 2).sum(axis=1))
+    return round(float(np.sqrt(squared.max()) / np.median(rest)))
+
+
+def sample_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return at most `MAX_SAMPLES` of the points, evenly spaced, including the first and the last."""
+    indices = np.linspace(0, len(points) - 1, min(len(points), MAX_SAMPLES)).astype(int)
+    sampled: NDArray[np.float64] = points[np.unique(indices)]
+    return sampled
+
+
+def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> str:
+    """Return a line with the artificial stretch by iterations that do not converge; empty if it is small.
+
+    `h`: length of a substep [s].
+    """
+    rows, gravity = rows_below(topology), abs(scene.forces.gravity)
+    if not rows or not gravity:
+        return ""
+    factor = STRETCH_WITH_SHEAR if len(topology.family("shear")) else 1.0
+    if scene.solver.name == "verlet":
+        rest = float(np.median(topology.rest[topology.family("structural")]))
+        stretch = factor * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
+        return f"not converged: {100 * stretch:.1f} % artificial stretch" if stretch >= MIN_REPORTED_STRETCH else ""
+    if scene.solver.name == "xpbd":
+        mass = float(np.median(topology.mass))
+        fraction = factor * unconverged_fraction(max(scene.fabric.warp, scene.fabric.weft), mass, h, iterations)
+        return (
+            f"not converged: elongation is {100 * fraction:.0f} % above the static solution"
+            if fraction >= MIN_REPORTED_FRACTION
+            else ""
+        )
+    return ""

@@ -1,0 +1,209 @@
+"""Events: changes of a simulation as data, and what each does. Recordings store them, and replay applies them."""
+
+from __future__ import annotations
+
+from base64 import b64decode
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..collision.colliders import colliders_of
+from ..geometry.scene_loader import check_geometry
+from ..kernels.step_params import MAX_GRABS
+from ..scene.presets import with_fabric
+from ..scene.reader import scene_from_toml
+from ..scene.schema import COLLIDERS, PRESET_NAMES
+from ..scene.solver_catalog import SOLVER_CATALOG
+from ..system.errors import UsageError, nearest_hint, short_repr
+from .checkpoint import read_checkpoint
+from .grabbing import Grab, vertices_in_radius
+from .parameter_values import check_radius, check_target, check_vectors
+
+
+@dataclass(frozen=True)
+class Event:
+    """One change: a name in `EVENTS`, and its arguments, which TOML can store."""
+
+    name: str
+    arguments: tuple[Any, ...] = ()
+
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+Vectors = list[list[float]]
+
+
+def reset(simulation: Simulation) -> None:
+    start = simulation.topology.start
+    simulation.grabs = {}
+    simulation.set_pins(simulation.topology.pinned ^ simulation.built.pin_changes)
+    simulation.place(start)
+    simulation.solver.set_velocities(np.zeros_like(start), simulation.h)
+    simulation.depenetration.invalidate()
+    simulation.untear()
+    simulation.frame = 0
+
+
+def set_state(simulation: Simulation, positions: Vectors, velocities: Vectors | list[float]) -> None:
+    shape = simulation.topology.start.shape
+    x = check_vectors(positions, "positions", shape)
+    v = np.array(np.broadcast_to(check_vectors(velocities, "velocities", shape, (3,)), shape))
+    v[simulation.topology.pinned] = 0.0
+    for number in list(simulation.grabs):
+        release(simulation, number)
+    simulation.place(x)
+    simulation.solver.set_velocities(v, simulation.h)
+    simulation.depenetration.invalidate()
+
+
+def set_param(simulation: Simulation, name: str, value: float | bool) -> None:
+    params, h = simulation.params, simulation.h
+    value = params.check(name, value)
+    parameter = params.known().get(name)
+    if parameter is not None and parameter.section in COLLIDERS and value > params[name]:
+        # The collider may grow around particles.
+        changed = getattr(simulation.scene, parameter.section)[parameter.index]
+        rows = [collider is changed for collider in colliders_of(simulation.scene)]
+        simulation.depenetration.invalidate(rows.index(True))
+    params.assign(name, value)
+    if simulation.h != h:
+        simulation.solver.change_substep(h, simulation.h)
+
+
+def switch_solver(simulation: Simulation, name: str) -> None:
+    if name not in SOLVER_CATALOG:
+        raise UsageError(f"unknown solver {name!r}: {', '.join(SOLVER_CATALOG)}{nearest_hint(name, SOLVER_CATALOG)}")
+    original = simulation.original_scene.solver
+    substeps, iterations = SOLVER_CATALOG[name].defaults
+    if name == original.name:
+        substeps, iterations = original.substeps, original.iterations
+    solver = replace(original, name=name, substeps=substeps, iterations=iterations)
+    scene = replace(simulation.scene, solver=solver)
+    simulation.rebuild(scene, simulation.built.pin_changes, substeps=substeps, iterations=iterations)
+
+
+def switch_fabric(simulation: Simulation, name: str) -> None:
+    if name not in ("", *PRESET_NAMES):
+        raise UsageError(f"unknown fabric {name!r}: {', '.join(PRESET_NAMES)}{nearest_hint(name, PRESET_NAMES)}")
+    scene = with_fabric(simulation.scene, name, simulation.original_scene)
+    simulation.rebuild(scene, simulation.built.pin_changes)
+
+
+def switch_scene(simulation: Simulation, text: str) -> None:
+    scene = scene_from_toml(text, simulation.scene)
+    check_geometry(scene, scene.name)
+    for name in ("file", "rows", "columns", "layers"):
+        ours, theirs = getattr(simulation.scene.cloth, name), getattr(scene.cloth, name)
+        if ours != theirs:
+            raise UsageError(f"{scene.name} has {theirs} {name}, the running cloth has {ours}")
+    simulation.rebuild(scene, simulation.built.pin_changes)
+
+
+def grab(simulation: Simulation, particle: int, radius: float, number: int) -> None:
+    if type(number) is not int or not 0 <= number < MAX_GRABS or number in simulation.grabs:
+        raise ValueError(f"grab numbers must be unique and in 0..{MAX_GRABS - 1}, got {short_repr(number)}")
+    radius = check_radius(radius)
+    free = ~simulation.topology.pinned
+    for other in simulation.grabs.values():
+        free[other.particles] = False
+        if particle in other.particles:
+            raise ValueError(f"particle {particle} is grabbed already")
+    particles = vertices_in_radius(simulation.topology.flat, free, simulation.check_particle(particle), radius)
+    rest = simulation.positions()[particles]
+    simulation.set_grabs(simulation.grabs | {number: Grab(particles, rest, rest[0], rest[0])})
+
+
+def move_grab(simulation: Simulation, number: int, *target: float) -> None:
+    if number not in simulation.grabs:
+        raise ValueError(f"there is no grab {number}")
+    simulation.grabs[number].target = check_target(target)
+
+
+def release(simulation: Simulation, number: int) -> None:
+    """Free particles get the mean velocity of the grab's last frames."""
+    if number not in simulation.grabs:
+        return
+    released = simulation.grabs[number]
+    simulation.set_grabs({k: grab for k, grab in simulation.grabs.items() if k != number})
+    free = released.particles[~simulation.topology.pinned[released.particles]]
+    simulation.solver.set_velocities(released.velocity(), simulation.h, of=free)
+
+
+def pin(simulation: Simulation, particle: int, on: bool) -> None:
+    pinned = simulation.topology.pinned.copy()
+    pinned[simulation.check_particle(particle)] = on
+    simulation.set_pins(pinned)
+
+
+def load(simulation: Simulation, content: str) -> None:
+    read_checkpoint(simulation, b64decode(content))
+
+
+def report_roll_back(simulation: Simulation) -> None:
+    """Do nothing: `DivergenceGuard.roll_back` has restored the last stable frame, and reports it by this event."""
+
+
+class EventKind(NamedTuple):
+    """What all events of one name have in common."""
+
+    handler: Callable[..., None]
+    """Carries out the event: called with the simulation and the event's arguments."""
+    argument_types: tuple[tuple[type, ...], ...] = ()
+    """Types that each argument may have in a recording; `list` is one or more positions."""
+
+
+EVENTS: dict[str, EventKind] = {
+    "set_param": EventKind(set_param, ((str,), (bool, int, float))),
+    "switch_solver": EventKind(switch_solver, ((str,),)),
+    "switch_fabric": EventKind(switch_fabric, ((str,),)),
+    "switch_scene": EventKind(switch_scene, ((str,),)),  # as TOML
+    "grab": EventKind(grab, ((int,), (float,), (int,))),  # particle, radius [m], number of the grab
+    "move_grab": EventKind(move_grab, ((int,), (float,), (float,), (float,))),  # number, target [m]
+    "release": EventKind(release, ((int,),)),
+    "pin": EventKind(pin, ((int,), (bool,))),
+    "reset": EventKind(reset),
+    "set_state": EventKind(set_state, ((list,), (list,))),  # positions [m], velocities [m/s]
+    "load": EventKind(load, ((str,),)),  # a checkpoint in base64
+    "roll_back": EventKind(report_roll_back),
+}
+
+# Arguments of events that listeners receive although they raised: the solver or fabric exists, but the running cloth
+# does not support it. Rebuilding the cloth may have changed the last bits of its state.
+RECORD_EVEN_IF_FAILED = {
+    "switch_solver": [(name,) for name in SOLVER_CATALOG],
+    "switch_fabric": [(name,) for name in ("", *PRESET_NAMES)],
+}
+
+
+class GrabHandle:
+    """A grab of a simulation, from `Simulation.grab`."""
+
+    def __init__(self, simulation: Simulation, number: int) -> None:
+        self._simulation, self.number = simulation, number
+        self._grab = simulation.grabs[number]
+
+    @property
+    def active(self) -> bool:
+        """Whether it still holds particles. A reset releases all grabs."""
+        return self._simulation.grabs.get(self.number) is self._grab
+
+    @property
+    def particles(self) -> NDArray[np.int64]:
+        """Indices of the grabbed particles, first the one passed to `grab`; empty once released."""
+        return self._grab.particles if self.active else np.zeros(0, np.int64)
+
+    def move_to(self, target: ArrayLike) -> None:
+        """Move the grab to `target` (x, y, z) [m] within the next frame. Raises ValueError, also after its release."""
+        point = check_target(target)
+        if not self.active:
+            raise ValueError("the grab was released")
+        self._simulation.apply(Event("move_grab", (self.number, *map(float, point))))
+
+    def release(self) -> None:
+        """Release the particles with the mean velocity of the grab's last frames. Releasing twice does no harm."""
+        if self.active:
+            self._simulation.apply(Event("release", (self.number,)))

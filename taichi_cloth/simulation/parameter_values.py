@@ -1,0 +1,131 @@
+"""The runtime parameters of a running simulation, and checks of numbers from callers and files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..scene.parameters import Parameter, check_parameter
+from ..system.errors import nearest_hint, short_repr
+
+Floats = NDArray[np.float64]
+
+MAX_COORDINATE = 1e6  # [m], [m/s] ten times what a scene file allows; its square does not overflow float32
+
+
+def check_vectors(values: ArrayLike, name: str, *shapes: tuple[int, ...]) -> Floats:
+    """Return `values` as an array of one of these shapes.
+
+    Raises ValueError for another shape, and for numbers that are not finite or beyond ±`MAX_COORDINATE`.
+    """
+    array = check_numbers(values)
+    if array.shape not in shapes:
+        raise ValueError(f"{name} must be numbers of shape {' or '.join(map(str, shapes))}")
+    bad = ~(np.abs(array) <= MAX_COORDINATE)
+    if bad.any():
+        reason = f"beyond ±{MAX_COORDINATE:g}" if np.isfinite(array[bad]).all() else "not finite"
+        where = f" at particle {np.argwhere(bad)[0, 0]}" if array.ndim == 2 else ""
+        raise ValueError(f"invalid number in {name}: {reason}{where}")
+    return array
+
+
+def check_target(target: ArrayLike) -> Floats:
+    """Return a position as an array, (3,) [m]. Raises ValueError unless it is three numbers up to ±`MAX_COORDINATE`."""
+    point = check_numbers(target)
+    if point.shape != (3,) or not (np.abs(point) <= MAX_COORDINATE).all():
+        raise ValueError(
+            f"target must be three finite numbers [m], up to ±{MAX_COORDINATE:g}, not {short_repr(target)}"
+        )
+    return point
+
+
+def check_radius(radius: float) -> float:
+    """Return a radius [m]. Raises ValueError unless it is a number from 0 to `MAX_COORDINATE`."""
+    number = check_numbers(radius)
+    if number.shape != () or not 0 <= number <= MAX_COORDINATE:
+        raise ValueError(f"radius must be a number from 0 to {MAX_COORDINATE:g} [m], not {short_repr(radius)}")
+    return float(number)
+
+
+def check_numbers(values: ArrayLike) -> Floats:
+    """Return `values` as a new float64 array; an empty one if they are not numbers."""
+    try:
+        array = np.array(values)
+    except (TypeError, ValueError):  # rows of different lengths
+        return np.zeros(0)
+    return array.astype(np.float64) if array.dtype.kind in "iuf" else np.zeros(0)
+
+
+WIND = "wind"  # the switch of the wind, beside the parameters
+
+
+class Parameters(MutableMapping[str, "float | bool"]):
+    """Values by name, with the switch `wind`. Setting one takes effect in the next frame.
+
+    Raises ValueError, and changes nothing, for an unknown name, a value that is no number or out of range, and a switch
+    that is not True or False.
+    """
+
+    def __init__(self, on_set: Callable[[str, float | bool], None]) -> None:
+        """`on_set` is called with a name and its checked value, instead of setting it here."""
+        self._on_set = on_set
+        self._known: dict[str, Parameter] = {}
+        self.values_by_name: dict[str, float] = {}
+        self.wind_on = True
+
+    def info(self, name: str) -> Parameter:
+        """Return range, unit and help of a parameter."""
+        return self._known[self._checked(name)]
+
+    def __getitem__(self, name: str) -> float | bool:
+        return self.wind_on if name == WIND else self.values_by_name[self._checked(name)]
+
+    def __setitem__(self, name: str, value: float | bool) -> None:
+        self._on_set(name, self.check(name, value))
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError("parameters cannot be deleted")
+
+    def __contains__(self, name: object) -> bool:
+        return name == WIND or name in self._known
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values_by_name)
+
+    def __len__(self) -> int:
+        return len(self.values_by_name)
+
+    def check(self, name: str, value: float | bool) -> float | bool:
+        """Return `value` as the parameter's type."""
+        if name == WIND:
+            if not isinstance(value, (bool, np.bool_)):
+                raise ValueError(f"wind is switched by True and False, not {short_repr(value)}")
+            return bool(value)
+        return check_parameter(self.info(name), value)
+
+    def assign(self, name: str, value: float | bool) -> None:
+        """Set a checked value."""
+        if name == WIND:
+            self.wind_on = bool(value)
+        else:
+            self.values_by_name[name] = value
+
+    def replace_known(self, known: Mapping[str, Parameter], **values: float) -> None:
+        """Continue with the parameters of another scene.
+
+        A value is kept unless the value in the scene has changed, or `values` sets it.
+        """
+        kept = {name for name, last in self._known.items() if name in known and known[name].value == last.value}
+        current = {name: self.values_by_name[name] if name in kept else new.value for name, new in known.items()}
+        self._known, self.values_by_name = dict(known), current | values
+
+    def known(self) -> dict[str, Parameter]:
+        """Return all parameters by name."""
+        return dict(self._known)
+
+    def _checked(self, name: str) -> str:
+        if name not in self._known:
+            raise ValueError(f"{name!r} is not a parameter{nearest_hint(name, [*self._known, WIND])}")
+        return name

@@ -1,0 +1,266 @@
+"""The moving cloth of a simulation: building it for a scene, stepping, rebuilding while it moves, tearing, timing."""
+
+from __future__ import annotations
+
+import time
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from .. import state
+from ..collision.colliders import collider_table, colliders_of
+from ..collision.response import Depenetration
+from ..geometry.cloth_builder import spring_stiffness
+from ..geometry.tearing import TearState
+from ..geometry.topology import spring_strains
+from ..kernels.integration import any_longer_than
+from ..scene import Scene, parameters_of
+from ..scene.collider_schema import Collider, Ground
+from ..scene.schema import COLLIDERS, FRAME_SECONDS
+from ..solvers import FrameInput, Solver
+from ..state.constraint_data import upload_grabbed
+from ..state.field_pool import upload, upload_all
+from ..system.errors import UsageError, short_repr
+from ..system.taichi_compat import ProgramRef
+from .builder import StepRow, build, release_solver
+from .grabbing import Grab, all_grabbed
+from .parameter_values import Parameters
+
+Floats = NDArray[np.float64]
+
+
+class RunningCloth:
+    """A simulation without events: its changes do not reach listeners."""
+
+    def __init__(self, scene: Scene, layout: str | None, on_set: Callable[[str, float | bool], None]) -> None:
+        """`scene` is checked; `on_set` is called when a runtime parameter is to be set."""
+        self.requested_layout = layout
+        self.original_scene = scene
+        self.params = Parameters(on_set)
+        self.grabs: dict[int, Grab] = {}
+        self.frame = 0
+        self.frames_stepped = 0
+        """Frames since the simulation was opened; a reset does not change it."""
+        self._tear: TearState | None = None
+        self._build(scene, None)
+
+    # -- building ------------------------------------------------------------------------------------------------------
+
+    def _build(self, scene: Scene, pin_changes: NDArray[np.bool_] | None, **values: float) -> None:
+        """Build cloth and solver of a scene at its start. `values`: of runtime parameters."""
+        solver, built = build(scene, self.requested_layout, pin_changes)
+        self.params.replace_known(parameters_of(scene), **values)
+        self.scene, self.topology, self.built = scene, built.topology, built
+        self._inverse_mass = state.inverse_mass(built.topology)
+        self._solver: Solver | None = solver
+        self._program = ProgramRef()
+        self._row = StepRow(scene, built.topology.origin, built.damping_time)
+        self.depenetration = Depenetration(solver.features.collider_count)
+        self.has_self_contact = False
+        torn = () if self._tear is None else (self._tear.ends,)
+        self._tear = TearState(built.topology, *torn) if scene.tearing is not None else None
+        self._rebuild_topology()
+        # Releases the fields once: on close(), or when nothing refers to the cloth any more.
+        self._release = weakref.finalize(self, release_solver, solver)
+        self._release.atexit = False  # Taichi may be gone by then
+
+    def rebuild(self, scene: Scene, pin_changes: NDArray[np.bool_], **values: float) -> None:
+        """Continue with another scene of the same sheet. Raises UsageError, and changes nothing, if it cannot."""
+        x, velocities = self.positions(), self.velocities()
+        before = self.scene, self.built.pin_changes
+        self._release()
+        try:
+            self._build(scene, pin_changes, **values)
+        except UsageError:
+            self._build(*before)
+            raise
+        finally:
+            self.place(x)
+            velocities[self.topology.pinned] = 0.0
+            self.solver.set_velocities(velocities, self.h)
+
+    def close(self) -> None:
+        """Release the fields for the next simulation. Closing twice does no harm."""
+        self._release()
+        self._solver = None
+
+    @property
+    def closed(self) -> bool:
+        """Whether it was closed, or Taichi was stopped or restarted."""
+        return self._solver is None or not self._program.runs()
+
+    @property
+    def solver(self) -> Solver:
+        """The running solver. Raises RuntimeError once the simulation is closed, or Taichi has ended."""
+        if self._solver is None:
+            raise RuntimeError("this simulation is closed")
+        if not self._program.runs():
+            raise RuntimeError("Taichi was stopped or restarted, which ends every simulation: open a new one")
+        return self._solver
+
+    @property
+    def cloth(self) -> state.ClothState:
+        """The fields of the cloth. Raises RuntimeError once the simulation is closed."""
+        return self.solver.cloth
+
+    # -- stepping ------------------------------------------------------------------------------------------------------
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time [s]."""
+        return self.frame * FRAME_SECONDS
+
+    @property
+    def substeps(self) -> int:
+        """Substeps of a frame: the requested number, or more if the solver needs them to be stable."""
+        return max(int(self.params["substeps"]), self.built.min_stable_substeps)
+
+    @property
+    def h(self) -> float:
+        """Length of a substep [s]."""
+        return FRAME_SECONDS / self.substeps
+
+    def step(self, frames: int = 1) -> None:
+        """Advance by frames of 1/60 s."""
+        for _ in range(frames):
+            self.solver.step(self._frame_input())
+            self._end_frame()
+
+    def step_by_substep(self, callback: Callable[[float], object]) -> None:
+        """Advance by one frame, bit-equal to `step`. Call `callback(fraction of the frame)` after each substep."""
+        for part in self._frame_input().by_substep():
+            self.solver.step(part)
+            callback(part.last / part.substeps)
+        self._end_frame()
+
+    def _frame_input(self) -> FrameInput:
+        start, end = self.seconds, self.seconds + FRAME_SECONDS
+        colliders, values = self.scene_colliders(), self.params.values_by_name
+        margin_reduction = self.depenetration.advance(colliders, self._free_positions, start, end)
+        moving = [*colliders, *self.scene.attachments]
+        return FrameInput(
+            substeps=self.substeps,
+            iterations=int(values["iterations"]),
+            h=self.h,
+            grabbed_count=len(self.grabbed),
+            params=self._row.at(values, wind_on=self.params.wind_on, grabs=self.grabs, seconds=start, h=self.h),
+            colliders=collider_table(moving, start, end, margin_reduction, tuple(self.topology.origin)),
+        )
+
+    def _end_frame(self) -> None:
+        for grab in self.grabs.values():
+            grab.end_frame()
+        self.frame += 1
+        self.frames_stepped += 1
+        if self._tear is not None:
+            self._tear_overstretched(self._tear)
+
+    def scene_colliders(self) -> list[Collider | Ground]:
+        """Return the scene's colliders with the values of their runtime parameters."""
+        colliders = colliders_of(self.scene)
+        for name, parameter in self.params.known().items():
+            if parameter.section in COLLIDERS:
+                changed = getattr(self.scene, parameter.section)[parameter.index]
+                row = [collider is changed for collider in colliders].index(True)
+                colliders[row] = replace(changed, **{parameter.key_name: self.params[name]})
+        return colliders
+
+    # -- state ---------------------------------------------------------------------------------------------------------
+
+    def positions(self) -> Floats:
+        """Return the position of every particle [m], (N, 3)."""
+        return self.cloth.to_numpy(self.cloth.x).astype(np.float64) + self.topology.origin
+
+    def velocities(self) -> Floats:
+        """Return the velocity of every particle [m/s], (N, 3)."""
+        return self.solver.velocities(self.h)
+
+    def _free_positions(self) -> Floats:
+        return self.positions()[~self.topology.pinned]
+
+    def place(self, x: Floats) -> None:
+        """Set all positions [m], (N, 3), at rest; grabbed particles stay grabbed."""
+        upload_all(*((field, x - self.topology.origin) for field in (self.cloth.x, self.cloth.x_prev)))
+        self.set_grabs(self.grabs)
+
+    @property
+    def grabbed(self) -> NDArray[np.int64]:
+        """Indices of all grabbed particles, (M,)."""
+        return all_grabbed(self.grabs)[0]
+
+    def set_grabs(self, grabs: Mapping[int, Grab]) -> None:
+        """Replace all grabs: grabbed particles have no inverse mass, all others their own."""
+        self.grabs = dict(grabs)
+        inverse_mass = self._inverse_mass.copy()
+        if grabs:
+            particles, rest, numbers = all_grabbed(grabs)
+            inverse_mass[particles] = 0.0
+            upload_grabbed(self.solver.layout, self.topology, particles, rest, numbers)
+        upload(self.cloth.inverse_mass, inverse_mass)
+
+    def set_pins(self, pinned: NDArray[np.bool_]) -> None:
+        """Set which particles are pinned, (N,), and rebuild what depends on it."""
+        changes = self.topology.pinned ^ pinned
+        if changes.any():
+            self.rebuild(self.scene, self.built.pin_changes ^ changes)
+
+    def check_particle(self, particle: int) -> int:
+        """Return a particle's index. Raises ValueError if there is none."""
+        if not isinstance(particle, (int, np.integer)):
+            raise ValueError(f"particle index must be an integer, not {short_repr(particle)}")
+        if not 0 <= particle < self.topology.particle_count:
+            raise ValueError(f"particle index must be in 0..{self.topology.particle_count - 1}, not {particle}")
+        return int(particle)
+
+    # -- tearing -------------------------------------------------------------------------------------------------------
+
+    @property
+    def torn(self) -> NDArray[np.bool_]:
+        """Which springs of the untorn cloth are torn, (E,); empty for a cloth that does not tear."""
+        return np.zeros(0, bool) if self._tear is None else self._tear.torn.copy()
+
+    def untear(self, torn: NDArray[np.bool_] | bool = False) -> None:
+        """Restore all torn springs but those that are `torn`, as the property has them."""
+        if self._tear is not None:
+            self._tear.torn[:] = torn
+            self._rebuild_topology()
+
+    def _tear_overstretched(self, tear: TearState) -> None:
+        counts, limit = self.topology.family_counts, float(self.params["tearing_strain"])
+        tearable = counts.get("structural", 0) + counts.get("shear", 0)  # they come first
+        if any_longer_than(self.cloth, tearable, limit):
+            tear.tear_overstretched(spring_strains(tear.untorn, self.positions()), limit)
+            self._rebuild_topology()
+
+    def _rebuild_topology(self) -> None:
+        """Continue with the springs and triangles that are not torn."""
+        remaining = self.topology if self._tear is None else self._tear.remaining()
+        if remaining is not self.topology:
+            self.topology, self.has_self_contact = remaining, False
+            stiffness = spring_stiffness(self.scene, self.solver.info.stiffness_section, remaining)
+            self.solver.rebuild_topology(remaining, stiffness)
+
+
+def timed_frame(simulation: RunningCloth) -> float:
+    """Run one frame and return its time [ms]."""
+    start = time.perf_counter()
+    simulation.step()
+    ti.sync()
+    return 1e3 * (time.perf_counter() - start)
+
+
+def time_frames(simulations: Sequence[RunningCloth], count: int, seconds: float) -> list[list[float]]:
+    """Run up to `count` frames of every simulation, for about `seconds` [s], at least one. Return their times [ms].
+
+    The simulations take turns frame by frame, so that a busy period of the machine affects all equally.
+    """
+    ms: list[list[float]] = [[] for _ in simulations]
+    end = time.perf_counter() + seconds
+    while len(ms[0]) < count and (not ms[0] or time.perf_counter() < end):
+        for simulation, times in zip(simulations, ms, strict=True):
+            times.append(timed_frame(simulation))
+    return ms

@@ -1,0 +1,225 @@
+"""`Simulation`: the public interface of a running scene."""
+
+from __future__ import annotations
+
+import weakref
+from base64 import b64encode
+from collections.abc import Callable
+from functools import partial
+from os import PathLike
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..collision.colliders import PosedCollider, colliders_of, max_penetration, pose_colliders
+from ..collision.untangling import count_intersections
+from ..geometry.scene_loader import check_scene
+from ..geometry.topology import ClothMetrics, energies, spring_strains
+from ..kernels.step_params import MAX_GRABS
+from ..scene import Scene, scene_to_toml
+from ..state.contact_data import attach_self_contact
+from ..system.errors import UsageError
+from .builder import feature_names
+from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
+from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle
+from .parameter_values import check_radius, check_vectors
+from .running_cloth import RunningCloth
+
+Listener = Callable[[Event], object]
+
+
+def _set_param(simulation: weakref.ref[Simulation], name: str, value: float | bool) -> None:
+    """Apply a change of `Simulation.params`, which must not keep the simulation alive."""
+    running = simulation()
+    if running is not None:
+        running.apply(Event("set_param", (name, value)))
+
+
+class Simulation(RunningCloth):
+    """One running scene. The first use of `tc.Simulation` starts Taichi on the CPU, unless `tc.init` has started it.
+
+    A frame is 1/60 s. Positions are in meters, y up; particles are numbered row by row from the top left corner of the
+    sheet, those of a mesh file in its order. `params` holds the runtime parameters by name. Close a simulation when
+    done, or use it in a `with` block.
+
+    All changes are events: `apply` applies one and calls the `listeners`.
+    """
+
+    def __init__(self, scene: Scene, layout: str | None = None) -> None:
+        """`layout`: "simd", "serial" or "parallel"; chosen for the cloth and the backend if None.
+
+        Raises SceneError for an invalid scene, and UsageError for a layout that is not supported and for springs that
+        would take too many substeps.
+        """
+        self.listeners: list[Listener] = []
+        super().__init__(check_scene(scene), layout, partial(_set_param, weakref.ref(self)))
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    # -- changes -------------------------------------------------------------------------------------------------------
+
+    def apply(self, event: Event) -> None:
+        """Carry out a change, and pass it to the listeners.
+
+        An event that raises has changed nothing. An exception is a switch to a solver or fabric that the cloth does not
+        support: it may change the last bits of the state, and listeners receive it too.
+        """
+        try:
+            EVENTS[event.name].handler(self, *event.arguments)
+        except UsageError:
+            if event.arguments[:1] in RECORD_EVEN_IF_FAILED.get(event.name, ()):
+                self.notify(event)
+            raise
+        self.notify(event)
+
+    def notify(self, event: Event) -> None:
+        """Pass an event to the listeners, without carrying it out."""
+        for listener in self.listeners:
+            listener(event)
+
+    def reset(self) -> None:
+        """Return to the first frame, bit for bit, with the scene's own pins. Parameters keep their values."""
+        self.apply(Event("reset"))
+
+    def set_state(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Set the position of every particle [m], (N, 3), and its velocity [m/s], (N, 3) or one for all.
+
+        Pinned particles are pinned where they are put. Raises ValueError, and changes nothing, for another shape and
+        for numbers that are not finite or exceed 10⁶.
+        """
+        shape = self.topology.start.shape
+        x, v = check_vectors(positions, "positions", shape), check_vectors(velocities, "velocities", shape, (3,))
+        self.apply(Event("set_state", (x.tolist(), v.tolist())))
+
+    def switch_solver(self, name: str) -> None:
+        """Continue with another solver, from the same positions and velocities, with the springs of its own section.
+
+        It gets its default substeps and iterations; the scene's own solver those of the scene. Raises UsageError, and
+        changes nothing, for an unknown name and for springs that would take too many substeps.
+        """
+        self.apply(Event("switch_solver", (name,)))
+
+    def switch_fabric(self, name: str) -> None:
+        """Continue with a shipped fabric, or by the name "" with that of the original scene.
+
+        Raises UsageError, and changes nothing, for an unknown name and for springs that would take too many substeps.
+        """
+        self.apply(Event("switch_fabric", (name,)))
+
+    def switch_scene(self, scene: Scene) -> None:
+        """Continue with another scene of the same sheet, from the same positions and velocities, with pins and grabs.
+
+        Its fabric, solver, forces and colliders apply from now on; a collider that appears around the cloth lets it out
+        slowly. A parameter keeps its value unless the two scenes differ in it. New combinations of features are
+        compiled, which takes seconds. Raises SceneError, and UsageError for another sheet and for springs that would
+        take too many substeps; nothing has changed then.
+        """
+        self.apply(Event("switch_scene", (scene_to_toml(check_scene(scene)),)))
+
+    def grab(self, particle: int, radius: float = 0.0) -> GrabHandle:
+        """Grab a particle, with all that are within `radius` [m] on the sheet and neither pinned nor grabbed.
+
+        Raises ValueError for an index that does not exist or is grabbed already, for a radius that is negative or not
+        finite, and if all grabs are in use.
+        """
+        particle, radius = self.check_particle(particle), check_radius(radius)
+        free = set(range(MAX_GRABS)) - set(self.grabs)
+        if not free:
+            raise ValueError(f"all {MAX_GRABS} grabs are in use")
+        number = min(free)
+        self.apply(Event("grab", (particle, radius, number)))
+        return GrabHandle(self, number)
+
+    @property
+    def grab_handles(self) -> list[GrabHandle]:
+        """Handles of all grabs, also of those that `load` has restored."""
+        return [GrabHandle(self, number) for number in self.grabs]
+
+    def pin(self, particle: int) -> None:
+        """Pin a particle where it is; one of an attachment that was unpinned is attached again. Raises ValueError."""
+        self.apply(Event("pin", (self.check_particle(particle), True)))
+
+    def unpin(self, particle: int) -> None:
+        """Unpin a particle, also one of the scene's own, which `reset` restores. Raises ValueError."""
+        self.apply(Event("pin", (self.check_particle(particle), False)))
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a checkpoint (.npz). Raises OSError; a partial file never remains."""
+        write_checkpoint(self, path)
+
+    def load(self, path: str | PathLike[str]) -> None:
+        """Continue from a checkpoint, with the same bits as a run that never stopped.
+
+        Raises OSError if the file cannot be read, and ValueError if it is not a checkpoint of this scene.
+        """
+        read_checkpoint(self, path)
+        self.notify(Event("load", (b64encode(checkpoint_bytes(self)).decode(),)))
+
+    # -- reading -------------------------------------------------------------------------------------------------------
+
+    @property
+    def min_stable_substeps(self) -> int:
+        """The fewest substeps at which the solver is stable."""
+        return self.built.min_stable_substeps
+
+    @property
+    def added_pins(self) -> NDArray[np.int64]:
+        """Indices of the particles that are pinned in addition to those of the scene."""
+        return np.flatnonzero(self.built.pin_changes & self.topology.pinned)
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Names of spring families, constraints, forces and colliders in use."""
+        colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
+        tearing = () if self.scene.tearing is None else ("tearing",)
+        return (*self.topology.family_counts, *feature_names(self.solver.features), *tearing, *colliders)
+
+    @property
+    def method(self) -> str:
+        """The solver with its substeps, iterations and layout: `verlet 5×12 · simd`."""
+        iterations = "" if self.solver.info.is_explicit else f"×{self.params['iterations']}"
+        return f"{self.solver.name} {self.substeps}{iterations} · {self.solver.layout_name}"
+
+    @property
+    def warnings(self) -> str:
+        """One line if the solver uses other substeps or damping than requested, else empty."""
+        lines = []
+        requested, name = int(self.params["substeps"]), self.solver.name
+        if requested < self.min_stable_substeps:
+            lines.append(f"{name} takes {self.min_stable_substeps} substeps, not {requested}: fewer are unstable")
+        wanted, used = self.scene.fabric.damping_time, self.built.damping_time
+        if used < wanted:
+            lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
+        return "; ".join(lines)
+
+    def colliders(self) -> list[PosedCollider]:
+        """Return every collider as it is now: spheres, capsules, boxes, planes with the ground, meshes."""
+        return pose_colliders(self.scene_colliders(), self.seconds)
+
+    def metrics(self) -> ClothMetrics:
+        """Return strain, energy and penetration of the cloth as it is now."""
+        x = self.positions()
+        strains = spring_strains(self.topology, x)
+        family = self.topology.family("structural")
+        strains = strains[family] if len(family) else strains
+        kinetic, potential = energies(self.topology, x, self.velocities(), float(self.params["gravity"]))
+        return ClothMetrics(
+            max_strain=float(strains.max(initial=0.0)),
+            mean_strain=float(np.abs(strains).mean()) if len(strains) else 0.0,
+            kinetic_energy=kinetic,
+            potential_energy=potential,
+            penetration=max_penetration(self.colliders(), x),
+            finite=bool(np.isfinite(x).all()),
+            intersections=self.intersections() if self.scene.self_collision is not None else None,
+        )
+
+    def intersections(self) -> int:
+        """Return how many edges of the cloth pass through one of its triangles."""
+        if not self.has_self_contact:
+            attach_self_contact(self.cloth, self.topology)
+            self.has_self_contact = True
+        return int(count_intersections(self.cloth))

@@ -1,0 +1,1 @@
+"""Errors, files, progress display, and everything that depends on the installed Taichi."""

@@ -1,0 +1,109 @@
+"""Files written atomically, numbered names of new files, and a lock on a folder that ends with its process."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from glob import escape
+from itertools import count
+from pathlib import Path
+from typing import BinaryIO
+
+
+@contextmanager
+def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Write a file atomically: open a hidden file next to `path` for writing, and rename it to `path` at the end.
+
+    After an error or an interrupt the hidden file is removed, and an older file at `path` is unchanged. Raises OSError.
+    """
+    with atomic_path(path) as part, part.open("wb") as file:
+        yield file
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str], ending: str = ".part") -> Iterator[Path]:
+    """Yield the path of a hidden file that is renamed to `path` at the end, for a library that opens files by name.
+
+    After an error or an interrupt the hidden file is removed, and an older file at `path` is unchanged. Raises OSError.
+    `ending` is the suffix of the hidden file.
+    """
+    target = Path(path)
+    part = target.with_name(f".{target.name}{ending}")
+    try:
+        yield part
+        os.replace(part, target)
+    except OSError as error:  # a failed write does not name its file
+        raise OSError(error.errno, error.strerror, str(target)) from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def next_free_path(folder: Path, name: str) -> Path:
+    """Return the path `NAME_001` in a folder, or the next number for which no file exists with any suffix."""
+    stems = (f"{name}_{k:03d}" for k in count(1))
+    return folder / next(s for s in stems if not (folder / s).exists() and not any(folder.glob(f"{escape(s)}.*")))
+
+
+# -- lock on a folder --------------------------------------------------------------------------------------------------
+
+LOCK_FILE = ".lock"
+
+
+@contextlib.contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Lock an existing folder within the block. The lock file is removed at the end.
+
+    On a file system without locks this has no effect. Raises BlockingIOError if another process holds the lock, and
+    OSError if the file cannot be created.
+    """
+    path = folder / LOCK_FILE
+    file = _acquire(path)
+    try:
+        yield
+    finally:
+        # Remove the file before the lock is released; Windows cannot remove an open file.
+        if sys.platform == "win32":
+            os.close(file)
+        with contextlib.suppress(OSError):
+            path.unlink()
+        if sys.platform != "win32":
+            os.close(file)
+
+
+def _acquire(path: Path) -> int:
+    """Return the descriptor of the locked file. Raises BlockingIOError, OSError."""
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            _lock(file)
+            # The previous owner may have removed the file after we opened it. The next process would create another.
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(file), path.stat()):
+                    return file
+        except BaseException:
+            os.close(file)
+            raise
+        os.close(file)
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(file: int) -> None:
+        try:
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError(*error.args) from None
+else:
+    import fcntl
+
+    def _lock(file: int) -> None:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise
+        except OSError:  # no locks on this file system
+            pass

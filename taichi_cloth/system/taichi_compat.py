@@ -1,0 +1,343 @@
+"""Uses of Taichi internals, with checks that they exist and work.
+
+Only this module touches Taichi internals, which `tests/test_layers.py` checks. They are not part of Taichi's interface,
+so another release may change or remove them. Each use is checked before it is relied on: the release, the names, and
+for kernels a probe that must return the right numbers. If a check fails, the program does without the internals, prints
+one line, and is slower.
+
+The uses are the running program (`PROGRAM`), SIMD kernels (`SIMD`), graphs of kernel launches (`GRAPHS`), the cache of
+kernel sources (`SOURCES`) and the folder of compiled kernels (`CACHE`). `DeviceArray` is the array type of graphs.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import reduce
+from types import CodeType, FunctionType
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import taichi as ti
+
+from .errors import one_line, print_note
+
+# -- checks ------------------------------------------------------------------------------------------------------------
+
+TESTED = (1, 7, 4)  # release that all uses were tested with
+
+
+class InternalUse(NamedTuple):
+    """One use of Taichi internals."""
+
+    names: tuple[str, ...]
+    """Dotted names it needs, within `taichi`."""
+    fallback: str
+    """What happens without it, for the user."""
+
+
+PROGRAM = InternalUse(("lang.impl.get_runtime", "lang.impl.PyTaichi"), "references to an ended program are not found")
+SIMD = InternalUse(
+    (
+        "_lib.core.CompileConfig.real_matrix_scalarize",
+        "_lib.core.CompileConfig.fast_math",
+        "lang.impl.current_cfg",
+        "lang.impl.PyTaichi.materialize",
+        "_lib.core.TypeFactory.get_tensor_type",
+    ),
+    "grids use the serial layout, which is slower",
+)
+GRAPHS = InternalUse(
+    (
+        "lang.kernel_impl.Kernel.ensure_compiled",
+        "_lib.core.GraphBuilder.dispatch",
+        "graph.GraphBuilder",
+        "lang._ndarray.ScalarNdarray",
+        "_lib.core.Program.delete_ndarray",
+    ),
+    "kernels are launched one by one, which is slower",
+)
+SOURCES = InternalUse(
+    (
+        "lang.kernel_impl.getsourcefile",
+        "lang.kernel_impl.getsourcelines",
+        "lang.ast.ast_transformer_utils.ASTTransformerContext.get_pos_info",
+    ),
+    "startup takes a second longer",
+)
+CACHE = InternalUse(
+    ("lang.impl.default_cfg", "_lib.core.CompileConfig.offline_cache_file_path"),
+    "compiled kernels are cached in Taichi's own folder, which is not checked",
+)
+
+_checked: dict[tuple[InternalUse, Any], bool] = {}  # by use, and by arch if it has a probe
+
+
+def usable(use: InternalUse, probe: Callable[[], bool] | None = None) -> bool:
+    """Return whether a use works: its names exist, and `probe` returns True on the current arch.
+
+    Each use is checked once, with a probe once per arch. If the check fails, one line is printed.
+    """
+    key = use, None if probe is None else ti.cfg.arch
+    if key not in _checked:
+        problem = _find_problem(use, probe)
+        _checked[key] = not problem
+        if problem:
+            print_note(f"{problem}: {use.fallback}")
+    return _checked[key]
+
+
+def find_internal(name: str) -> Any:
+    """Return the object with this dotted name within `taichi`. Raises AttributeError."""
+    return reduce(getattr, name.split("."), ti)
+
+
+def _find_problem(use: InternalUse, probe: Callable[[], bool] | None) -> str:
+    """Return why a use does not work, or "" if it works."""
+    if ti.__version__ != TESTED:
+        installed, tested = (".".join(map(str, version)) for version in (ti.__version__, TESTED))
+        return f"Taichi is {installed}, but only {tested} is tested"
+    for name in use.names:
+        try:
+            find_internal(name)
+        except AttributeError:
+            return f"Taichi has no {name}"
+    try:
+        return "" if probe is None or probe() else "a probe kernel returns wrong numbers"
+    except Exception as error:  # the program can do without, whatever the error
+        return f"a probe kernel fails ({one_line(f'{type(error).__name__}: {error}')[:200]})"
+
+
+# -- Taichi programs and device arrays ---------------------------------------------------------------------------------
+
+
+class _UnknownProgram:
+    """Stands for the running program where `PROGRAM` is not usable."""
+
+
+_unknown_program: _UnknownProgram | None = None
+
+
+def running_program() -> Any:
+    """Return the running Taichi program, or None. Do not store it; use `ProgramRef` instead."""
+    return ti.lang.impl.get_runtime().prog if usable(PROGRAM) else _unknown_program
+
+
+def on_start() -> None:
+    """Call this after `ti.init`."""
+    global _unknown_program
+    _unknown_program = _UnknownProgram()
+
+
+def on_reset() -> None:
+    """Call this after `ti.reset`."""
+    global _unknown_program
+    _unknown_program = None
+
+
+class ProgramRef:
+    """Weak reference to the Taichi program that runs when the reference is created.
+
+    A Taichi program owns all fields, arrays and compiled kernels, from `ti.init` to `ti.reset`. An ended program must
+    not be kept alive: its destructor frees its arrays by address, and by then those addresses may belong to the next
+    program.
+    """
+
+    def __init__(self) -> None:
+        program = running_program()
+        self._program = None if program is None else weakref.ref(program)
+
+    def runs(self) -> bool:
+        """Return whether that program still runs. False if none ran."""
+        program = None if self._program is None else self._program()
+        return program is not None and program is running_program()
+
+
+# If a release does not have this class, the check of `GRAPHS` fails and no array is created.
+_ScalarNdarray: Any = getattr(getattr(ti.lang, "_ndarray", None), "ScalarNdarray", object)
+
+
+class DeviceArray(_ScalarNdarray):  # type: ignore[misc]  # Taichi has no types
+    """A `ti.ndarray` of float32 in device memory that frees itself only while its own program runs.
+
+    The array of Taichi 1.7.4 deletes its address in whichever program runs when Python collects it. If its own program
+    has ended, that may be the address of an array in use. An ended program has freed its arrays itself.
+    """
+
+    arr: Any
+    """Handle of Taichi."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        super().__init__(ti.f32, shape)
+        self._delete = weakref.finalize(self, _delete, ProgramRef(), self.arr)
+        self._delete.atexit = False  # modules may be unloaded by then
+
+    def free(self) -> None:
+        """Free the memory now, even if the array is still referenced. A second call has no effect."""
+        self._delete()
+        self.arr = None
+
+    def __del__(self) -> None:
+        """Do nothing, instead of the destructor of Taichi: `_delete` frees the memory."""
+
+
+def _delete(program: ProgramRef, array: Any) -> None:
+    if program.runs():
+        running_program().delete_ndarray(array)
+
+
+# -- SIMD kernels ------------------------------------------------------------------------------------------------------
+
+
+def tensor_type(element: Any) -> Any:
+    """Return the type of a field element that LLVM gets as one value; `element`: a vector or matrix type."""
+    return element.tensor_type
+
+
+def materialize_fields() -> None:
+    """Allocate all fields that were declared so far. Taichi does so before the next kernel."""
+    ti.lang.impl.get_runtime().materialize()
+
+
+@contextmanager
+def no_scalarization(on: bool) -> Iterator[None]:
+    """Compile kernels without scalarization, if `on`.
+
+    Fast math is off too: it would reorder the sums of packets and not those of scalars, and the SIMD layout has to give
+    the same bits as the serial one.
+    """
+    if not on:
+        yield
+        return
+    options = ti.lang.impl.current_cfg()
+    before = options.real_matrix_scalarize, options.fast_math
+    options.real_matrix_scalarize = options.fast_math = False
+    try:
+        yield
+    finally:
+        options.real_matrix_scalarize, options.fast_math = before
+
+
+# -- graphs ------------------------------------------------------------------------------------------------------------
+
+
+def dispatch(builder: Any, kernel: Any, values: Sequence[object], arguments: Sequence[object]) -> None:
+    """Add a launch of `kernel` to the graph that `builder` builds.
+
+    Taichi's own `dispatch` takes no kernel with templates, so the kernel is compiled for `values` first.
+    """
+    primal = kernel._primal
+    key = primal.ensure_compiled(*values)
+    builder._graph_builder.dispatch(primal.compiled_kernels[key], list(arguments))
+
+
+# -- start-up ----------------------------------------------------------------------------------------------------------
+
+
+def is_arch_available(name: str) -> bool:
+    """Return whether this machine has an arch. True if the release has no such check: starting Taichi decides."""
+    supported = getattr(ti.lang.misc, "is_arch_supported", None)
+    return supported is None or bool(supported(getattr(ti, name)))
+
+
+def default_cache_folder() -> str:
+    """Return the folder in which Taichi caches compiled kernels. Needs `CACHE`."""
+    return str(ti.lang.impl.default_cfg().offline_cache_file_path)
+
+
+# -- cache of kernel sources -------------------------------------------------------------------------------------------
+
+CACHED_PACKAGES = ("taichi_cloth", "taichi")  # packages whose sources are cached
+
+
+class SourceCache:
+    """A function that caches the results of a source look-up, as long as a function exists and has the same code.
+
+    Look-ups take half or more of the time in which Taichi 1.7.4 parses a kernel. At each call that it inlines, hundreds
+    per frame, it searches all modules and splits the file to find the lines of the function.
+
+    Only functions of this package and of Taichi are cached. Others may be edited while the program runs and are looked
+    up each time. A reload by an editor, which gives a function new code, is detected.
+    """
+
+    def __init__(self, look_up: Callable[[Any], Any]) -> None:
+        self._look_up = look_up
+        self._found: WeakKeyDictionary[FunctionType, tuple[CodeType, Any]] = WeakKeyDictionary()
+        self.hits = self.misses = 0
+
+    def __call__(self, function: Any) -> Any:
+        if not is_cached(function):
+            return self._look_up(function)
+        code, found = self._found.get(function, (None, None))
+        if code is function.__code__:
+            self.hits += 1
+            return found
+        self.misses += 1
+        found = self._look_up(function)
+        self._found[function] = function.__code__, found
+        return found
+
+
+def is_cached(function: Any) -> bool:
+    """Return whether the source of a function is cached."""
+    return isinstance(function, FunctionType) and function.__module__.partition(".")[0] in CACHED_PACKAGES
+
+
+class PositionCache:
+    """Caches Taichi's description of where a syntax node is, with its source lines and a row of carets.
+
+    Taichi 1.7.4 composes it for every node, for a message in case of an error: half a million times for the kernels of
+    all solvers, of which a tenth are different, because functions are inlined again and again.
+    """
+
+    def __init__(self, describe: Callable[[Any, Any], str]) -> None:
+        self._describe = describe
+        self._found: WeakKeyDictionary[FunctionType, tuple[CodeType, dict[Any, str]]] = WeakKeyDictionary()
+
+    def __call__(self, context: Any, node: Any) -> str:
+        function = context.func.func
+        if not is_cached(function):
+            return self._describe(context, node)
+        code, found = self._found.get(function, (None, {}))
+        if code is not function.__code__:
+            found = {}
+            self._found[function] = function.__code__, found
+        key = type(node), node.lineno, node.col_offset, node.end_lineno, node.end_col_offset
+        if key not in found:
+            found[key] = self._describe(context, node)
+        return found[key]
+
+
+_replaced: list[tuple[Any, str, Any]] = []  # (module or class, name, original)
+_cache_of: dict[str, SourceCache] = {}  # by name of the look-up; kept for the next start
+
+
+def install_source_cache() -> None:
+    """Install the caches in Taichi, if `SOURCES` is usable. A second call has no effect."""
+    if _replaced or not usable(SOURCES):
+        return
+    from taichi.lang import kernel_impl
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+    for name in ("getsourcefile", "getsourcelines"):
+        _replace(kernel_impl, name, _cache_of.setdefault(name, SourceCache(getattr(kernel_impl, name))))
+    positions = PositionCache(ASTTransformerContext.get_pos_info)
+    _replace(ASTTransformerContext, "get_pos_info", lambda context, node: positions(context, node))
+
+
+def _replace(owner: Any, name: str, cached: Any) -> None:
+    _replaced.append((owner, name, getattr(owner, name)))
+    setattr(owner, name, cached)
+
+
+def cache_hits_and_misses() -> tuple[int, int]:
+    """Return the number of hits and misses of the cache of function lines."""
+    cache = _cache_of["getsourcelines"]
+    return cache.hits, cache.misses
+
+
+def remove_source_cache() -> None:
+    """Restore the original functions of Taichi. A second call has no effect."""
+    while _replaced:
+        setattr(*_replaced.pop())

@@ -1,0 +1,237 @@
+"""Starts and stops Taichi, checks its kernel cache, and describes software versions and machine.
+
+Only this module starts Taichi; importing the package does not.
+
+Taichi 1.7 crashes (SIGSEGV, SIGABRT) at exit if it cannot create the folder of its kernel cache, and at the first
+kernel if the index in that folder is damaged. A lock file left by a killed process disables the cache for good.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import gc
+import io
+import os
+import platform
+import re
+import shutil
+import struct
+import sys
+import tempfile
+import time
+import weakref
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from types import FrameType
+
+from .errors import UsageError
+
+ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first available of the other three
+
+# Taichi reads these when it is imported: no banner on stdout, no thread that checks for a new version online.
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
+if "HOME" not in os.environ and os.name == "posix":  # Taichi caches there, and crashes without it
+    home = os.path.expanduser("~")  # from the system's user database; "~" if the user is not in it
+    os.environ.setdefault("XDG_CACHE_HOME", os.devnull if home == "~" else os.path.join(home, ".cache"))
+
+
+def start(arch: str = "cpu", **options: object) -> str:
+    """Start Taichi on `arch`, after ending a running Taichi program. Return the arch that runs.
+
+    `options` are passed to `ti.init`. The environment variable TI_ARCH is removed, because Taichi would use it instead.
+
+    `arch`: "cpu", "cuda", "vulkan", "metal", or "gpu" for the first of these three that the machine has. Raises
+    ValueError for another arch, UsageError for one that this machine does not have, and RuntimeError if there are still
+    references to the ended program; the message names them.
+    """
+    if arch not in ARCHS:
+        raise ValueError(f"unknown arch {arch!r}: {', '.join(ARCHS)}")
+    os.environ.pop("TI_ARCH", None)
+    import taichi as ti
+
+    from . import taichi_compat
+
+    ti.set_logging_level(ti.ERROR)  # or a missing CUDA library is reported twice
+    available = [name for name in ARCHS[1:-1] if taichi_compat.is_arch_available(name)]
+    chosen = next(iter(available), "gpu") if arch == "gpu" else arch
+    if chosen not in ("cpu", *available):
+        raise UsageError(f"arch {arch} is not available: this machine has {', '.join(['cpu', *available])}")
+    stop()
+    taichi_compat.install_source_cache()
+    if "offline_cache_file_path" not in options and taichi_compat.usable(taichi_compat.CACHE):
+        usual = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or taichi_compat.default_cache_folder()
+        options["offline_cache_file_path"] = str(usable_cache_folder(Path(usual), stop))
+    settings = {
+        "log_level": ti.ERROR,  # no warnings, for example when two processes write to the kernel cache at once
+        "enable_fallback": False,
+        # By default Taichi caches 100 MB of kernels and drops the oldest; six solvers on a dozen scenes need more.
+        "offline_cache_max_size_of_files": 1 << 29,  # [bytes]
+        # On the CPU Taichi's own passes are off. Their time grows faster than the size of a kernel: 12 s for a frame in
+        # the SIMD layout, 2 s without them. LLVM repeats most of their work; without them frames are 5–10 % slower.
+        "advanced_optimization": chosen != "cpu",
+        **options,
+    }
+    with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints its arch and has no option against it
+        ti.init(arch=getattr(ti, chosen), **settings)
+    taichi_compat.on_start()
+    return chosen
+
+
+def start_if_needed() -> None:
+    """Start Taichi on the CPU unless it runs already."""
+    from . import taichi_compat
+
+    if taichi_compat.running_program() is None:
+        start()
+    else:
+        taichi_compat.install_source_cache()
+
+
+def stop() -> None:
+    """End Taichi. Close all windows before; open simulations cannot continue.
+
+    Raises RuntimeError if something else still refers to the ended program: once collected, it would free memory of the
+    next program. Taichi does not start again until that reference is gone.
+    """
+    global _ended
+    import taichi as ti
+
+    from . import taichi_compat
+
+    taichi_compat.remove_source_cache()
+    running = taichi_compat.running_program()
+    if running is not None:
+        _ended = weakref.ref(running)
+    del running
+    ti.reset()
+    taichi_compat.on_reset()
+    if _ended() is not None:
+        gc.collect()
+    if (program := _ended()) is not None:
+        raise RuntimeError(f"Taichi's program has ended but is still referenced by {_referrers(program)}")
+
+
+def _no_program() -> None:
+    """Return None: no program has ended before the first start."""
+
+
+_ended: Callable[[], object] = _no_program  # weak reference to the program that ended last
+
+
+def _referrers(program: object) -> str:
+    """Return what refers to a program, as text. Python does not report local variables of running functions."""
+    words = []
+    for referrer in gc.get_referrers(program):
+        if isinstance(referrer, dict):  # the namespace of a module, or another dict
+            module = referrer.get("__name__", "a dict")
+            for name, value in referrer.items():  # a comprehension would add its cell as a referrer
+                if value is program:
+                    words.append(f"{module}: {name}")
+        elif not isinstance(referrer, FrameType):
+            words.append(f"a {type(referrer).__module__}.{type(referrer).__qualname__}")
+    return ", ".join(words) or "a local variable"
+
+
+# -- machine -----------------------------------------------------------------------------------------------------------
+
+
+def machine() -> dict[str, str]:
+    """Return software versions and system, which are stored with the results of a run."""
+    return {
+        "taichi_cloth": version("taichi-cloth"),
+        "taichi": version("taichi"),
+        "numpy": version("numpy"),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def cpu_model() -> str:
+    """Return the name of the processor."""
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def peak_bytes() -> int | None:
+    """Return the peak memory of this process [bytes], or None if the system does not report it."""
+    status = Path("/proc/self/status")
+    if status.exists():  # getrusage would include the peak of the parent
+        found = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())
+        return int(found[1]) * 1024 if found else None
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+INDEX, LOCK = "ticache.tcb", "ticache.lock"
+LOCK_TIMEOUT = 60.0  # [s] Taichi holds the lock while it reads or writes the folder: for seconds at most
+
+
+def usable_cache_folder(usual: Path, before_exit: Callable[[], None]) -> Path:
+    """Repair the folder `usual` and return it; if it cannot be used, return a temporary folder for this process.
+
+    The temporary folder is removed at exit, after a call of `before_exit`. That function must end Taichi, which writes
+    to its folder once more. Raises OSError if no temporary folder can be created either.
+    """
+    try:
+        usual.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=usual):
+            pass
+        _repair(usual)
+        return usual
+    except OSError:
+        folder = tempfile.mkdtemp(prefix="taichi_cloth_kernels_")
+
+    def remove() -> None:
+        before_exit()
+        shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(remove)
+    return Path(folder)
+
+
+def _repair(folder: Path) -> None:
+    """Remove the lock of a dead process, and a damaged index: its kernels are then compiled again. Raises OSError."""
+    lock, index = folder / LOCK, folder / INDEX
+    with contextlib.suppress(FileNotFoundError):
+        if time.time() - lock.stat().st_mtime > LOCK_TIMEOUT:
+            lock.unlink()
+    with contextlib.suppress(FileNotFoundError):
+        if not is_index_consistent(index.read_bytes()):
+            index.unlink()
+
+
+def is_index_consistent(content: bytes) -> bool:
+    """Return whether all lengths in an index of Taichi 1.7 are consistent.
+
+    A wrong total length and another version count as sound, because Taichi detects them itself.
+
+    The index has its total length, a version of three 16-bit numbers, the size of the folder and the number of kernels.
+    Each kernel has its name twice, its size and two times. Lengths and counts are 64-bit numbers before their data.
+    """
+    head = struct.calcsize("<Q3HQQ")
+    if len(content) < head:
+        return True
+    total, *version, _, kernels = struct.unpack_from("<Q3HQQ", content)
+    length = len(content)
+    if total != length or version[:2] != [1, 7]:
+        return True
+    offset = head
+    for _ in range(kernels):
+        for _ in range(2):
+            if offset + 8 > length:
+                return False
+            offset += 8 + int.from_bytes(content[offset : offset + 8], "little")
+        offset += 3 * 8
+        if offset > length:
+            return False
+    return offset == length

@@ -1,1 +1,0 @@
-"""References with known answers, and how far the solvers are from them (`taichi-cloth validate`)."""

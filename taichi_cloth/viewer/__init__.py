@@ -1,0 +1,1 @@
+"""The interactive viewer: window, control panel, mouse and keyboard input, screenshots, clips and replay."""

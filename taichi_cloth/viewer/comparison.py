@@ -1,0 +1,361 @@
+"""Two sessions side by side with shared keys, mouse and camera, and their window.
+
+The software rasterizer draws both halves, since the UI toolkit supports only one camera.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import taichi as ti
+
+from ..render.draw_list import DrawList
+from ..render.split_view import SplitRenderer, camera_for_both, nearest_vertex_map, rms_distance
+from ..scene import Scene, parameters_of
+from .input import SHORTCUTS
+from .panel import (
+    LINE_LENGTH,
+    NOTE_COLOR,
+    PANEL_MARGIN,
+    PANEL_WIDTH,
+    PanelRect,
+    error_text,
+    has_changed,
+    saved_panel_rect,
+    wrap,
+)
+from .session import Session
+from .window import (
+    MAX_HOLD_SECONDS,
+    STATISTICS_EVERY,
+    WINDOW_POSITION,
+    WINDOW_TITLE,
+    FrameClock,
+    FrameLog,
+    held_buttons,
+    press_keys,
+    window_size,
+)
+
+# Actions on both sides, and actions on the side under the cursor only, so that the sides may differ in more settings.
+SHARED_ACTIONS = ("freeze", "step", "reset", "wind", "view", "smaller_radius", "larger_radius", "restore_defaults")
+SIDE_ACTIONS = ("solver", "fabric", "feature", "pin")
+
+
+class Comparison:
+    """The left and the right session. Screen points run from (0, 0) at the bottom left of both images to (1, 1)."""
+
+    def __init__(self, left: Scene, right: Scene, aspect: float, out: Path = Path("out")) -> None:
+        """`aspect`: width over height of one half when the window opens."""
+        with ExitStack() as opened:
+            sessions = []
+            for scene in (left, right):
+                sessions.append(Session(scene, out=out))
+                opened.callback(sessions[-1].close)
+            opened.pop_all()
+        self.left, self.right = sessions
+        self.left.camera = self.right.camera = camera_for_both(left, aspect)
+        self.hidden = False
+        """Whether the panel is hidden."""
+        self.running = True
+        """False once the user has quit."""
+        self._buttons: frozenset[str] = frozenset()  # mouse buttons that were down in the last displayed frame
+        self._active = self.left  # the side under the cursor; during a drag, the side where it began
+        a, b = self.left.simulation, self.right.simulation
+        self._partners = {id(self.left): nearest_vertex_map(a, b), id(self.right): nearest_vertex_map(b, a)}
+
+    @property
+    def sides(self) -> tuple[Session, Session]:
+        """The left and the right session."""
+        return self.left, self.right
+
+    @property
+    def draw_lists(self) -> tuple[DrawList, DrawList]:
+        """The draw lists of both sides."""
+        return self.left.draw_list, self.right.draw_list
+
+    @property
+    def view(self) -> str:
+        """The view of both sides."""
+        return self.left.view
+
+    @property
+    def note(self) -> str:
+        """One line for the user, of the left side if it has one, else of the right side."""
+        return self.left.note or self.right.note
+
+    @property
+    def mouse(self) -> str:
+        """What the mouse acts on, on the active side: a value of `input.Target`."""
+        return self._active.pointer.owner.value
+
+    @property
+    def rms_distance(self) -> float:
+        """Root mean square distance between the particles of both sides, as a fraction of the cloth's longer side."""
+        return rms_distance(self.left.simulation, self.right.simulation, self._partners[id(self.left)])
+
+    def close(self) -> None:
+        """Release the resources of both sides."""
+        for side in self.sides:
+            side.close()
+
+    def act(self, action: str) -> None:
+        """Run the action of a key or button. Ignores actions that a comparison does not support."""
+        if action in SHARED_ACTIONS:
+            for side in self.sides:
+                side.act(action)
+        elif action in SIDE_ACTIONS:
+            self._active.act(action)
+        elif action == "first_view":
+            self.left.act(action)
+        elif action == "hide":
+            self.hidden = not self.hidden
+        elif action == "quit":
+            self.running = False
+
+    def request(self, action: str) -> None:
+        """Run an action. If it may compile for seconds, first display a frame whose note says so (`run_deferred`)."""
+        if action in SIDE_ACTIONS:
+            self._active.request(action)
+        else:
+            self.act(action)
+
+    def run_deferred(self) -> None:
+        """Run the deferred actions. Call it after a frame was displayed."""
+        for side in self.sides:
+            side.run_deferred()
+
+    def on_key_held(self, action: str, seconds: float) -> None:
+        """Continue the action of a key that is held down, for that much wall time [s]."""
+        self.left.on_key_held(action, seconds)
+
+    def set_parameter(self, name: str, value: float) -> None:
+        """Set a runtime parameter on each side that has it."""
+        for side in self.sides:
+            if name in parameters_of(side.simulation.scene):
+                side.simulation.params[name] = value
+
+    def on_pointer(
+        self,
+        cursor: tuple[float, float],
+        buttons: frozenset[str],
+        size: tuple[int, int],
+        *,
+        on_panel: bool,
+        widget_changed: bool,
+    ) -> None:
+        """Process the mouse of one displayed frame. A grab on one side also grabs the same point of the other cloth.
+
+        `cursor`: a screen point. `size`: of both images together [pixels]. Other arguments as for `Session.on_pointer`.
+        """
+        if not (buttons or self._buttons):  # a release belongs to the side of its press
+            self._active = self.left if cursor[0] < 0.5 else self.right
+        self._buttons = buttons
+        active, other = self.sides if self._active is self.left else self.sides[::-1]
+        u = 2 * cursor[0] - (active is self.right)
+        half = size[0] // 2, size[1]
+        active.on_pointer((u, cursor[1]), buttons, half, on_panel=on_panel, widget_changed=widget_changed)
+        other.mirror_grab(active, self._partners[id(active)])
+
+    def advance(self, frames: int) -> None:
+        """Advance both sides by a number of frames, unless they are frozen. If one diverges, both freeze."""
+        for side in self.sides:
+            side.advance(frames)
+        for side in self.sides:
+            side.frozen = self.left.frozen or self.right.frozen
+
+    def measure(self) -> None:
+        """Update the metrics of both sides."""
+        for side in self.sides:
+            side.measure()
+
+
+NAME = "compare"
+HEIGHT = 560  # [pixels] of the panel
+BAND = PANEL_WIDTH + 2 * PANEL_MARGIN  # [pixels] column at the left that shows the panel and no image
+BAND_COLOR = 40  # of 255
+MIN_WIDTH = 2 * 100  # [pixels] minimum width of both images together, however narrow the window
+
+
+# -- window ------------------------------------------------------------------------------------------------------------
+
+
+def run(open_pair: Callable[[], Comparison], *, size: tuple[int, int], frames: int | None, log: Path | None) -> None:
+    """Open a window on a comparison. Return when the user closes it, or after `frames` displayed frames.
+
+    `open_pair` makes the comparison. `size`: of the window [pixels]. Taichi must have been started, and a display must
+    be available (`display_probe.window_obstacle`). Raises OSError if `log` cannot be written.
+    """
+    with contextlib.ExitStack() as stack:
+        frame_log = stack.enter_context(FrameLog(log)) if log else None
+        folder = stack.enter_context(TemporaryDirectory(prefix="taichi_cloth_"))
+        comparison = stack.enter_context(contextlib.closing(open_pair()))
+        stack.enter_context(contextlib.chdir(folder))
+        window = ti.ui.Window(WINDOW_TITLE, size, vsync=True, pos=WINDOW_POSITION)
+        stack.callback(window.destroy)  # before the Taichi fields are released
+        loop(window, comparison, ComparisonPanel(size, Path(folder) / "imgui.ini"), frames, frame_log)
+
+
+def loop(
+    window: ti.ui.Window, comparison: Comparison, panel: ComparisonPanel, frames: int | None, frame_log: FrameLog | None
+) -> None:
+    """Process input, simulate and draw, once for every displayed frame."""
+    canvas, gui, clock = window.get_canvas(), window.get_gui(), FrameClock(time.perf_counter())
+    rendered_size, renderer = (0, 0), None  # the size that the renderer was made for
+    lines: list[str] = []
+    displayed, updated, draw_ms = 0, 0.0, 0.0
+    while window.running and comparison.running and displayed != frames:
+        now = time.perf_counter()
+        due = clock.due(now)
+        size, cursor = window_size(window, panel.window_size), window.get_cursor_pos()
+        if now - updated > STATISTICS_EVERY:
+            comparison.measure()
+            lines, updated = statistics(comparison, draw_ms), now
+        widget_used = not comparison.hidden and panel.draw(gui, comparison, lines)
+        press_keys(window, comparison, min(clock.elapsed, MAX_HOLD_SECONDS))
+        band = 0 if comparison.hidden else band_of(size)
+        image_size = size[0] - band, size[1]
+        point = (cursor[0] * size[0] - band) / image_size[0], cursor[1]
+        on_panel = point[0] < 0 or (not comparison.hidden and panel.place.contains(cursor, size))
+        comparison.on_pointer(point, held_buttons(window), image_size, on_panel=on_panel, widget_changed=widget_used)
+        comparison.advance(due)
+
+        start = time.perf_counter()
+        if renderer is None or image_size != rendered_size:
+            renderer, rendered_size = SplitRenderer(*image_size, samples=1), image_size
+            image = np.full((*size, 3), BAND_COLOR, np.uint8)  # the toolkit's origin is the bottom left
+        image[band:] = renderer.draw(comparison.draw_lists, comparison.view, comparison.left.camera).transpose(1, 0, 2)[
+            :, ::-1
+        ]
+        canvas.set_image(image)
+        draw_ms = 1e3 * (time.perf_counter() - start)
+        if frame_log:
+            comparison.measure()
+            frame_log.write({"cursor": list(cursor)} | line_of(comparison, displayed, image_size, band))
+        window.show()
+        displayed += 1
+        comparison.run_deferred()
+
+
+def band_of(size: tuple[int, int]) -> int:
+    """Return the width of the panel's column in a window of `size` [pixels]."""
+    return max(0, min(BAND, size[0] - MIN_WIDTH))
+
+
+def aspect_of(size: tuple[int, int]) -> float:
+    """Return width over height of one half, in a window of `size` [pixels] that shows its panel."""
+    return (size[0] - band_of(size)) / 2 / size[1]
+
+
+# -- panel -------------------------------------------------------------------------------------------------------------
+
+
+class ComparisonPanel:
+    """The panel of a comparison: sliders that act on both sides, and statistics of each side."""
+
+    def __init__(self, size: tuple[int, int], settings: Path) -> None:
+        """`size`: of the window when it opens [pixels]. `settings`: the toolkit's imgui.ini."""
+        self.window_size = size
+        self._initial_place = PanelRect(
+            PANEL_MARGIN, PANEL_MARGIN, PANEL_WIDTH, min(HEIGHT, size[1] - 2 * PANEL_MARGIN)
+        )
+        self._settings = settings
+
+    @property
+    def place(self) -> PanelRect:
+        """The panel's rectangle. If the user moves the panel, the value follows some seconds later."""
+        return saved_panel_rect(self._settings, NAME) or self._initial_place
+
+    def draw(self, gui: ti.ui.Gui, comparison: Comparison, lines: list[str]) -> bool:
+        """Declare all widgets for this frame. Return whether the user changed one. `lines`: of `statistics`."""
+        place, (width, height) = self._initial_place, self.window_size
+        changed = False
+        with gui.sub_window(NAME, place.left / width, place.top / height, place.width / width, place.height / height):
+            for name, key in parameters_of(comparison.left.simulation.scene).items():
+                if name in ("substeps", "iterations"):  # these belong to each side's solver
+                    continue
+                before = comparison.left.simulation.params[name]
+                label = f"{key.label} [{key.unit}]" if key.unit else key.label
+                after = gui.slider_float(label, before, key.slider_min, key.slider_max)
+                if has_changed(after, before):
+                    comparison.set_parameter(name, min(max(after, key.slider_min), key.slider_max))
+                    changed = True
+            for label in ("Freeze", "Step", "Reset", "View"):
+                if gui.button(label):
+                    comparison.act(label.lower())
+                    changed = True
+            for line in lines:
+                gui.text(line)
+            for line in wrap(comparison.note):
+                gui.text(line, color=NOTE_COLOR)
+            for line in help_lines():
+                gui.text(line)
+        return changed
+
+
+def help_lines() -> list[str]:
+    """Return the keys that act on both sides, and those that act on the side under the cursor."""
+    lines = []
+    for scope, actions in (("both sides", SHARED_ACTIONS), ("side under the cursor", SIDE_ACTIONS)):
+        keys = ", ".join(f"{key.label} {key.help}" for key in SHORTCUTS if key.action in actions)
+        lines += wrap(f"{scope}: {keys}")
+    return lines
+
+
+def statistics(comparison: Comparison, draw_ms: float) -> list[str]:
+    """Return lines of text with the statistics of both sides. `draw_ms`: time to draw both [ms]."""
+    lines = [
+        line
+        for name, side in zip(("left", "right"), comparison.sides, strict=True)
+        for line in side_statistics(name, side)
+    ]
+    return [*lines, f"RMS distance: {comparison.rms_distance:.2%} of the cloth's side", f"drawing: {draw_ms:.1f} ms"]
+
+
+def side_statistics(name: str, side: Session) -> list[str]:
+    """Return lines of text with the solver, time, strain and error of one side."""
+    simulation, metrics = side.simulation, side.metrics
+    return [
+        *wrap(f"{name}: {simulation.method}"),
+        f"  {side.physics_ms:.1f} ms, strain {100 * metrics.max_strain:.1f} %, {error_text(simulation)}"[:LINE_LENGTH],
+    ]
+
+
+def line_of(comparison: Comparison, displayed: int, image_size: tuple[int, int], band: int) -> dict[str, object]:
+    """Return the `--log` entry of one displayed frame.
+
+    `image_size`: of both images together [pixels]. `band`: width of the panel's column at their left [pixels].
+    """
+    aspect = image_size[0] / 2 / image_size[1]
+    sides = []
+    for k, side in enumerate(comparison.sides):
+        simulation = side.simulation
+        grabbed = next(iter(simulation.grabbed.tolist()), None)  # the particle grabbed first
+        particle = None
+        if grabbed is not None:
+            u, v = side.camera.to_screen(simulation.positions()[grabbed], aspect)[0][0].tolist()
+            particle = [(band + image_size[0] * (u + k) / 2) / (band + image_size[0]), v]
+        sides.append(
+            {
+                "solver": simulation.solver.name,
+                "frame": simulation.frame,
+                "grabbed": grabbed,
+                "particle": particle,
+                "physics_ms": round(side.physics_ms, 3),
+                "max_strain": side.metrics.max_strain,
+                "parameters": {name: simulation.params[name] for name in parameters_of(simulation.scene)},
+            }
+        )
+    shared = {
+        "displayed": displayed,
+        "mouse": comparison.mouse,
+        "rms_distance": comparison.rms_distance,
+        "frozen": comparison.left.frozen,
+    }
+    return {**shared, "sides": sides}

@@ -1,0 +1,228 @@
+"""Dragging the cloth with a cursor: pick the particle under it, move it on a plane, release it.
+
+Distances along a ray are in meters from its origin, infinity for a miss. Ray directions are unit vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..collision.colliders import ray_cast
+from ..render.camera import OrbitCamera
+from ..simulation.events import GrabHandle
+from ..simulation.simulation import Simulation
+
+OVERLAP = 1e-9  # in barycentric coordinates: neighboring triangles overlap, so that rounding opens no gap between them
+
+Floats = NDArray[np.float64]
+
+
+# -- ray casting -------------------------------------------------------------------------------------------------------
+
+
+def triangle_distances(origin: Floats, direction: Floats, a: Floats, b: Floats, c: Floats) -> Floats:
+    """Return the distance [m] along a ray to each of T triangles with corners a, b, c, each (T, 3). Shape (T,).
+
+    Both sides of a triangle count. Möller and Trumbore, "Fast, minimum storage ray-triangle intersection" (1997),
+    vectorized over all triangles.
+    """
+    ab, ac, offset = b - a, c - a, origin - a
+    p = np.cross(direction, ac)
+    q = np.cross(offset, ab)
+    determinant = _dot(ab, p)
+    # For a triangle seen exactly edge-on the determinant is 0: the divisions give inf or NaN, which fail the tests.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        beta = _dot(offset, p) / determinant
+        gamma = q @ direction / determinant
+        distance = _dot(ac, q) / determinant
+        inside = (np.minimum(beta, gamma) >= -OVERLAP) & (beta + gamma <= 1 + OVERLAP) & (distance > 0)
+    return np.where(inside, distance, np.inf)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    products: Floats = np.einsum("ij,ij->i", a, b)
+    return products
+
+
+# -- picking -----------------------------------------------------------------------------------------------------------
+
+TOLERANCE = 10.0  # [pixels] if the ray hits no triangle, a particle this near is picked: cloth seen edge-on
+
+# From the origin and direction of a ray, the distance [m] along it to the first collider.
+PickBlocked = Callable[[Floats, Floats], float]
+
+
+@dataclass(frozen=True)
+class Pick:
+    """A particle under the cursor."""
+
+    index: int
+    point: tuple[float, float, float]
+    """Where the ray hits the cloth, or the position of the particle if it hits none [m]."""
+    depth: float
+    """Distance of the particle along the view axis [m]."""
+
+
+def pick_particle(
+    camera: OrbitCamera,
+    cursor: tuple[float, float],
+    size: tuple[int, int],
+    positions: Floats,
+    triangles: NDArray[np.integer],
+    blocked: PickBlocked = lambda origin, direction: np.inf,
+) -> Pick | None:
+    """Return the particle at a screen point of an image of `size` [pixels], or None. Colliders hide particles.
+
+    The result is the corner of the first triangle on the ray that is nearest to the hit. If the ray hits no triangle,
+    the result is the particle nearest on the screen, within `TOLERANCE`.
+    """
+    aspect = size[0] / size[1]
+    origin, direction = camera.ray(*cursor, aspect)
+    screen, depth = camera.to_screen(positions, aspect)
+    limit = blocked(origin, direction)
+
+    distances = triangle_distances(origin, direction, *(positions[triangles[:, k]] for k in range(3)))
+    first = int(distances.argmin()) if len(distances) else -1
+    if first >= 0 and np.isfinite(distances[first]):
+        if distances[first] > limit:
+            return None
+        point = origin + distances[first] * direction
+        corners = triangles[first]
+        index = int(corners[np.linalg.norm(positions[corners] - point, axis=1).argmin()])
+        return Pick(index, _vec3(point), float(depth[index]))
+
+    gaps = np.linalg.norm((screen - cursor) * size, axis=1)  # [pixels] on the screen, NaN behind the eye
+    for index in (int(i) for i in np.argsort(gaps) if gaps[i] <= TOLERANCE):
+        offset = positions[index] - origin
+        distance = float(np.linalg.norm(offset))
+        if distance < min(limit, blocked(origin, offset / distance)):
+            return Pick(index, _vec3(positions[index]), float(depth[index]))
+    return None
+
+
+# -- dragging ----------------------------------------------------------------------------------------------------------
+
+
+class DragPlane:
+    """Maps the cursor to positions of a grabbed particle, on the plane through it parallel to the image.
+
+    The particle keeps the offset from the cursor that it had when it was grabbed, so it does not jump.
+    """
+
+    def __init__(self, camera: OrbitCamera, cursor: tuple[float, float], aspect: float, particle: ArrayLike) -> None:
+        """`particle`: its position [m], which must be in front of the eye. `aspect`: width over height of the image."""
+        self.target = np.asarray(particle, np.float64)
+        self._normal = camera.view()[2, :3]
+        self._level = float(self._normal @ self.target)
+        self._offset = np.zeros(3)
+        self._offset = self.target - self.move(camera, cursor, aspect)
+
+    def move(self, camera: OrbitCamera, cursor: tuple[float, float], aspect: float) -> Floats:
+        """Return the particle's position for a cursor [m]. It does not change if the cursor's ray misses the plane."""
+        origin, direction = camera.ray(*cursor, aspect)
+        approach = float(self._normal @ direction)
+        gap = self._level - float(self._normal @ origin)
+        # The ray misses only if the camera turned away from the plane during the drag.
+        if gap * approach > 0:
+            self.target = origin + (gap / approach) * direction + self._offset
+        return self.target
+
+
+def _vec3(point: Floats) -> tuple[float, float, float]:
+    return float(point[0]), float(point[1]), float(point[2])
+
+
+Cursor = tuple[float, float]  # a screen point
+Size = tuple[int, int]  # of the image [pixels]
+
+
+@dataclass
+class Drag:
+    """A drag in progress."""
+
+    grab: GrabHandle
+    plane: DragPlane
+    position: NDArray[np.float64]
+    """Position of the grab when the last displayed frame was simulated [m]."""
+
+
+class Dragger:
+    """Drags the cloth of one simulation with one cursor."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self._drag: Drag | None = None
+
+    @property
+    def drag(self) -> Drag | None:
+        """The drag in progress, or None. A reset of the simulation ends it."""
+        if self._drag is not None and not self._drag.grab.active:
+            self._drag = None
+        return self._drag
+
+    @property
+    def particle(self) -> int | None:
+        """Index of the dragged particle, or None."""
+        return None if self.drag is None else int(self.drag.grab.particles[0])
+
+    def begin(self, camera: OrbitCamera, cursor: Cursor, size: Size, radius: float) -> bool:
+        """Grab the particle at a screen point, and all within a radius [m] of it. Ends a drag in progress.
+
+        Return False if there is no particle at the point, or if it is grabbed already.
+        """
+        self.end()
+        particle = pick_under_cursor(self.simulation, camera, cursor, size)
+        if particle is None or particle in self.simulation.grabbed:
+            return False
+        position = self.simulation.positions()[particle]
+        self._begin(particle, DragPlane(camera, cursor, size[0] / size[1], position), radius)
+        return True
+
+    def _begin(self, particle: int, plane: DragPlane, radius: float) -> None:
+        position = self.simulation.positions()[particle]
+        self._drag = Drag(self.simulation.grab(particle, radius), plane, position)
+
+    def follow(self, camera: OrbitCamera, cursor: Cursor, size: Size) -> None:
+        """Move the grab, if there is one, to the cursor."""
+        if self.drag is not None:
+            self.drag.grab.move_to(self.drag.plane.move(camera, cursor, size[0] / size[1]))
+
+    def interpolate(self, fraction: float) -> None:
+        """Move the grab by a fraction, 0…1, of the cursor's motion since the last displayed frame.
+
+        A slow display shows one image for several simulated frames. The grab must not jump in one of them.
+        """
+        if self.drag is not None:
+            start, end = self.drag.position, self.drag.plane.target
+            self.drag.grab.move_to(start + fraction * (end - start))
+
+    def arrive(self) -> None:
+        """Store that the grab has reached the cursor: all simulated frames of this displayed frame are done."""
+        if self.drag is not None:
+            self.drag.position = self.drag.plane.target
+
+    def mirror(self, other: Dragger, partner: NDArray[np.int64], radius: float) -> None:
+        """Drag what another dragger drags, on the same plane. `partner`: our particle for each of the other's, (N,)."""
+        if other.drag is None:
+            self.end()
+        elif self.drag is None or self.drag.plane is not other.drag.plane:
+            self.end()
+            self._begin(int(partner[other.drag.grab.particles[0]]), other.drag.plane, radius)
+
+    def end(self) -> None:
+        """Release the grab, if there is one."""
+        if self.drag is not None:
+            self.drag.grab.release()
+        self._drag = None
+
+
+def pick_under_cursor(simulation: Simulation, camera: OrbitCamera, cursor: Cursor, size: Size) -> int | None:
+    """Return the particle at a screen point, or None if there is none or a collider is in front of it."""
+    blocked = partial(ray_cast, simulation.colliders())
+    picked = pick_particle(camera, cursor, size, simulation.positions(), simulation.topology.triangles, blocked)
+    return None if picked is None else picked.index

@@ -1,0 +1,305 @@
+"""The control panel: sliders, switches, statistics and key help.
+
+It has pages, since the toolkit has no collapsible sections.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import taichi as ti
+
+from ..scene.parameters import Parameter, parameters_of
+from ..scene.schema import FRAME_SECONDS
+from ..simulation.error_estimate import estimate
+from ..simulation.simulation import Simulation
+from . import charts
+from .feature_times import FeatureTimes
+from .input import ARROWS, MOUSE, PAGES, SHORTCUTS, display_name
+from .session import Session
+
+# -- position of the panel ---------------------------------------------------------------------------------------------
+
+# The toolkit does not report it, but saves it to its settings file some seconds after a move.
+
+TITLE_HEIGHT = 19  # [pixels] height of a collapsed panel
+
+# A section of imgui.ini. "Collapsed" is 1 if the user has collapsed the panel to its title bar.
+SECTION = r"\[Window\]\[{name}\]\nPos=(-?\d+),(-?\d+)\nSize=(\d+),(\d+)\nCollapsed=(\d)"
+
+
+@dataclass(frozen=True)
+class PanelRect:
+    """The rectangle of a panel, in pixels from the top left corner of the window."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def right(self) -> int:
+        """Right edge [pixels]."""
+        return self.left + self.width
+
+    def contains(self, cursor: tuple[float, float], size: tuple[int, int]) -> bool:
+        """Return whether a screen point (from the bottom left, 0…1) of a window of `size` [pixels] lies in it."""
+        x, y = cursor[0] * size[0] - self.left, (1 - cursor[1]) * size[1] - self.top
+        return 0 <= x <= self.width and 0 <= y <= self.height
+
+
+def saved_panel_rect(settings: Path, name: str) -> PanelRect | None:
+    """Return the rectangle of the panel `name` from the toolkit's settings file, or None if it is not there yet."""
+    try:
+        match = re.search(SECTION.format(name=re.escape(name)), settings.read_text(encoding="utf-8"))
+    except OSError:
+        return None
+    if match is None:
+        return None
+    left, top, width, height, collapsed = map(int, match.groups())
+    return PanelRect(left, top, width, TITLE_HEIGHT if collapsed else height)
+
+
+# -- panel -------------------------------------------------------------------------------------------------------------
+
+PANEL_NAME = "taichi_cloth"
+PANEL_MARGIN = 10  # [pixels] between the panel and the edge of the window
+PANEL_WIDTH = 392  # [pixels] a slider takes 65 % of it, which leaves 17 characters for its label
+PANEL_HEIGHT = 640  # [pixels] room for the longest page
+LINE_LENGTH = (
+    PANEL_WIDTH - 2 * 8
+) // 7  # characters in a line: the toolkit's padding is 8 pixels, a character is 7 pixels wide
+KEY_COLUMN = 25  # [characters] width of the first column of the key help
+MIN_SHOWN_ERROR = 1e-4  # fraction of the cloth's side: smaller errors are reported as below it
+SUMMARY_LINES = 3  # lines of the statistics that every page shows
+NOTE_COLOR = (1.0, 0.6, 0.3)  # color of the note
+GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
+FIRST_HELP = "Drag the cloth. M: next scene. Tab: next page. Move a slider to show its help."
+GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
+CHOICES = (
+    ("solver", "Next solver"),
+    ("fabric", "Next fabric"),
+    ("view", "Next view"),
+    ("next_scene", "Next scene"),
+    ("previous_scene", "Previous scene"),
+)
+
+
+class Panel:
+    """Draws the panel of a session and applies the user's changes.
+
+    The toolkit identifies widgets by their labels, so labels are unique.
+    """
+
+    def __init__(self, size: tuple[int, int], settings: Path) -> None:
+        """`size`: of the window when it opens [pixels]. `settings`: the toolkit's imgui.ini."""
+        self.window_size = size
+        self._initial_place = PanelRect(
+            PANEL_MARGIN, PANEL_MARGIN, PANEL_WIDTH, min(PANEL_HEIGHT, size[1] - 2 * PANEL_MARGIN)
+        )
+        self._settings = settings
+        self._moved = ""  # name of the slider that was moved last
+
+    @property
+    def place(self) -> PanelRect:
+        """The panel's rectangle. If the user moves the panel, the value follows some seconds later."""
+        return saved_panel_rect(self._settings, PANEL_NAME) or self._initial_place
+
+    def shift(self, size: tuple[int, int]) -> float:
+        """Return how far right the image must move to be centered in the area beside the panel [heights of the window].
+
+        `size`: of the window [pixels].
+        """
+        return self._initial_place.right / 2 / size[1]
+
+    def draw(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
+        """Declare all widgets for this frame. Return whether the user changed one.
+
+        `statistics`: the text that the function `statistics` returns.
+        """
+        place, (width, height) = self._initial_place, self.window_size
+        changed = False
+        with gui.sub_window(
+            PANEL_NAME, place.left / width, place.top / height, place.width / width, place.height / height
+        ):
+            changed |= apply_changes(
+                gui, session, switches=[("freeze", "Freeze", session.frozen)], buttons=action_buttons(session)
+            )
+            pages = {
+                "Sliders": self._sliders_page,
+                "Features": self._features_page,
+                "Statistics": self._statistics_page,
+                "Keys": self._keys_page,
+            }
+            changed |= pages[session.page](gui, session, statistics)
+            for line in wrap(session.note):
+                gui.text(line, color=NOTE_COLOR)
+            if session.page != "Statistics":
+                for line in statistics.splitlines()[:SUMMARY_LINES]:
+                    gui.text(line)
+            if session.charts:
+                gui.text(f"charts of the last {charts.CHART_SECONDS:g} s:")
+                for line, color in charts.legend(session.history.rows):
+                    gui.text(line, color=color)
+        return changed
+
+    # Each page declares its widgets, and returns whether the user changed one.
+
+    def _sliders_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
+        """All runtime parameters, the grab radius, and the help of the slider that was moved last."""
+        changed = False
+        keys = parameters_of(session.simulation.scene)
+        for key in keys.values():
+            if draw_slider(gui, session, key):
+                changed, self._moved = True, key.name
+        radius = gui.slider_float("Grab radius [m]", session.grab_radius, 0.0, session.max_grab_radius)
+        if has_changed(radius, session.grab_radius):
+            session.grab_radius = min(max(radius, 0.0), session.max_grab_radius)
+            changed, self._moved = True, GRAB_RADIUS
+        changed |= apply_changes(gui, session, buttons=[("restore_defaults", "Restore defaults")])
+        for line in wrap(help_for(self._moved, keys)):
+            gui.text(line)
+        return changed
+
+    def _features_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
+        """Switches for features, and buttons for solver, fabric, view and scene."""
+        simulation = session.simulation
+        times = session.feature_times
+        wind = simulation.scene.wind and [("wind", with_cost("wind", times), bool(simulation.params["wind"]))]
+        changed = apply_changes(gui, session, switches=wind or ())
+        before = session.features
+        after = {name: gui.checkbox(with_cost(name, times), on) for name, on in before.items()}
+        if after != before:
+            session.request_features(after)
+            changed = True
+        changed |= apply_changes(gui, session, buttons=[("time_features", "Time features"), *CHOICES])
+        if times:
+            gui.text(f"timed from frame {times.frame}: {times.ms:.2f} ms per frame")
+        for line in (*wrap(simulation.method), f"fabric: {simulation.scene.fabric.preset or 'scene default'}"):
+            gui.text(line)
+        return changed
+
+    def _statistics_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
+        """All statistics, and the switch for the charts."""
+        for line in statistics.splitlines():
+            gui.text(line)
+        return apply_changes(gui, session, switches=[("charts", "Charts", session.charts)])
+
+    def _keys_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
+        """Help on keys and mouse."""
+        for line in help_lines():
+            gui.text(line)
+        return False
+
+
+# -- widgets -----------------------------------------------------------------------------------------------------------
+
+Switches = Sequence[tuple[str, str, bool]]  # action, label, state
+Buttons = Sequence[tuple[str, str]]  # action, label
+
+
+def apply_changes(gui: ti.ui.Gui, session: Session, switches: Switches = (), buttons: Buttons = ()) -> bool:
+    """Declare switches and buttons, and run the actions of those that were used. Return whether there are any."""
+    actions = [action for action, label, before in switches if gui.checkbox(label, before) != before]
+    actions += [action for action, label in buttons if gui.button(label)]
+    for action in actions:
+        session.request(action)
+    return bool(actions)
+
+
+def with_cost(feature: str, times: FeatureTimes | None) -> str:
+    """Return the label of a feature, with the time it adds to a frame if that was measured."""
+    label = display_name(feature).capitalize()
+    return f"{label} {times.cost_ms[feature]:+.2f} ms" if times and feature in times.cost_ms else label
+
+
+def help_for(name: str, keys: Mapping[str, Parameter]) -> str:
+    """Return the help of a slider: meaning, range, and default, which is the scene's value."""
+    if name == GRAB_RADIUS:
+        return GRAB_RADIUS_HELP
+    if name not in keys:
+        return FIRST_HELP
+    key = keys[name]
+    unit = f" {key.unit}" if key.unit else ""
+    return f"{key.label}: {key.help}; {key.slider_min:g} to {key.slider_max:g}{unit}, scene default {key.value:g}"
+
+
+def draw_slider(gui: ti.ui.Gui, session: Session, key: Parameter) -> bool:
+    """Declare the slider of one runtime parameter. Return whether the user moved it."""
+    label = f"{key.label} [{key.unit}]" if key.unit else key.label
+    before = session.simulation.params[key.name]
+    slider = gui.slider_int if key.is_int else gui.slider_float
+    after = slider(label, before, key.slider_min, key.slider_max)
+    if not has_changed(after, before):
+        return False
+    session.simulation.params[key.name] = min(max(after, key.slider_min), key.slider_max)
+    return True
+
+
+def has_changed(after: float, before: float) -> bool:
+    """Return whether the user moved a slider from `before` to `after`.
+
+    The toolkit returns values rounded to float32. After Ctrl+click it returns any number that the user types.
+    """
+    return math.isfinite(after) and not math.isclose(after, before, rel_tol=1e-6, abs_tol=1e-9)
+
+
+def action_buttons(session: Session) -> Buttons:
+    """Return the buttons that every page has."""
+    next_page = PAGES[(PAGES.index(session.page) + 1) % len(PAGES)]
+    return [("step", "Step"), ("reset", "Reset"), ("page", f"Go to {next_page}")]
+
+
+# -- texts -------------------------------------------------------------------------------------------------------------
+
+
+def wrap(text: str) -> list[str]:
+    """Return text as lines that fit the panel."""
+    return textwrap.wrap(text, LINE_LENGTH, subsequent_indent="  ")
+
+
+def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "drawing") -> str:
+    """Return lines of text with speed, accuracy and size of the simulation; every page shows the first `SUMMARY_LINES`.
+
+    `draw_ms`: time to draw a displayed frame, or of another step that `drawing` names [ms]. `fps`: displayed frames per
+    second.
+    """
+    simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
+    physics, drawn, measuring = (f"{t:.{int(t < 10)}f}" for t in (session.physics_ms, draw_ms, session.measuring_ms))
+    strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
+    lines = (
+        f"{simulation.scene.name} · {session.view} · frame {simulation.frame} · {fps:.0f} fps",
+        f"physics {physics} + {drawing} {drawn} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
+        f"strain: max {strain:.1f} %, mean {mean:.1f} %; {error_text(simulation)}",
+        f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
+        f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
+        *([] if metrics.intersections is None else [f"self-intersections: {metrics.intersections} edges"]),
+        f"{simulation.method}: {' '.join(simulation.features)}",
+        f"{topology.particle_count} particles, {topology.spring_count} springs, {topology.pinned.sum()} pins",
+        *filter(None, [simulation.warnings]),
+    )
+    return "\n".join("\n".join(wrap(line)) for line in lines)
+
+
+def error_text(s: Simulation) -> str:
+    """Return the estimated error of the current solver settings for a swinging cloth, in % of its side, if known."""
+    error = estimate(s.scene, s.solver.name, s.substeps, int(s.params["iterations"]), float(s.params["gravity"]))
+    if error is None:
+        return "error unknown"
+    # Smaller errors of a swinging sheet do not carry over to other scenes.
+    return (
+        f"error about {100 * error:.2g} %" if error >= MIN_SHOWN_ERROR else f"error below {100 * MIN_SHOWN_ERROR:g} %"
+    )
+
+
+def help_lines() -> list[str]:
+    """Return the help on keys and mouse, two entries to a line."""
+    entries = [f"{key.label:5} {key.help}" for key in SHORTCUTS if key.code not in ARROWS] + ["arrows: pan camera"]
+    entries += [f"{drag}: {help}" for drag, help in MOUSE]
+    half = (len(entries) + 1) // 2
+    return [f"{a:{KEY_COLUMN}} {b}" for a, b in zip(entries[:half], [*entries[half:], ""], strict=False)]

@@ -1,0 +1,160 @@
+"""Replay of recordings, in a window or without one, and rendering a session without a window."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import taichi as ti
+
+from ..render.draw_list import VIEWS
+from ..render.image import render_pixels
+from ..render.image_files import AppendImage
+from ..render.rasterizer import Rasterizer
+from ..render.sequence import RenderPlan
+from ..simulation.events import Event
+from ..simulation.recording import REBUILDING, Recording, apply_recorded, hash_of
+from ..system.errors import UsageError
+from .session import Exporter, Session
+
+
+def session_images(session: Session, plan: RenderPlan, show: AppendImage, on_frame: Callable[[int], None]) -> int:
+    """Render a session, and pass each image to `show`. Return the number of images.
+
+    Image i shows the cloth after `i · every` frames, with the session's camera and view. `on_frame(k)` is called after
+    every frame. Rendering ends early if the session freezes, because the cloth diverged.
+    """
+    raster = Rasterizer(plan.width, plan.height, plan.samples)
+    shown = 0
+    for k in range(plan.frames):
+        if k > 0:
+            session.advance(1)
+        if k % plan.every == 0:
+            show(render_pixels(raster, session.draw_list, session.camera, session.view))
+            shown += 1
+        on_frame(k)
+        if session.frozen:
+            break
+    return shown
+
+
+# Actions that do not change the cloth: they are allowed during replay.
+VIEW_KEYS = {"freeze", "step", "view", "first_view", "screenshot", "quit"}
+
+
+class ReplaySession(Session):
+    """A session that replays a recording. After the recording's last frame the user controls it.
+
+    Its first image shows the start of the recording. Grabs that are active at the end of the recording are released.
+    """
+
+    def __init__(self, recording: Recording, out: Path = Path("out"), export: Exporter | None = None) -> None:
+        """Open the recording's scene, and apply the events before its first frame. `export`: as for `Session`.
+
+        Raises UsageError if the scene does not support a recorded event. So do all methods that simulate.
+        """
+        self.recording = recording
+        self.frames_replayed = 0
+        """Number of frames replayed."""
+        self.is_equal: bool | None = None
+        """Whether the final positions equal the recorded ones; None before the end."""
+        self._next_row = 0  # of the recording
+        super().__init__(recording.scene, recording.layout, out, export)
+        self.hidden = True
+        try:
+            self._apply_due()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the recording has ended."""
+        return self.is_equal is not None
+
+    # -- user input ----------------------------------------------------------------------------------------------------
+
+    def is_allowed(self, action: str) -> bool:
+        """Return whether an action is allowed now: during replay only those that do not change the cloth."""
+        return self.is_over or action in VIEW_KEYS
+
+    def on_pointer(
+        self, cursor: tuple[float, float], buttons: frozenset[str], size: tuple[int, int], **more: bool
+    ) -> None:
+        """Process the mouse of one displayed frame. During replay the left button, which grabs, is ignored."""
+        super().on_pointer(cursor, buttons if self.is_over else buttons - {"left"}, size, **more)
+
+    # -- replay --------------------------------------------------------------------------------------------------------
+
+    def simulate(self, frames: int) -> None:
+        start = time.perf_counter()
+        for k in range(frames):
+            if self.is_over:
+                super().simulate(frames - k)
+                return
+            self.replay_frame()
+            self.frozen |= self.is_over
+            if self.frozen:
+                break
+        if frames:
+            ti.sync()
+            self.physics_ms = 1e3 * (time.perf_counter() - start) / frames
+
+    def replay_frame(self) -> None:
+        """Replay one frame and the events after it. Raises UsageError if the scene does not support one of them."""
+        self.simulation.step()
+        self._guard.check_and_snapshot()  # takes the snapshot for a recorded roll-back
+        self.frames_replayed += 1
+        self._apply_due()
+
+    def _apply_due(self) -> None:
+        rows = self.recording.rows
+        while self._next_row < len(rows) and rows[self._next_row][0] == self.frames_replayed:
+            event = rows[self._next_row][1]
+            try:
+                self._apply(event)
+            except ValueError as error:
+                raise UsageError(f"rows[{self._next_row}]: {event.name}: {error}") from None
+            self._next_row += 1
+        if self.frames_replayed == self.recording.frames:
+            self.is_equal = hash_of(self.simulation) == self.recording.positions_sha256
+            for grab in self.simulation.grab_handles:  # none of them belongs to a dragger, which could release it
+                grab.release()
+            self.note, self.hidden = self.verdict, False
+
+    def _apply(self, event: Event) -> None:
+        match event.name:
+            case "roll_back":
+                self._roll_back()
+            case "view":
+                self._set_view(*event.arguments)
+            case "camera":
+                self._set_camera(*event.arguments)
+            case _:
+                apply_recorded(self.simulation, event)
+        if event.name in REBUILDING:
+            self.refresh()
+
+    def _set_view(self, view: str) -> None:
+        if view not in VIEWS:
+            raise ValueError(f"unknown view {view!r}, must be one of {', '.join(VIEWS)}")
+        self.view = view
+
+    def _set_camera(self, azimuth: float, elevation: float, distance: float, *target: float) -> None:
+        if distance <= 0:
+            raise ValueError(f"distance must be greater than 0 m, not {distance}")
+        camera = self.camera
+        camera.azimuth, camera.elevation, camera.distance = azimuth, elevation, distance
+        camera.target = np.array(target)
+
+    @property
+    def verdict(self) -> str:
+        """One line: whether the final positions equal the recorded ones."""
+        total = self.recording.frames
+        if self.is_equal is None:
+            return f"stopped after {self.frames_replayed} of {total} frames: final positions not compared"
+        return f"{total} frames replayed: " + (
+            "final positions are bit-identical" if self.is_equal else "final positions DIFFER from the recording"
+        )

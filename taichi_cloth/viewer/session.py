@@ -1,0 +1,394 @@
+"""A session: one running scene with camera, grabs, recording and captures, and the actions of keys, mouse and panel.
+
+It uses no UI toolkit and needs no display.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from ..geometry.scene_loader import load_scene
+from ..geometry.topology import ClothMetrics
+from ..render.camera import OrbitCamera
+from ..render.draw_list import VIEWS, DrawList
+from ..scene import Scene, SceneError, scene_names
+from ..scene.overrides import removable_sections, scene_without
+from ..simulation.divergence import DivergenceGuard
+from ..simulation.events import Event
+from ..simulation.recording import Recorder
+from ..simulation.simulation import Simulation
+from ..system.errors import UsageError
+from .capture import Capture
+from .charts import History
+from .dragging import Dragger, pick_under_cursor
+from .feature_times import FeatureTimes, feature_times
+from .input import ACTIONS, COMPILING_ACTIONS, PAGES, Mouse, Pointer
+
+ZOOM_RATE = 8.0  # [steps/s] while a key is held down
+PAN_RATE = 0.5  # [heights of the image/s]
+
+# Actions of keys that are held down: rates of zoom, pan right and pan up.
+HELD_KEY_RATES = {
+    "zoom_in": (ZOOM_RATE, 0.0, 0.0),
+    "zoom_out": (-ZOOM_RATE, 0.0, 0.0),
+    "pan_left": (0.0, -PAN_RATE, 0.0),
+    "pan_right": (0.0, PAN_RATE, 0.0),
+    "pan_down": (0.0, 0.0, -PAN_RATE),
+    "pan_up": (0.0, 0.0, PAN_RATE),
+}
+
+Exporter = Callable[[Simulation, Path], str]
+
+DEFAULT_GRAB_RADIUS, MAX_GRAB_RADIUS = 0.02, 0.25  # as fractions of the cloth's longer side
+
+
+class Session:
+    """One running scene with its camera and grabs. `act` runs the actions that `input.SHORTCUTS` names."""
+
+    def __init__(
+        self, scene: Scene, layout: str | None = None, out: Path = Path("out"), export: Exporter | None = None
+    ) -> None:
+        """`layout`: as for `Simulation`. Screenshots and clips are written to `out`, in a folder named after the scene.
+        `export` writes the mesh of a simulation to that folder, and returns a line for the user.
+
+        Raises SceneError and UsageError as `Simulation` does.
+        """
+        self.running = True
+        """False once the user has quit."""
+        self.frozen = False
+        self.hidden = False
+        """Whether the panel is hidden."""
+        self.view = VIEWS[0]
+        self.page = PAGES[0]
+        """Page of the panel."""
+        self.charts = False
+        """Whether the charts are shown."""
+        self.physics_ms = 0.0
+        """Time of one frame, mean over the frames of the last displayed frame [ms]."""
+        self.measuring_ms = 0.0
+        """Time of the last measurement [ms]."""
+        self.note = ""
+        """One line for the user."""
+        self.size = (1280, 720)
+        """Size of the last image [pixels]."""
+        self.pointer = Pointer()
+        self._deferred: list[Callable[[], None]] = []
+        self.capture = Capture(out)
+        self._initial_scene = scene
+        self._layout, self._export = layout, export
+        self._out = out.absolute()  # the window changes the working directory
+        self._open(scene)
+
+    def _open(self, scene: Scene) -> None:
+        self.simulation = Simulation(scene, self._layout)
+        self.recorder = Recorder(self.simulation)
+        self._full_scene = scene  # with all its features
+        self.fabric = ""
+        """Name of a shipped fabric, or an empty string for the scene's own."""
+        self.history = History()
+        self.feature_times: FeatureTimes | None = None
+        self._cursor: tuple[tuple[float, float], tuple[int, int]] | None = None
+        try:
+            self.draw_list = DrawList(self.simulation)
+        except BaseException:
+            self.simulation.close()
+            raise
+        self.camera = OrbitCamera.from_scene(scene.camera)
+        self.dragger = Dragger(self.simulation)
+        """The dragger of the window's mouse."""
+        self.draggers = {0: self.dragger}
+        """The draggers of all cursors, by number."""
+        self.note = ""
+        self._guard = DivergenceGuard(self.simulation)
+        self.grab_radius = self.default_grab_radius
+        """Grab radius [m]."""
+        self.measure()
+
+    def refresh(self) -> None:
+        """Update the draw list and the divergence guard after the simulation was rebuilt."""
+        self.feature_times = None
+        self.draw_list.close()
+        self.draw_list = DrawList(self.simulation)
+        self._guard = DivergenceGuard(self.simulation)
+
+    def rebuild(self, change: Callable[[], None]) -> None:
+        """Make a change that rebuilds the simulation. On failure the note says why."""
+        self.note = ""
+        try:
+            change()
+        except (UsageError, SceneError) as error:
+            self.note = str(error)
+        self.refresh()
+
+    def finish(self) -> str:
+        """End the clip, if there is one, and wait until all clips are rendered. Return a line for the user, or ""."""
+        line = self.capture.end_clip(self.recorder, self.size)
+        return self.capture.wait() or line
+
+    def close(self) -> None:
+        """Release all resources. Clips that are still being rendered are dropped; `finish` waits for them."""
+        self.capture.close()
+        self._close_scene()
+
+    def _close_scene(self) -> None:
+        self.draw_list.close()
+        self.simulation.close()
+
+    # -- keys and buttons ----------------------------------------------------------------------------------------------
+
+    def is_allowed(self, action: str) -> bool:
+        """Return whether an action is allowed now."""
+        return True
+
+    def request(self, action: str) -> None:
+        """Run an action. If it may compile for seconds, first display a frame whose note says so (`run_deferred`)."""
+        if action in COMPILING_ACTIONS and self.is_allowed(action):
+            self.defer(COMPILING_ACTIONS[action], partial(self.act, action))
+        else:
+            self.act(action)
+
+    def request_features(self, features: dict[str, bool]) -> None:
+        """Switch features on and off, as `switch` does, after displaying a frame whose note says that it compiles."""
+        if self.is_allowed("feature"):
+            self.defer(COMPILING_ACTIONS["feature"], partial(self.set_features, features))
+
+    def defer(self, what: str, do: Callable[[], None]) -> None:
+        """Defer `do` until a frame was displayed whose note names `what` the user waits for."""
+        self.note = f"{what}: compiling; the first time, the display pauses for some seconds"
+        self._deferred.append(do)
+
+    @property
+    def has_deferred(self) -> bool:
+        """Whether there are deferred actions."""
+        return bool(self._deferred)
+
+    def run_deferred(self) -> bool:
+        """Run the deferred actions. Call it after a frame was displayed. Return whether there were any."""
+        deferred, self._deferred = self._deferred, []
+        for do in deferred:
+            self.note = ""
+            do()
+        return bool(deferred)
+
+    def act(self, action: str) -> None:
+        """Run the action of a key or button, if it is allowed now. Raises ValueError for an unknown action."""
+        if not self.is_allowed(action):
+            return
+        if action not in ACTIONS:
+            raise ValueError(f"unknown action {action!r}")
+        ACTIONS[action](self)
+
+    def on_key_held(self, action: str, seconds: float) -> None:
+        """Continue the action of a key that is held down, for that much wall time [s]."""
+        zoom, right, up = HELD_KEY_RATES[action]
+        self.camera.zoom(zoom * seconds)
+        self.camera.pan(right * seconds, up * seconds)
+
+    def open_neighbor(self, step: int) -> None:
+        """Open the shipped scene before or after this one. The initial scene is part of the cycle."""
+        names = list(scene_names())
+        if self._initial_scene.name not in names:
+            names.append(self._initial_scene.name)
+        name = names[(names.index(self.simulation.scene.name) + step) % len(names)]
+        self.open_scene(name)
+
+    def open_scene(self, name: str) -> None:
+        """Close the scene and open a shipped scene, or the session's initial scene, by name."""
+        scene = self._initial_scene if name == self._initial_scene.name else load_scene(name)
+        self.release_all()
+        self._end_clip()
+        note = self.note
+        self._close_scene()
+        self._open(scene)
+        self.note = note
+
+    def _restart_recording(self) -> None:
+        self.recorder.restart()
+        self._guard = DivergenceGuard(self.simulation)  # a replay cannot roll back to a frame before this one
+
+    def screenshot(self) -> None:
+        """Save an image of the current frame, with a recording. The note says where."""
+        self._record_view()
+        self.note = self.capture.screenshot(self.recorder, self.draw_list, self.camera, self.view, self.size)
+
+    def begin_or_end_clip(self) -> None:
+        """Begin a clip, or end and render the one that is on."""
+        if self.capture.clip_is_on:
+            self._end_clip()
+        else:
+            self._restart_recording()
+            self.note = self.capture.begin_clip()
+
+    def export_mesh(self) -> None:
+        """Write the mesh of the cloth as it is now. The note says where."""
+        self.note = self._export(self.simulation, self._out) if self._export else "no mesh export in this view"
+
+    def _end_clip(self) -> None:
+        self.note = self.capture.end_clip(self.recorder, self.size)
+
+    def _record_view(self) -> None:
+        """Record the current view and camera."""
+        camera, recorder = self.camera, self.recorder
+        recorder.record_view("view", self.view)
+        recorder.record_view("camera", camera.azimuth, camera.elevation, camera.distance, *camera.target.tolist())
+
+    def change_fabric(self, name: str) -> None:
+        """Switch to a shipped fabric, or by the name "" to the scene's own. On failure the note says why."""
+        self.rebuild(lambda: self.simulation.switch_fabric(name))
+        if not self.note:
+            self.fabric = name
+
+    def change_solver(self, name: str) -> None:
+        """Switch to another solver; grabs remain. On failure the note says why."""
+        self.rebuild(lambda: self.simulation.switch_solver(name))
+
+    # -- features ------------------------------------------------------------------------------------------------------
+
+    @property
+    def features(self) -> dict[str, bool]:
+        """Optional features of the scene, and whether each is on. Wind is not among them: it has its own switch."""
+        return {
+            name: bool(getattr(self.simulation.scene, name))
+            for name in removable_sections(self._full_scene)
+            if name != "wind"
+        }
+
+    def set_features(self, features: dict[str, bool]) -> None:
+        """Switch features on and off. A new combination is compiled first, which takes seconds."""
+        reduced = scene_without(self._full_scene, [name for name, on in features.items() if not on])
+        sections: dict[str, Any] = {name: getattr(reduced, name) for name in features}
+        self.rebuild(lambda: self.simulation.switch_scene(replace(self.simulation.scene, **sections)))
+
+    def time_features(self) -> None:
+        """Measure what each feature adds to a frame. On failure the note says why."""
+        try:
+            self.feature_times = feature_times(self.simulation, self._layout)
+        except UsageError as error:
+            self.note = str(error)
+
+    # -- mouse ---------------------------------------------------------------------------------------------------------
+
+    def on_pointer(
+        self,
+        cursor: tuple[float, float],
+        buttons: frozenset[str],
+        size: tuple[int, int],
+        *,
+        on_panel: bool,
+        widget_changed: bool,
+    ) -> None:
+        """Process the mouse of one displayed frame.
+
+        `cursor`: its screen point. `buttons`: those that are down. `size`: of the window [pixels]. `on_panel`: whether
+        the cursor is inside the panel's rectangle. `widget_changed`: whether a widget of the panel has changed.
+        """
+        self.size = size
+        mouse = Mouse(cursor[0] * size[0] / size[1], cursor[1], buttons)
+        self._cursor = None if on_panel else (cursor, size)
+        gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
+        self.camera.orbit(*gesture.orbit)
+        self.camera.zoom(gesture.zoom)
+        if gesture.press:
+            self._grab(cursor, size)
+        if gesture.release:
+            self._release()
+        self.dragger.follow(self.camera, cursor, size)
+
+    @property
+    def default_grab_radius(self) -> float:
+        """The default grab radius [m]: it grabs one particle of a coarse cloth and a patch of a fine one."""
+        return DEFAULT_GRAB_RADIUS * self.simulation.topology.longest_side
+
+    @property
+    def max_grab_radius(self) -> float:
+        """The upper end of the grab radius slider [m]."""
+        return MAX_GRAB_RADIUS * self.simulation.topology.longest_side
+
+    def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
+        if not self.dragger.begin(self.camera, cursor, size, self.grab_radius):
+            self.pointer.miss()
+
+    def pin_under_cursor(self) -> None:
+        """Pin the dragged particle, or else the one under the cursor; unpin it if it is pinned."""
+        index = self.dragger.particle
+        if index is None and self._cursor is not None:
+            index = pick_under_cursor(self.simulation, self.camera, *self._cursor)
+        self.pin(index)
+
+    def pin(self, index: int | None) -> None:
+        """Pin a particle, or unpin it if it is pinned. None: no particle was picked, and the note says so."""
+        if index is None:
+            self.note = "nothing to pin: no cloth under the cursor"
+            return
+        pinned = self.simulation.topology.pinned[index]
+        self.rebuild(partial(self.simulation.unpin if pinned else self.simulation.pin, index))
+
+    def mirror_grab(self, other: Session, partner: NDArray[np.int64]) -> None:
+        """Drag what another session drags. `partner`: our particle for each of the other's, (N,)."""
+        self.dragger.mirror(other.dragger, partner, other.grab_radius)
+
+    def dragger_of(self, number: int) -> Dragger:
+        """Return the dragger of a cursor by number. It is created at its first use in a scene."""
+        return self.draggers.setdefault(number, Dragger(self.simulation))
+
+    def _release(self) -> None:
+        self.dragger.end()
+        self.pointer.miss()
+
+    def release_all(self) -> None:
+        """Release all grabs."""
+        for dragger in self.draggers.values():
+            dragger.end()
+        self.pointer.miss()
+
+    # -- time ----------------------------------------------------------------------------------------------------------
+
+    def advance(self, frames: int) -> None:
+        """Advance the cloth by a number of frames, unless it is frozen. Call it once for each displayed frame."""
+        self.note = self.capture.status() or self.note
+        if not self.frozen:
+            self.simulate(frames)
+
+    def simulate(self, frames: int) -> None:
+        """Advance the cloth by a number of frames, also if it is frozen."""
+        if frames == 0:
+            return
+        self._record_view()
+        start = time.perf_counter()
+        for k in range(frames):
+            for dragger in self.draggers.values():
+                dragger.interpolate((k + 1) / frames)
+            self.simulation.step()
+            if not self._guard.check_and_snapshot():
+                self._roll_back()
+                self.release_all()
+                self.frozen = True
+                break
+        ti.sync()
+        self.physics_ms = 1e3 * (time.perf_counter() - start) / frames
+        for dragger in self.draggers.values():
+            dragger.arrive()
+        if self.recorder.is_long and not self.capture.clip_is_on:
+            self._restart_recording()
+
+    def _roll_back(self) -> None:
+        """Return to the last stable frame. The note says why."""
+        self.note = self._guard.roll_back()
+        self.simulation.notify(Event("roll_back"))
+
+    def measure(self) -> ClothMetrics:
+        """Update the metrics of the cloth, and add them to the charts. Return them."""
+        start = time.perf_counter()
+        self.metrics = self.simulation.metrics()
+        self.measuring_ms = 1e3 * (time.perf_counter() - start)
+        self.history.add(self.simulation.seconds, self.metrics)
+        return self.metrics

@@ -1,0 +1,284 @@
+"""The window: shows a running scene, and passes mouse and keyboard input to its session.
+
+`--log FILE` writes one line of JSON for every displayed frame.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Callable
+from math import degrees
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Protocol, TextIO, TypeVar
+
+import taichi as ti
+
+from ..render.camera import OrbitCamera
+from ..render.draw_list import DrawMesh
+from ..render.legend import WindowLegend
+from ..render.lighting import BACKGROUND
+from ..scene.parameters import parameters_of
+from ..scene.schema import FRAME_SECONDS
+from ..simulation.simulation import Simulation
+from .charts import CurveDrawing, top
+from .input import SHORTCUTS
+from .panel import Panel, statistics
+from .session import Session
+
+
+class FrameLog:
+    """Writes entries to a file and flushes each of them, so that another program can follow the file.
+
+    Raises OSError if the file cannot be opened or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file: TextIO = path.open("w", encoding="utf-8")
+
+    def write(self, line: dict[str, object]) -> None:
+        """Write one entry as a line of JSON. Raises OSError."""
+        self._file.write(json.dumps(line) + "\n")
+        self._file.flush()
+
+    def __enter__(self) -> FrameLog:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._file.close()
+
+
+def line_of(
+    session: Session, displayed: int, cursor: tuple[float, float], aspect: float, draw_ms: float
+) -> dict[str, object]:
+    """Return the entry of one displayed frame.
+
+    `displayed`: its number. `cursor`: the mouse, a screen point from (0, 0) at the bottom left to (1, 1). `aspect`:
+    width over height of the window. `draw_ms`: time to draw it [ms].
+    """
+    simulation, camera, metrics = session.simulation, session.camera, session.metrics
+    grabbed = next(iter(simulation.grabbed.tolist()), None)  # the particle grabbed first
+    particle = None if grabbed is None else camera.to_screen(simulation.positions()[grabbed], aspect)[0][0].tolist()
+    return {
+        "displayed": displayed,
+        "scene": simulation.scene.name,
+        "solver": simulation.solver.name,
+        "frame": simulation.frame,
+        "physics_ms": round(session.physics_ms, 3),
+        "draw_ms": round(draw_ms, 3),
+        "max_strain": metrics.max_strain,
+        "mean_strain": metrics.mean_strain,
+        "view": session.view,
+        "frozen": session.frozen,
+        "panel": not session.hidden,
+        "page": session.page,
+        "charts": session.charts,
+        "grab_radius": session.grab_radius,
+        "fabric": simulation.scene.fabric.preset,
+        "features": simulation.features,
+        "mouse": session.pointer.owner.value,
+        "cursor": list(cursor),
+        "grabbed": grabbed,
+        "grabbed_count": len(simulation.grabbed),
+        "added_pins": simulation.added_pins.tolist(),
+        "particle": particle,
+        "eye": list(camera.eye),
+        "target": camera.target.tolist(),
+        "wind": simulation.params["wind"],
+        "parameters": {name: simulation.params[name] for name in parameters_of(simulation.scene)},
+    }
+
+
+# -- timing ------------------------------------------------------------------------------------------------------------
+
+MAX_FRAMES = 4  # simulated for one displayed frame; on a slow machine or after a stall, further frames are dropped
+INTERVAL_TOLERANCE = 0.1  # [frames] an interval between displayed frames this close to one frame counts as exactly one
+
+
+class FrameClock:
+    """Converts wall time to a number of frames to simulate, so that the cloth has the same speed on every display."""
+
+    def __init__(self, now: float) -> None:
+        """`now`: wall time [s]."""
+        self._last = now
+        self._pending = 0.0  # [frames]
+        self.elapsed = 0.0
+        """Time between the last two calls of `due` [s]."""
+
+    def due(self, now: float) -> int:
+        """Return the number of frames to simulate before the image displayed at `now` [s]."""
+        self.elapsed = now - self._last
+        self._last = now
+        passed = self.elapsed / FRAME_SECONDS
+        # The interval of a 60 Hz display jitters around one frame: without snapping, 0 and 2 frames would alternate.
+        self._pending += 1.0 if abs(passed - 1) < INTERVAL_TOLERANCE else passed
+        frames = int(self._pending)
+        self._pending -= frames
+        return min(frames, MAX_FRAMES)
+
+
+# -- window ------------------------------------------------------------------------------------------------------------
+
+S = TypeVar("S", bound=Session)
+
+WINDOW_TITLE = "taichi_cloth"
+BUTTON_CODES = {"left": ti.ui.LMB, "middle": ti.ui.MMB, "right": ti.ui.RMB}
+WINDOW_POSITION = (40, 40)  # [pixels] of the window's top left corner on the screen
+STATISTICS_EVERY = 0.25  # [s] interval of the statistics: short enough to follow, long enough to read
+MAX_HOLD_SECONDS = (
+    0.1  # [s] a key that is held down acts at most this long in one displayed frame, however long that took
+)
+
+
+def run(
+    open_session: Callable[[], S],
+    *,
+    size: tuple[int, int] = (1280, 720),
+    frames: int | None = None,
+    log: Path | None = None,
+    announce: Callable[[Simulation], None] = lambda simulation: None,
+) -> S:
+    """Open a window on a session. Return the closed session when the user quits, or after `frames` displayed frames.
+
+    `open_session` makes the session. `size`: of the window [pixels]. `announce` is called before the first frame.
+    Taichi must have been started, and `display_probe.window_obstacle()` must have returned None: if it cannot open a
+    window, Taichi ends the process. Raises OSError if `log` cannot be written.
+    """
+    with contextlib.ExitStack() as stack:
+        frame_log = stack.enter_context(FrameLog(log)) if log else None
+        # The toolkit writes its settings, imgui.ini, to the working directory.
+        folder = stack.enter_context(TemporaryDirectory(prefix="taichi_cloth_"))
+        session = stack.enter_context(contextlib.closing(open_session()))
+        session.draw_list.update(session.view, session.camera.eye)  # compiles before the window opens
+        announce(session.simulation)
+        with contextlib.chdir(folder):
+            window = ti.ui.Window(WINDOW_TITLE, size, vsync=True, pos=WINDOW_POSITION)
+            try:
+                loop(window, session, Panel(size, Path(folder) / "imgui.ini"), frames, frame_log)
+            finally:
+                window.destroy()  # before the Taichi fields are released, and before Taichi stops
+        line = session.finish()
+        if line:
+            print(line, flush=True)
+    return session
+
+
+def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | None, frame_log: FrameLog | None) -> None:
+    """Process input, simulate and draw, once for every displayed frame."""
+    canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
+    clock, charts, legend = FrameClock(time.perf_counter()), CurveDrawing(), WindowLegend()
+    draw_ms, displayed = 0.0, 0
+    # Text of the statistics; time [s] and number of displayed frames at its last update.
+    text, updated, displayed_before = "", 0.0, 0
+    while window.running and session.running and displayed != frames:
+        now = time.perf_counter()
+        due = clock.due(now)
+        size = window_size(window, panel.window_size)
+        cursor = window.get_cursor_pos()
+
+        if now - updated > STATISTICS_EVERY:
+            if not session.charts:
+                session.measure()
+            text = statistics(session, draw_ms, (displayed - displayed_before) / (now - updated))
+            updated, displayed_before = now, displayed
+
+        press_keys(window, session, min(clock.elapsed, MAX_HOLD_SECONDS))
+        widget_used = not session.hidden and panel.draw(gui, session, text)
+        session.camera.zoom(scroll_steps(window))
+        session.camera.view_shift = 0.0 if session.hidden else panel.shift(size)
+        on_panel = not session.hidden and panel.place.contains(cursor, size)
+        session.on_pointer(cursor, held_buttons(window), size, on_panel=on_panel, widget_changed=widget_used)
+        session.advance(due)
+        if session.charts or frame_log:  # charts and log need the metrics of every displayed frame
+            session.measure()
+
+        start = time.perf_counter()
+        draw(canvas, scene, lens, session)
+        if session.view == "strain":
+            legend.show(canvas, size, top() if session.charts else 0.0)
+        if session.charts:
+            charts.draw(canvas, session.history, size[0] / size[1])
+        draw_ms = 1e3 * (time.perf_counter() - start)
+        if frame_log:
+            frame_log.write(line_of(session, displayed, cursor, size[0] / size[1], draw_ms))
+        window.show()
+        displayed += 1
+        session.run_deferred()
+
+
+# -- input -------------------------------------------------------------------------------------------------------------
+
+
+class WindowSession(Protocol):
+    """What keys act on: a `Session` or a `Comparison`."""
+
+    def request(self, action: str) -> None: ...
+    def on_key_held(self, action: str, seconds: float) -> None: ...
+
+
+def press_keys(window: ti.ui.Window, session: WindowSession, seconds: float) -> None:
+    """Run the actions of keys pressed since the last displayed frame, and those of keys that are held down.
+
+    `seconds`: wall time for which held keys act [s].
+    """
+    pressed = [event.key for event in window.get_events(ti.ui.PRESS)]
+    for code in pressed:
+        for key in SHORTCUTS:
+            if key.code == code and not key.held:
+                session.request(key.action)
+    for key in SHORTCUTS:
+        if key.held and window.is_pressed(key.code):
+            session.on_key_held(key.action, seconds)
+
+
+def scroll_steps(window: ti.ui.Window) -> float:
+    """Return how many notches the mouse wheel turned since the last displayed frame, positive forward.
+
+    Taichi 1.7.4 does not report the wheel, so this is 0. A later version that has `get_scroll_delta` returns (dx, dy)
+    since the last call.
+    """
+    return float(window.get_scroll_delta()[1]) if hasattr(window, "get_scroll_delta") else 0.0
+
+
+def held_buttons(window: ti.ui.Window) -> frozenset[str]:
+    """Return the mouse buttons that are down, a subset of `input.BUTTONS`."""
+    return frozenset(name for name, code in BUTTON_CODES.items() if window.is_pressed(code))
+
+
+def window_size(window: ti.ui.Window, first: tuple[int, int]) -> tuple[int, int]:
+    """Return the size of the window in the pixels that its panel uses. `first`: the size it was opened with."""
+    width, height = window.get_window_shape()
+    # On a Retina display the toolkit reports physical pixels, twice as many in each direction.
+    scale = max(1, round(width / first[0])) if sys.platform == "darwin" else 1
+    return width // scale, height // scale
+
+
+# -- drawing -----------------------------------------------------------------------------------------------------------
+
+
+def draw(canvas: ti.ui.Canvas, scene: ti.ui.Scene, lens: ti.ui.Camera, session: Session) -> None:
+    """Draw the scene of a session on the canvas."""
+    mesh = session.draw_list.update(session.view, session.camera.eye)
+    set_camera(lens, session.camera)
+    scene.set_camera(lens)
+    canvas.set_background_color(BACKGROUND)
+    submit(scene, mesh)
+    canvas.scene(scene)
+
+
+def set_camera(lens: ti.ui.Camera, camera: OrbitCamera) -> None:
+    """Set the toolkit's camera `lens` to the same projection as `camera`."""
+    lens.position(*camera.eye)
+    lens.lookat(*camera.look_at)
+    lens.up(0.0, 1.0, 0.0)
+    lens.fov(degrees(camera.fov))
+
+
+def submit(scene: ti.ui.Scene, mesh: DrawMesh) -> None:
+    """Draw the triangles of `mesh` without lighting: their colors include it."""
+    scene.ambient_light((1.0, 1.0, 1.0))
+    scene.mesh(mesh.position, normals=mesh.normal, per_vertex_color=mesh.color, vertex_count=mesh.corners)

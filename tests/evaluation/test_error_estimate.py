@@ -1,0 +1,136 @@
+"""Estimated errors, compared with the measured ones, and the settings that are selected by them."""
+
+from dataclasses import replace
+
+import pytest
+
+from taichi_cloth import load_scene
+from taichi_cloth.__main__ import main
+from taichi_cloth.cli import run
+from taichi_cloth.cli.main import build_parser
+from taichi_cloth.cli.options import chosen_scene
+from taichi_cloth.evaluation.bench import error_sweep
+from taichi_cloth.evaluation.bench.error_sweep import Curtain
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Scene, Solver
+from taichi_cloth.simulation.error_estimate import (
+    MAX_LAW_SUBSTEPS,
+    MIN_STABLE_SUBSTEPS,
+    estimate,
+    measured,
+    scaling_law,
+    settings_for_error,
+    settings_near,
+)
+from taichi_cloth.system.errors import UsageError
+
+
+def square(cells: int) -> Scene:
+    return Scene(cloth=Cloth(rows=cells + 1, columns=cells + 1, width=1.0, height=1.0))
+
+
+def test_every_solver_was_measured() -> None:
+    assert {row.solver for row in measured()} == set(SOLVER_NAMES)
+
+
+IN_RANGE_OF_LAW = [row for row in measured() if row.substeps <= MAX_LAW_SUBSTEPS.get(row.solver, 0)]
+
+
+@pytest.mark.parametrize("row", IN_RANGE_OF_LAW, ids=lambda row: f"{row.cells}-{row.setting}")
+def test_the_scaling_law_holds_where_it_is_used(row) -> None:
+    estimated = scaling_law(row.cells, row.substeps, row.iterations, 9.81, 1.0)
+    assert row.error / 1.6 < estimated < row.error * 1.6
+
+
+@pytest.mark.parametrize("row", settings_near(64), ids=lambda row: row.setting)
+def test_the_estimate_of_a_measured_setting_is_the_measured_error(row) -> None:
+    error = estimate(square(64), row.solver, row.substeps, row.iterations, 9.81)
+    same = [r.error for r in settings_near(64) if r.solver == row.solver]
+    assert error == (same[0] if row.solver in MIN_STABLE_SUBSTEPS else row.error)
+
+
+# A row of the smallest grid for every solver.
+SIMULATED = [
+    ("verlet", 5, 12),
+    ("xpbd", 20, 1),
+    ("lines", 5, 1),
+    ("explicit", 28, 1),
+    ("rk4", 20, 1),
+    ("projective", 5, 10),
+]
+
+
+@pytest.mark.parametrize(("solver", "substeps", "iterations"), SIMULATED, ids=[solver for solver, *_ in SIMULATED])
+def test_the_shipped_errors_can_be_reproduced(
+    solver: str, substeps: int, iterations: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The swinging curtain is simulated again: if a solver has become worse or better, its error differs."""
+    monkeypatch.setattr(error_sweep, "remaining_amplitude", lambda *setting: None)  # would compile another scene
+    grid = min(row.cells for row in measured())
+    setting = (solver, grid, substeps, iterations)
+    row = next(r for r in measured() if (r.solver, r.cells, r.substeps, r.iterations) == setting)
+    factor = 1 if solver in MIN_STABLE_SUBSTEPS else substeps  # a multiple of the fewest that are stable
+    found = error_sweep.measure(Curtain(grid), solver, factor, iterations)
+    assert found.substeps == substeps
+    assert found.rms_error == pytest.approx(row.error, rel=0.02, abs=2e-6)  # float32 at one meter
+
+
+def test_the_scaling_law_is_used_for_unmeasured_settings_without_rounding() -> None:
+    curtain = load_scene("curtain")
+    coarse, fine = (estimate(curtain, "verlet", n, 12, 9.81) for n in (3, 30))
+    assert coarse is not None
+    assert fine is not None
+    assert coarse > 10 * fine
+    assert estimate(curtain, "verlet", 3, 12, 0.0) == 0.0
+    assert estimate(curtain, "verlet", 1000, 12, 9.81) is None
+    assert estimate(curtain, "projective", 7, 3, 9.81) is None
+
+
+def test_the_error_of_lines_is_interpolated_between_two_rows() -> None:
+    rows = [row for row in settings_near(64) if row.solver == "lines"]
+    low, high = rows[1], rows[2]
+    found = estimate(square(64), "lines", (low.substeps + high.substeps) // 2, 1, 9.81)
+    assert found is not None
+    assert high.error < found < low.error
+    assert estimate(square(64), "lines", 1, 1, 9.81) is None
+
+
+def test_the_fastest_setting_that_meets_the_target_is_selected() -> None:
+    scene, why = settings_for_error(square(64), 0.02)
+    rows = settings_near(64)
+    selected = next(r for r in rows if (r.solver, r.substeps) == (scene.solver.name, scene.solver.substeps))
+    assert selected.error <= 0.02
+    assert all(row.ms >= selected.ms for row in rows if row.error <= 0.02)
+    assert why.startswith("target 2 %: ")
+    assert "measured on a swinging curtain of 64 cells" in why
+    exact, _ = settings_for_error(square(64), 1e-5)
+    assert exact.solver.name == "explicit"
+    assert settings_for_error(square(64), 0.02, "xpbd")[0].solver.name == "xpbd"
+
+
+def test_a_stiff_fabric_needs_more_substeps_with_an_explicit_solver() -> None:
+    soft = settings_for_error(square(64), 1e-5, "explicit")[0]
+    stiff = settings_for_error(
+        replace(square(64), fabric=replace(soft.fabric, warp=4 * soft.fabric.warp)), 1e-5, "explicit"
+    )[0]
+    assert stiff.solver.substeps > 1.3 * soft.solver.substeps
+
+
+def test_an_unreachable_target_is_refused() -> None:
+    with pytest.raises(
+        UsageError, match=r"no measured setting reaches an error of 1e-12 %: the best, rk4 \d+, has .*e-0. %"
+    ):
+        settings_for_error(square(64), 1e-14, "rk4")
+
+
+def test_the_option_target_error(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["0"], ["x"], ["nan"], ["101"]):
+        with pytest.raises(SystemExit) as ended:
+            main(["run", "curtain", "--target-error", *words])
+        assert ended.value.code == 2
+        assert "above 0 and up to 100" in capsys.readouterr().err
+    assert main(["render", "curtain", "--target-error", "1e-12"]) == 2
+    assert "no measured setting reaches" in capsys.readouterr().err
+    args = build_parser([run]).parse_args(["render", "curtain", "--target-error", "0.5"])
+    scene = chosen_scene(args)
+    assert scene.solver != Solver()
+    assert capsys.readouterr().out.startswith("target 0.5 %: ")

@@ -1,0 +1,64 @@
+"""Mutations of what users see: export, viewer and web page. Part of `mutations.py`."""
+
+from __future__ import annotations
+
+from mutation import Mutation
+
+INTERFACES = [
+    Mutation(
+        "pc2-at-another-rate",
+        "export/mesh_files.py",
+        "START, RATE = 0.0, 1.0",
+        "START, RATE = 0.0, 2.0",
+        ("export/test_formats.py::test_pc2_contains_every_sample",),
+    ),
+    Mutation(
+        "obj-indices-from-zero",
+        "export/mesh_files.py",
+        "(sheet.triangles + 1).tolist()",
+        "sheet.triangles.tolist()",
+        ("export/test_formats.py::test_obj_has_nine_digits_and_is_read_back_equal",),
+    ),
+    Mutation(
+        "token-prefix-accepted",
+        "web/server.py",
+        "hmac.compare_digest(token.encode(), self.token.encode())",
+        "self.token.startswith(token)",
+        ("web/test_access.py::test_requests_without_the_token_are_rejected",),
+    ),
+    Mutation(
+        "any-origin-accepted",
+        "web/server.py",
+        'urlsplit(request.headers["Origin"]).netloc != host',
+        'not urlsplit(request.headers["Origin"]).netloc',
+        ("web/test_access.py::test_only_the_own_page_of_the_server_may_connect",),
+    ),
+    Mutation(
+        "any-host-accepted",
+        "web/server.py",
+        "if self.only_loopback and not is_loopback(_host_name(host)):",
+        "if self.only_loopback and not host:",
+        ("web/test_access.py::test_other_host_names_are_rejected",),
+    ),
+    Mutation(
+        "parameters-not-clamped",
+        "web/app.py",
+        "clamped = min(max(value, parameter.slider_min), parameter.slider_max)",
+        "clamped = max(value, parameter.slider_min)",
+        ("web/test_commands.py::test_sliders_are_clamped_and_integers_are_rounded",),
+    ),
+    Mutation(
+        "positions-of-pages-not-clamped",
+        "web/protocol.py",
+        "return min(max(number, low), high)",
+        "return max(number, low)",
+        ("web/test_protocol.py::test_views_are_clamped",),
+    ),
+    Mutation(
+        "stalls-not-dropped",
+        "viewer/window.py",
+        "return min(frames, MAX_FRAMES)",
+        "return frames",
+        ("viewer/test_frame_clock.py::test_frames_missed_in_a_stall_are_dropped",),
+    ),
+]

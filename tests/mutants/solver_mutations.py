@@ -1,0 +1,95 @@
+"""Mutations of the solvers. Part of `mutations.py`."""
+
+from __future__ import annotations
+
+from mutation import Mutation
+
+SOLVERS = [
+    Mutation(
+        "xpbd-keeps-multipliers",
+        "solvers/xpbd.py",
+        "    clear_multipliers(cloth)  # (4)\n",
+        "",
+        ("solvers/test_xpbd.py::test_a_spring_has_the_amplitude_and_phase_of_backward_euler[240-1]",),
+    ),
+    Mutation(
+        "xpbd-clears-multipliers-every-iteration",
+        "solvers/xpbd.py",
+        "    for_each_spring(cloth, features, DISTANCE_XPBD, ctx.params, ctx.h)",
+        "    clear_multipliers(cloth)\n    for_each_spring(cloth, features, DISTANCE_XPBD, ctx.params, ctx.h)",
+        ("solvers/test_xpbd.py::test_a_spring_has_the_amplitude_and_phase_of_backward_euler[240-8]",),
+    ),
+    Mutation(
+        "verlet-undamped",
+        "solvers/verlet.py",
+        "verlet_step(x, cloth.x_prev[i], params[VELOCITY_FACTOR],",
+        "verlet_step(x, cloth.x_prev[i], 1.0,",
+        ("solvers/test_verlet.py::test_verlet_matches_the_pbd_loop_to_rounding",),
+    ),
+    Mutation(
+        "verlet-velocities-not-rescaled",
+        "solvers/verlet.py",
+        "rescale_velocities(self.cloth, new / old)",
+        "rescale_velocities(self.cloth, 1.0)",
+        ("solvers/test_contract.py::test_changing_the_substeps_keeps_velocities[verlet-simd]",),
+    ),
+    Mutation(
+        "explicit-full-kick-at-the-start",
+        "solvers/explicit.py",
+        "kick = 0.5",
+        "kick = 1.0",
+        ("solvers/test_explicit.py::test_explicit_is_of_second_order",),
+    ),
+    Mutation(
+        "rk4-equal-weights",
+        "solvers/rk4.py",
+        "1.0 / 6.0 if outer else 1.0 / 3.0",
+        "0.25",
+        ("solvers/test_explicit.py::test_rk4_is_of_fourth_order",),
+    ),
+    Mutation(
+        "rk4-grab-at-the-end-in-every-stage",
+        "solvers/rk4.py",
+        "move_kinematic_particles(cloth, features, ctx, ctx.s + time)",
+        "move_kinematic_particles(cloth, features, ctx, ctx.s + 1.0)",
+        ("solvers/test_explicit.py::test_every_stage_of_rk4_uses_the_position_of_the_grab",),
+    ),
+    Mutation(
+        "lines-wrong-stage-length",
+        "solvers/lines.py",
+        "GAMMA = 1 - sqrt(0.5)",
+        "GAMMA = 1 - sqrt(0.4)",
+        ("solvers/test_contract.py::test_free_fall_follows_its_discrete_closed_form[lines-simd]",),
+    ),
+    Mutation(
+        "lines-substeps-too-long",
+        "solvers/lines.py",
+        "COURANT = 1.4",
+        "COURANT = 2.8",
+        ("solvers/test_lines.py::test_a_fine_curtain_takes_the_substeps_that_transverse_waves_require",),
+    ),
+    Mutation(
+        "projective-without-strain-limit",
+        "solvers/pipeline.py",
+        "    project_strain_limit(cloth, features, ctx, ctx.h)\n",
+        "",
+        ("solvers/test_strain_limit.py::test_hanging_cloth_is_stretched_to_the_limit[projective]",),
+    ),
+    Mutation(
+        "projective-keeps-only-the-last-correction",
+        "solvers/projective.py",
+        "cloth.correction[i] = cloth.correction[i] + cloth.cg.solution[i]",
+        "cloth.correction[i] = cloth.cg.solution[i]",
+        ("solvers/test_projective.py::test_many_iterations_converge_to_backward_euler[serial-False]",),
+    ),
+    Mutation(
+        "force-phase-limit-doubled",
+        "solvers/base.py",
+        "MAX_FORCE_PHASE = 0.7",
+        "MAX_FORCE_PHASE = 1.4",
+        (
+            "solvers/test_bending.py::test_a_compressed_strip_comes_to_rest",
+            "solvers/test_bending.py::test_a_stiff_sheet_takes_more_substeps",
+        ),
+    ),
+]

@@ -1,0 +1,165 @@
+"""The orbit camera against closed forms, and round trips between points and rays."""
+
+from __future__ import annotations
+
+from math import pi, radians, sqrt, tan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from taichi_cloth.render.camera import FAR, MAX_ELEVATION, MAX_ZOOM, NEAR, OrbitCamera
+
+numbers = st.floats(-50, 50)
+points = st.tuples(numbers, numbers, numbers)
+shares = st.floats(0, 1)
+aspects = st.floats(0.3, 3)
+
+
+@st.composite
+def cameras(draw: st.DrawFn) -> OrbitCamera:
+    eye, target = draw(points), draw(points)
+    camera = OrbitCamera(eye, target, draw(st.floats(10, 110)))
+    camera.orbit(draw(numbers), draw(numbers))
+    camera.zoom(draw(st.floats(-5, 5)))
+    return camera
+
+
+def front_camera() -> OrbitCamera:
+    return OrbitCamera((0, 1, 5), (0, 1, 0), 60)
+
+
+def test_a_front_camera_has_x_to_the_right_and_y_up() -> None:
+    camera, aspect = front_camera(), 2.0
+    half = 5 * tan(radians(30))  # half the height of the image at the target
+    uv, depth = camera.to_screen([(0, 1, 0), (half * aspect, 1, 0), (0, 1 + half, 0), (0, 1, 2)], aspect)
+    assert uv == pytest.approx(np.array([(0.5, 0.5), (1, 0.5), (0.5, 1), (0.5, 0.5)]))
+    assert depth == pytest.approx([5, 5, 5, 3])
+
+
+def test_clip_planes_follow_the_opengl_convention() -> None:
+    projection = front_camera().projection(1.5)
+    near, far = projection @ (0, 0, -NEAR, 1), projection @ (0, 0, -FAR, 1)
+    assert near[2:] == pytest.approx([-NEAR, NEAR])
+    assert far[2:] == pytest.approx([FAR, FAR])
+
+
+@given(cameras())
+def test_the_view_matrix_is_rigid_and_maps_the_eye_to_the_origin(camera: OrbitCamera) -> None:
+    view = camera.view()
+    assert view[:3, :3] @ view[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
+    assert np.linalg.det(view) == pytest.approx(1)
+    assert view @ (*camera.eye, 1) == pytest.approx([0, 0, 0, 1], abs=1e-9)
+    assert view @ (*camera.target, 1) == pytest.approx([0, 0, -camera.distance, 1], abs=1e-9)
+
+
+@given(cameras(), shares, shares, aspects, st.floats(1, 100))
+def test_a_point_on_a_ray_projects_to_the_screen_point_of_the_ray(
+    camera: OrbitCamera, u: float, v: float, aspect: float, reach: float
+) -> None:
+    origin, direction = camera.ray(u, v, aspect)
+    assert np.linalg.norm(direction) == pytest.approx(1)
+    uv, depth = camera.to_screen(origin + reach * direction, aspect)
+    assert uv[0] == pytest.approx([u, v], abs=1e-9)
+    assert 0 < depth[0] <= reach * (1 + 1e-9)
+
+
+def test_a_point_behind_the_eye_has_no_screen_point() -> None:
+    uv, depth = front_camera().to_screen([(0, 1, 6), (0, 1, 0)], 1.0)
+    assert np.isnan(uv[0]).all()
+    assert depth[0] == pytest.approx(-1)
+    assert uv[1] == pytest.approx([0.5, 0.5])
+
+
+def test_an_orbit_by_one_height_turns_by_half_a_turn() -> None:
+    camera = front_camera()
+    camera.orbit(1, 0)
+    assert camera.eye == pytest.approx((0, 1, -5))
+
+
+def test_an_orbit_moves_the_near_side_with_the_cursor() -> None:
+    camera = front_camera()
+    near_side = [(0, 1, 1)]
+    camera.orbit(0.1, 0.05)
+    (u, v), *_ = camera.to_screen(near_side, 1.0)[0]
+    assert u > 0.5
+    assert v > 0.5
+
+
+@given(numbers, numbers)
+def test_the_elevation_is_limited_so_that_up_stays_up(right: float, up: float) -> None:
+    camera = front_camera()
+    camera.orbit(right, up)
+    assert abs(camera.elevation) <= MAX_ELEVATION
+    assert camera.view()[1, 1] > 0  # up stays up
+
+
+@pytest.mark.parametrize("eye", [(0, 6, 0), (0, -4, 0), (0, 1, 0)])
+def test_an_eye_straight_above_or_at_the_target_gives_a_finite_projection(eye: tuple[float, float, float]) -> None:
+    camera = OrbitCamera(eye, (0, 1, 0), 40)
+    assert np.isfinite(camera.view_projection(1.5)).all()
+    assert camera.to_screen([(0, 1, 0)], 1.5)[0] == pytest.approx(np.array([(0.5, 0.5)]))
+
+
+def test_zoom_is_exponential_and_limited() -> None:
+    camera = front_camera()
+    camera.zoom(3)
+    camera.zoom(-1)
+    once = front_camera()
+    once.zoom(2)
+    assert camera.distance == pytest.approx(once.distance)
+    camera.zoom(1e6)
+    assert camera.distance == pytest.approx(5 / MAX_ZOOM)
+    camera.zoom(-1e6)
+    assert camera.distance == pytest.approx(5 * MAX_ZOOM)
+
+
+@given(cameras(), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), aspects)
+def test_pan_moves_the_old_target_by_that_fraction_of_the_image(
+    camera: OrbitCamera, right: float, up: float, aspect: float
+) -> None:
+    before = camera.target
+    camera.pan(right, up)
+    uv, depth = camera.to_screen(before, aspect)
+    assert uv[0] == pytest.approx([0.5 - right / aspect, 0.5 - up], abs=1e-6)
+    assert depth[0] == pytest.approx(camera.distance)
+
+
+def test_many_small_moves_equal_one_large_move() -> None:
+    slow, fast = front_camera(), front_camera()
+    for _ in range(100):
+        slow.orbit(0.002, 0.001)
+        slow.zoom(0.03)
+    fast.orbit(0.2, 0.1)
+    fast.zoom(3)
+    assert slow.eye == pytest.approx(fast.eye)
+
+
+@given(cameras())
+def test_reset_restores_the_first_view(camera: OrbitCamera) -> None:
+    camera.reset()
+    first = camera.view_projection(1.5)
+    camera.orbit(0.3, 0.2)
+    camera.zoom(4)
+    camera.pan(0.1, 0.1)
+    camera.reset()
+    assert (camera.view_projection(1.5) == first).all()
+
+
+def test_azimuth_and_elevation_of_a_known_eye() -> None:
+    camera = OrbitCamera((1, sqrt(2), 1), (0, 0, 0), 40)
+    assert camera.azimuth == pytest.approx(pi / 4)
+    assert camera.elevation == pytest.approx(pi / 4)
+    assert camera.eye == pytest.approx((1, sqrt(2), 1))
+
+
+@given(cameras(), st.floats(-0.5, 0.5), aspects)
+def test_view_shift_moves_the_target_on_the_screen_and_centers_look_at(
+    camera: OrbitCamera, shift: float, aspect: float
+) -> None:
+    camera.view_shift = shift
+    camera.orbit(0.3, 0.1)
+    uv, depth = camera.to_screen(np.array([camera.target, camera.look_at]), aspect)
+    assert uv == pytest.approx(np.array([(0.5 + shift / aspect, 0.5), (0.5, 0.5)]), abs=1e-6)
+    assert depth == pytest.approx([camera.distance, camera.distance])

@@ -1,0 +1,53 @@
+"""Images of a running simulation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import taichi_cloth as tc
+
+
+@pytest.fixture(scope="module")
+def images(taichi: None) -> dict[str, tc.Image]:
+    with tc.Simulation(tc.load_scene("drape15", rows=5, columns=5)) as simulation:
+        return {view: tc.render_image(simulation, (96, 54), view) for view in ("shaded", "strain")}
+
+
+def test_the_image_shows_the_cloth(images: dict[str, tc.Image]) -> None:
+    pixels = images["shaded"].pixels
+    assert pixels.shape == (54, 96, 3)
+    assert pixels.dtype == np.uint8
+    cloth = np.abs(pixels.astype(int) - (0x2F, 0x6F, 0x73)).sum(axis=2) < 60  # the scene's color, lit
+    assert 50 < cloth.sum() < 2000
+    assert not np.array_equal(pixels, images["strain"].pixels)
+
+
+def test_a_notebook_and_a_file_have_the_same_pixels(images: dict[str, tc.Image], tmp_path: Path) -> None:
+    image = images["shaded"]
+    image.save(tmp_path / "cloth.png")
+    assert (tmp_path / "cloth.png").read_bytes() == image._repr_png_()
+    with Image.open(tmp_path / "cloth.png") as read:
+        assert np.array_equal(np.asarray(read), image.pixels)
+
+
+def test_unknown_views_and_empty_sizes_are_rejected(taichi: None) -> None:
+    with tc.Simulation(tc.load_scene("drape15", rows=5, columns=5)) as simulation:
+        with pytest.raises(ValueError, match="unknown view 'wire': shaded"):
+            tc.render_image(simulation, view="wire")
+        with pytest.raises(ValueError, match="1 x 1"):
+            tc.render_image(simulation, (0, 54))
+
+
+def test_a_notebook_shows_the_current_frame(taichi: None) -> None:
+    simulation = tc.Simulation(tc.load_scene("drape15", rows=5, columns=5))
+    first = simulation._repr_png_()
+    assert first == tc.render_image(simulation)._repr_png_()
+    for _ in range(20):
+        simulation.step()
+    assert simulation._repr_png_() not in (None, first)
+    simulation.close()
+    assert simulation._repr_png_() is None

@@ -1,0 +1,77 @@
+"""The color scale of the view `strain`: its labels and its position."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichi_cloth.render.fill import FULL_STRAIN
+from taichi_cloth.render.legend import (
+    BAR_WIDTH,
+    GLYPH_WIDTH,
+    GLYPHS,
+    MARGIN,
+    TEXT_COLOR,
+    WindowLegend,
+    draw_legend,
+    legend_rectangles,
+    text_rectangles,
+    text_width,
+)
+from taichi_cloth.viewer.charts import top
+
+
+def test_glyphs_have_three_by_five_pixels() -> None:
+    for rows in GLYPHS.values():
+        assert [len(row) for row in rows.split()] == [GLYPH_WIDTH] * 5
+
+
+def test_text_is_drawn_as_glyphs_side_by_side() -> None:
+    rows = text_rectangles("1 7", 10.0, 20.0)
+    one, seven = rows[rows[:, 0] < 13], rows[rows[:, 0] >= 18]
+    assert len(one) + len(seven) == len(rows)
+    assert one[:, :2].tolist()[0] == [11.0, 20.0]
+    assert seven[:3, :2].tolist() == [[18.0, 20.0], [19.0, 20.0], [20.0, 20.0]]
+    assert text_width("1 7") == 11
+
+
+@pytest.mark.parametrize("size", [(180, 320), (540, 960), (40, 30)])
+def test_the_bar_runs_from_red_through_pale_to_blue(size: tuple[int, int]) -> None:
+    plain = np.full((*size, 3), 200, np.uint8)
+    image = draw_legend(plain.copy())
+    unit = max(1, round(size[0] / 216))
+    column = image[:, -unit * MARGIN - unit * BAR_WIDTH // 2]
+    if size[0] < 100:  # smaller than the legend, which is cut off without an error
+        return
+    changed = np.flatnonzero((column != 200).any(axis=1))
+    upper, middle, lower = column[changed[0]], column[len(column) // 2], column[changed[-1]]
+    assert upper[0] > 2 * upper[2]
+    assert lower[2] > 2 * lower[0]
+    assert middle.min() > 150
+    assert (image[:, : size[1] // 2] == 200).all()
+
+
+def test_labels_are_beside_the_bar() -> None:
+    rectangles, colors = legend_rectangles()
+    ink = (colors == TEXT_COLOR).all(axis=1)
+    assert rectangles[ink][:, 0].max() < -MARGIN - BAR_WIDTH
+    assert FULL_STRAIN == 0.1  # half of it is a whole number of percent
+    assert ink.sum() > 60
+
+
+class Canvas:
+    """Stores the lowest and the highest point that would be drawn."""
+
+    def triangles(self, position: Any, per_vertex_color: Any) -> None:
+        heights = position.to_numpy()[:, 1]
+        self.low, self.high = heights.min(), heights.max()
+
+
+def test_the_window_legend_is_centered_or_above_the_charts() -> None:
+    legend, canvas = WindowLegend(), Canvas()
+    legend.show(canvas, (1280, 720))
+    assert (canvas.low + canvas.high) / 2 == pytest.approx(0.5, abs=1e-3)
+    assert canvas.low < top()
+    legend.show(canvas, (1280, 720), top())
+    assert canvas.low >= top() - 1e-6
+    assert canvas.high < 1

@@ -1,0 +1,148 @@
+"""Videos written by real encoders and read by real decoders."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.WebPImagePlugin import WebPImageFile
+
+from taichi_cloth.render import image_files
+from taichi_cloth.render.image_files import Pixels, available_formats, open_video
+from taichi_cloth.system.errors import UsageError
+
+SIZE = (65, 49)  # odd: an .mp4 file leaves out a column and a row
+COLORS = ((181, 48, 60), (40, 160, 80), (30, 60, 200))
+Frames = list[Pixels]
+
+
+def plain(color: tuple[int, int, int], size: tuple[int, int] = SIZE) -> Pixels:
+    return np.full((size[1], size[0], 3), color, np.uint8)
+
+
+def read_mp4(path: Path) -> tuple[Frames, float]:
+    """Return the frames of a video and its duration [s]."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=True)
+    width, height = map(int, re.findall(rb"Video: h264.* (\d+)x(\d+)", done.stderr)[0])
+    frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
+    return list(frames), imageio_ffmpeg.count_frames_and_secs(str(path))[1]
+
+
+def read_webp(path: Path) -> tuple[Frames, float]:
+    """Return the frames of a video and its duration [s]."""
+    frames, milliseconds = [], 0
+    with Image.open(path) as image:
+        assert isinstance(image, WebPImageFile)
+        for k in range(image.n_frames):
+            image.seek(k)
+            frames.append(np.asarray(image.convert("RGB")))
+            milliseconds += image.info["duration"]
+    return frames, milliseconds / 1000
+
+
+@pytest.mark.parametrize(("kind", "read", "size"), [("mp4", read_mp4, (64, 48)), ("webp", read_webp, SIZE)])
+@pytest.mark.parametrize("every", [1, 7])
+def test_a_video_has_the_images_at_their_frame_rate(
+    tmp_path: Path, kind: str, read: Callable[[Path], tuple[Frames, float]], size: tuple[int, int], every: int
+) -> None:
+    path = tmp_path / f"video.{kind}"
+    with open_video(path, SIZE, every) as show:
+        for color in COLORS:
+            show(plain(color))
+        assert not path.exists()
+    frames, seconds = read(path)
+    assert [frame.shape for frame in frames] == [(size[1], size[0], 3)] * 3
+    assert seconds == pytest.approx(3 * every / 60, abs=0.006)  # decoders report hundredths
+    for frame, color in zip(frames, COLORS, strict=True):
+        assert np.abs(frame.reshape(-1, 3).mean(axis=0) - color).max() < 4
+    assert [path.name for path in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("kind", ["mp4", "webp"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_after_an_error_the_older_video_remains_and_no_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, error: type[BaseException]
+) -> None:
+    started = []
+    real = subprocess.Popen
+
+    def popen(*arguments: object, **options: object) -> object:
+        started.append(real(*arguments, **options))  # type: ignore[call-overload]
+        return started[-1]
+
+    path = tmp_path / f"video.{kind}"
+    path.write_text("older")
+    available_formats()  # searches for programs once
+    monkeypatch.setattr(subprocess, "Popen", popen)
+    with pytest.raises(error), open_video(path, SIZE) as show:  # noqa: PT012
+        show(plain(COLORS[0]))
+        raise error
+    assert path.read_text() == "older"
+    assert list(tmp_path.iterdir()) == [path]
+    assert len(started) == (kind == "mp4")
+    assert all(process.returncode is not None for process in started)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script replaces ffmpeg")
+def test_the_error_output_of_the_encoder_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = tmp_path / "ffmpeg"
+    broken.write_text("#!/bin/sh\necho ' V....D libx264 H.264'\n[ $# -eq 2 ] || echo 'No such filter' >&2\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(image_files.shutil, "which", lambda name: str(broken))
+    path = tmp_path / "video.mp4"
+
+    def write_one_frame() -> None:
+        with open_video(path, SIZE) as show:
+            show(plain(COLORS[0]))
+
+    with pytest.raises(OSError, match=r"ffmpeg: No such filter: '.*video\.mp4'$"):
+        write_one_frame()
+    assert list(tmp_path.iterdir()) == [broken]
+
+
+@pytest.fixture
+def without(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Hide packages, and any ffmpeg on the system: `without("imageio_ffmpeg")`."""
+    real = image_files.find_spec
+
+    def hide(*packages: str) -> None:
+        monkeypatch.setattr(image_files.shutil, "which", lambda name: None)
+        monkeypatch.setattr(image_files, "find_spec", lambda name: None if name in packages else real(name))
+
+    return hide
+
+
+def test_without_ffmpeg_the_error_has_the_pip_command(tmp_path: Path, without: Callable[..., None]) -> None:
+    assert available_formats() == [".mp4", ".webp"]
+    without("imageio_ffmpeg")
+    assert available_formats() == [".webp"]
+    with pytest.raises(UsageError) as caught:
+        open_video(tmp_path / "a.mp4", SIZE)
+    assert str(caught.value).endswith("a.mp4 needs ffmpeg: pip install 'taichi-cloth[video]', or choose a .webp file")
+    without("imageio_ffmpeg", "PIL")
+    assert available_formats() == []
+    with pytest.raises(UsageError, match=r"a\.webp needs Pillow: pip install pillow$"):
+        open_video(tmp_path / "a.webp", SIZE)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script replaces ffmpeg")
+def test_an_ffmpeg_without_h264_is_skipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    without_h264 = tmp_path / "ffmpeg"
+    without_h264.write_text("#!/bin/sh\necho ' V..... mpeg4'\n")
+    without_h264.chmod(0o755)
+    monkeypatch.setattr(image_files.shutil, "which", lambda name: str(without_h264))
+    assert image_files.find_ffmpeg() == imageio_ffmpeg.get_ffmpeg_exe()
+
+
+@pytest.mark.parametrize("name", ["video.avi", "video", "video.MP4", "mp4"])
+def test_other_suffixes_are_rejected(tmp_path: Path, name: str) -> None:
+    with pytest.raises(UsageError, match=r"a video file must end in \.mp4 or \.webp"):
+        open_video(tmp_path / name, SIZE)

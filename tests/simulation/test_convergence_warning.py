@@ -1,0 +1,53 @@
+"""The line that a run prints if iterations do not converge."""
+
+import numpy as np
+import pytest
+
+from taichi_cloth.geometry.cloth_builder import build_topology
+from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, VerletSprings
+from taichi_cloth.simulation.error_estimate import MAX_SAMPLES, rows_below, sample_points, unconverged
+
+
+def line(solver: str, cells: int, substeps: int, iterations: int, **cloth: object) -> str:
+    """Return the line for one square meter of structural springs, pinned along its top."""
+    scene = Scene(
+        cloth=Cloth(rows=cells + 1, columns=cells + 1, width=1.0, height=1.0, mass_lumping="uniform", **cloth),  # type: ignore[arg-type]
+        verlet=VerletSprings(shear=0.0, bend=0.0),
+        fabric=Fabric(warp=1000.0, weft=1000.0, shear=0.0, bend_spring=0.0),
+        solver=Solver(solver, substeps, iterations),
+    )
+    return unconverged(scene, build_topology(scene, "fabric"), FRAME_SECONDS / substeps, iterations)
+
+
+def test_verlet_reports_its_artificial_stretch() -> None:
+    """64 rows at 10×1: 5.6 % of a meter, ½·64²·9.81/600²."""
+    assert line("verlet", 64, 10, 1) == "not converged: 5.6 % artificial stretch"
+    assert line("verlet", 32, 60, 8) == ""
+
+
+def test_xpbd_reports_its_excess_elongation() -> None:
+    """32 rows at 30×1: 158 %, kh²/m; the default 60×4 leaves 0.2 %, and 14 % for 64 rows."""
+    assert line("xpbd", 32, 30, 1) == "not converged: elongation is 158 % above the static solution"
+    assert line("xpbd", 32, 60, 4) == ""
+    assert line("xpbd", 64, 60, 4) == "not converged: elongation is 14 % above the static solution"
+
+
+def test_nothing_is_reported_without_pins_and_for_solvers_that_converge() -> None:
+    assert line("xpbd", 32, 1, 1, pins=()) == ""
+    assert [line(solver, 32, 1, 1) for solver in ("lines", "explicit", "rk4")] == ["", "", ""]
+    scene = Scene(forces=Forces(gravity=0.0), solver=Solver("xpbd", 1, 1))
+    assert unconverged(scene, build_topology(scene, "fabric"), FRAME_SECONDS, 1) == ""
+
+
+@pytest.mark.parametrize(("pins", "rows"), [(("top",), 20), (("top", "bottom"), 10), (("left",), 20)])
+def test_rows_are_counted_from_the_nearest_pin(pins: tuple[str, ...], rows: int) -> None:
+    scene = Scene(cloth=Cloth(rows=21, columns=21, width=1.0, height=1.0, pins=pins))
+    assert rows_below(build_topology(scene, "fabric")) == rows
+
+
+def test_many_points_are_sampled() -> None:
+    points = np.arange(30_000.0).reshape(-1, 3)
+    seen = sample_points(points)
+    assert len(seen) == MAX_SAMPLES
+    assert (seen[[0, -1]] == points[[0, -1]]).all()
+    assert (sample_points(points[:10]) == points[:10]).all()

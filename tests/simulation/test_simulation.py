@@ -1,0 +1,286 @@
+"""The Python API."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.scene.collider_schema import Ground, Sphere
+from taichi_cloth.scene.schema import Cloth, Scene, Solver, Wind
+from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
+from taichi_cloth.system.errors import UsageError
+
+SMALL = Scene(
+    cloth=Cloth(rows=5, columns=6, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),
+    wind=Wind(z=2.0),
+    spheres=(Sphere(center=(0.0, 1.0, 1.0), radius=0.2, oscillation=(1.0, 0.0, 0.0), period=(4.0, 1.0, 1.0)),),
+    ground=Ground(),
+)
+
+
+def resident_megabytes() -> float:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+
+def test_arrays_have_one_row_per_particle() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        assert simulation.positions().shape == simulation.velocities().shape == (30, 3)
+        assert simulation.positions()[0] == pytest.approx([-0.5, 2.4, 0.0])
+
+
+def test_time_and_spheres_advance_with_the_frames() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        assert (simulation.frame, simulation.seconds) == (0, 0)
+        for _ in range(60):
+            simulation.step()
+        assert simulation.seconds == pytest.approx(1.0)
+        sphere, ground = simulation.colliders()
+        assert sphere.center == pytest.approx([1.0, 1.0, 1.0])  # a quarter of its period of 4 s: the largest deflection
+        assert sphere.size[0] == 0.2
+        assert ground.collider == SMALL.ground
+
+
+def test_features_lists_what_the_scene_uses() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        assert simulation.features == ("structural", "shear", "bend", "wind", "sphere", "ground")
+    with tc.Simulation(replace(SMALL, wind=None, spheres=(), ground=None)) as simulation:
+        assert simulation.features == ("structural", "shear", "bend")
+
+
+def test_metrics_at_the_start() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        metrics = simulation.metrics()
+        assert metrics.max_strain == pytest.approx(0, abs=1e-6)
+        assert metrics.kinetic_energy == 0
+        assert metrics.potential_energy == pytest.approx(0.2 * 0.8 * 9.81 * 2.0)
+        assert metrics.penetration == 0
+        assert metrics.finite
+
+
+@pytest.mark.parametrize("name", ["gravity", "wind_x", "wind_z", "stiffness", "damping", "sphere_radius", "substeps"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e9, "3", None, True])
+def test_an_invalid_parameter_value_raises_and_changes_nothing(name: str, value: Any) -> None:
+    with tc.Simulation(SMALL) as simulation:
+        before = simulation.params[name]
+        with pytest.raises(ValueError, match=name):
+            simulation.params[name] = value
+        assert simulation.params[name] == before
+
+
+def test_an_unknown_parameter_raises_and_is_named() -> None:
+    with tc.Simulation(replace(SMALL, wind=None)) as simulation:
+        for name in ("wind_x", "color"):
+            with pytest.raises(ValueError, match=f"{name!r} is not a parameter"):
+                simulation.params[name] = 1.0
+            with pytest.raises(ValueError, match=f"{name!r} is not a parameter"):
+                simulation.params[name]
+
+
+@pytest.mark.parametrize("index", [-1, 30, 10**9])
+def test_a_particle_that_does_not_exist_cannot_be_grabbed(index: int) -> None:
+    with tc.Simulation(SMALL) as simulation, pytest.raises(ValueError, match=r"0\.\.29"):
+        simulation.grab(index)
+
+
+@pytest.mark.parametrize("target", [(0, 0), (0, 0, float("nan")), "abc", None, (0, 0, float("inf")), [[1, 2, 3]]])
+def test_a_grab_target_must_be_three_finite_numbers(target: Any) -> None:
+    with tc.Simulation(SMALL) as simulation:
+        grab = simulation.grab(7)
+        before = simulation.grabs[grab.number].target.tolist()
+        with pytest.raises(ValueError, match="three finite numbers"):
+            grab.move_to(target)
+        assert simulation.grabs[grab.number].target.tolist() == before == simulation.positions()[7].tolist()
+
+
+def test_a_released_particle_moves_while_another_stays_grabbed() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        first = simulation.grab(7)
+        first.move_to((0, 2, 1))
+        simulation.step()
+        second = simulation.grab(8)
+        second.move_to((0, 2, 1))
+        assert simulation.grabbed.tolist() == [7, 8]
+        first.release()
+        assert simulation.grabbed.tolist() == [8]
+        assert (first.active, second.active) == (False, True)
+        before = simulation.positions()[7]
+        for _ in range(10):
+            simulation.step()
+        assert np.linalg.norm(simulation.positions()[7] - before) > 1e-3
+
+
+def test_a_second_release_has_no_effect() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        grab = simulation.grab(7)
+        grab.release()
+        before = simulation.velocities()
+        grab.release()
+        assert len(simulation.grabbed) == 0
+        assert (simulation.velocities() == before).all()
+
+
+def test_a_closed_simulation_raises() -> None:
+    simulation = tc.Simulation(SMALL)
+    simulation.close()
+    simulation.close()
+    for call in (simulation.step, simulation.positions, simulation.velocities, simulation.reset):
+        with pytest.raises(RuntimeError, match="closed"):
+            call()
+
+
+def test_a_simulation_that_was_not_closed_releases_its_fields() -> None:
+    for _ in range(530):  # Taichi crashes at the 513th field tree
+        tc.Simulation(SMALL).step()
+    kept = tc.Simulation(SMALL)
+    start = kept.positions()
+    tc.Simulation(SMALL).step()
+    assert (kept.positions() == start).all()
+
+
+def test_two_simulations_of_one_size_are_independent() -> None:
+    with tc.Simulation(SMALL) as one, tc.Simulation(SMALL) as other:
+        start = other.positions()
+        one.step()
+        assert (other.positions() == start).all()
+
+
+def test_more_simulations_in_sequence_than_taichi_has_field_trees() -> None:
+    """Taichi holds 512 field trees and keeps every compiled kernel: without reuse of fields it crashes or grows."""
+    sizes = [(4 + k % 5, 5 + k % 3) for k in range(530)]
+    after_first = 0.0
+    for k, (rows, columns) in enumerate(sizes):
+        with tc.Simulation(replace(SMALL, cloth=replace(SMALL.cloth, rows=rows, columns=columns))) as simulation:
+            simulation.step()
+            assert simulation.metrics().finite
+        if k == 200 and Path("/proc/self/statm").exists():
+            after_first = resident_megabytes()
+    if after_first:
+        assert resident_megabytes() - after_first < 5
+
+
+# -- checkpoints ---------------------------------------------------------------------------------------------
+
+
+def test_a_switched_solver_gets_its_default_settings_and_the_scene_s_solver_those_of_the_scene() -> None:
+    with tc.Simulation(replace(SMALL, solver=Solver(substeps=1, iterations=5))) as simulation:
+        for name in (*SOLVER_CATALOG, "verlet"):
+            simulation.switch_solver(name)
+            asked = simulation.params["substeps"], simulation.params["iterations"]
+            assert asked == ((1, 5) if name == "verlet" else SOLVER_CATALOG[name].defaults)
+
+
+def test_a_checkpoint_of_another_scene_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "save.npz"
+    with tc.Simulation(SMALL) as simulation:
+        simulation.save(path)
+    with tc.Simulation(replace(SMALL, cloth=replace(SMALL.cloth, rows=6))) as other:
+        start = other.positions()
+        with pytest.raises(ValueError, match="rows"):
+            other.load(path)
+        assert (other.positions() == start).all()
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 torn"])
+def test_a_file_that_is_not_a_checkpoint_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "save.npz"
+    path.write_bytes(content)
+    with tc.Simulation(SMALL) as simulation, pytest.raises(ValueError, match=r"save\.npz"):
+        simulation.load(path)
+
+
+def test_a_truncated_checkpoint_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "save.npz"
+    with tc.Simulation(SMALL) as simulation:
+        simulation.save(path)
+        whole = path.read_bytes()
+        for length in (len(whole) // 3, len(whole) - 30):
+            path.write_bytes(whole[:length])
+            with pytest.raises(ValueError, match=r"save\.npz"):
+                simulation.load(path)
+
+
+def test_a_failed_save_keeps_the_old_file_and_leaves_no_partial_file(tmp_path: Path) -> None:
+    path = tmp_path / "save.npz"
+    with tc.Simulation(SMALL) as simulation:
+        simulation.save(path)
+        before = path.read_bytes()
+        with pytest.raises(OSError, match="missing"):
+            simulation.save(tmp_path / "missing" / "save.npz")
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["save.npz"]
+
+
+def test_set_state_sets_positions_and_velocities() -> None:
+    with tc.Simulation(replace(SMALL, wind=None, solver=Solver("explicit"))) as simulation:
+        start = simulation.topology.start
+        simulation.set_state(start + [0.0, 1.0, 0.0], (0.0, 0.0, 2.0))
+        assert simulation.positions() == pytest.approx(start + [0.0, 1.0, 0.0], abs=1e-6)
+        v = simulation.velocities()
+        assert v[~simulation.topology.pinned] == pytest.approx(np.tile([0.0, 0.0, 2.0], (24, 1)))
+        assert not v[simulation.topology.pinned].any()
+        simulation.step()
+        pins = simulation.topology.pinned
+        assert simulation.positions()[pins] == pytest.approx((start + [0.0, 1.0, 0.0])[pins], abs=1e-6)
+
+
+@pytest.mark.parametrize("values", [[1.0, 2.0], "here", [[float("nan")] * 3] * 30])
+def test_set_state_with_invalid_positions_raises_and_changes_nothing(values: Any) -> None:
+    with tc.Simulation(SMALL) as simulation:
+        with pytest.raises(
+            ValueError, match=r"positions must be numbers of shape \(30, 3\)|invalid number in positions: not finite"
+        ):
+            simulation.set_state(values)
+        assert simulation.positions() == pytest.approx(simulation.topology.start, abs=1e-6)
+
+
+def test_far_from_the_origin_results_have_the_same_rounding() -> None:
+    """At a distance of whole blocks of 8 m every position, collider and grab has the same bits (accuracy C33)."""
+    away = np.array([9600.0, 0.0, -800.0])
+    near = tc.load_scene("curtain", wind_x=0.0, wind_z=0.0)
+    spheres = tuple(replace(one, center=tuple(np.add(one.center, away))) for one in near.spheres)
+    far = replace(near, cloth=replace(near.cloth, center=tuple(np.add(near.cloth.center, away))), spheres=spheres)
+    ends, velocities = [], []
+    for scene, shift in ((near, np.zeros(3)), (far, away)):
+        with tc.Simulation(scene) as simulation:
+            for k in range(40):
+                if k == 10:
+                    simulation.grab(400).move_to(simulation.positions()[400] + [0.0, 0.0, 0.25])
+                simulation.step()
+            assert simulation.colliders()[0].center == pytest.approx(simulation.scene.spheres[0].center, abs=1.5)
+            ends.append(simulation.positions() - shift)
+            velocities.append(simulation.velocities())
+    assert np.abs(ends[0] - ends[1]).max() < 1e-11  # the rounding error of float64 at 10 km is 1e-12
+    assert (velocities[0] == velocities[1]).all()
+
+
+def test_gusts_do_not_depend_on_the_local_origin(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = []
+    for spacing in (8.0, 1.0):
+        monkeypatch.setattr("taichi_cloth.geometry.topology.ORIGINS", spacing)
+        with tc.Simulation(tc.load_scene("curtain")) as simulation:
+            for _ in range(10):
+                simulation.step()
+            ends.append(simulation.positions())
+    assert np.abs(ends[0] - ends[1]).max() < 2e-5
+    assert (ends[0] != ends[1]).any()
+
+
+def test_springs_too_stiff_for_their_particles_are_refused_and_nothing_changes() -> None:
+    scene = tc.load_scene("curtain", solver_name="verlet", warp=1e9, weft=1e9, width=0.4, area_density=0.001)
+    with pytest.raises(UsageError, match=r"curtain: explicit needs [\d,]+ substeps a frame, more than 200,000"):
+        tc.Simulation(replace(scene, solver=replace(scene.solver, name="explicit")))
+    with tc.Simulation(scene) as simulation:
+        simulation.step()
+        x, v = simulation.positions(), simulation.velocities()
+        with pytest.raises(UsageError, match="substeps"):
+            simulation.switch_solver("explicit")
+        assert simulation.solver.name == "verlet"
+        assert (simulation.positions() == x).all()
+        assert simulation.velocities() == pytest.approx(v, abs=1e-3)  # verlet stores positions only
+        simulation.step()
+        assert simulation.metrics().finite

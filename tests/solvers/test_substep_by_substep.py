@@ -1,0 +1,32 @@
+"""A frame advanced substep by substep."""
+
+import numpy as np
+import pytest
+
+from taichi_cloth.scene.collider_schema import Sphere
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver
+from taichi_cloth.simulation.simulation import Simulation
+
+
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
+def test_step_by_substep_is_bit_equal_to_step(solver: str) -> None:
+    """With a sphere and a grab that move within the frame."""
+    sphere = Sphere(center=(0.0, 0.0, 0.2), radius=0.15, keyframes=((0.0, 0, 0, 0), (1.0, 0, 0, -3.0)))
+    scene = Scene(
+        cloth=Cloth(rows=5, columns=10, width=0.9, height=0.4, center=(0.0, 0.0, 0.0)),
+        fabric=Fabric(warp=100.0, weft=100.0, shear=50.0, bend_spring=0.0),
+        solver=Solver(solver, substeps=4, iterations=2),
+        spheres=(sphere,),
+    )
+    with Simulation(scene, "serial") as whole, Simulation(scene, "serial") as slow:
+        shares: list[float] = []
+        grabs = [simulation.grab(44) for simulation in (whole, slow)]
+        for frame in range(3):
+            for grab in grabs:
+                grab.move_to((0.1 * frame, 0.0, 0.3))
+            whole.step()
+            slow.step_by_substep(shares.append)
+            assert np.array_equal(slow.positions(), whole.positions())
+            assert np.array_equal(slow.velocities(), whole.velocities())
+        steps = whole.substeps
+        assert shares == pytest.approx([(k + 1) / steps for k in range(steps)] * 3)

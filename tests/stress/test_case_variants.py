@@ -1,0 +1,238 @@
+"""Every value of a variant reaches the cloth: no two variants of a case are the same run."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from walks import CELLS, Walk, small, walk
+
+from taichi_cloth.evaluation.stress import case_catalog, extremes, loads
+from taichi_cloth.evaluation.stress.setup import DENSITY
+from taichi_cloth.evaluation.stress.unit import Case, Variant
+from taichi_cloth.geometry.cloth_builder import build_topology, spring_stiffness
+from taichi_cloth.scene import Scene
+
+CASES = {case.number: case for case in case_catalog.CASES}
+
+
+@pytest.fixture(autouse=True)
+def few_cells(serial_layout: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    small(monkeypatch)
+
+
+@cache
+def walks(number: int) -> list[Walk]:
+    return [walk(variant.run) for variant in CASES[number].variants]
+
+
+def variant(number: int, name: str) -> Variant:
+    [found] = [one for one in CASES[number].variants if one.name == name]
+    return found
+
+
+def test_there_are_forty_cases_with_unique_names() -> None:
+    assert list(CASES) == list(range(1, 41))
+    assert len({case.name for case in CASES.values()}) == 40
+    for case in CASES.values():
+        assert len({one.name for one in case.variants}) == len(case.variants) > 0
+
+
+# Values of the list of cases, read from the scene that a variant opens last.
+KEYS: dict[int, tuple[Callable[[Scene], Any], list[Any]]] = {
+    1: (lambda s: (s.fabric.warp, s.fabric.weft, s.fabric.shear), [(10.0**k,) * 3 for k in range(10)]),
+    2: (lambda s: s.maps and s.maps.stiffness_max / s.maps.stiffness_min, [pytest.approx(1e4), pytest.approx(1e6)]),
+    3: (
+        lambda s: (s.cloth.corner_mass / DENSITY * CELLS**2, s.cloth.corner_mass_at),
+        [(pytest.approx(times * CELLS**2 / 32**2), "bottom-right") for times in (10, 100, 1000, 10_000)],
+    ),
+    17: (
+        lambda s: s.spheres[0].keyframes[1][3] / s.spheres[0].keyframes[1][0],
+        [pytest.approx(v) for v in (5, 20, 50, 100)],
+    ),
+    18: (lambda s: s.spheres[0].collide_with, ["particles", "triangles"]),
+    25: (lambda s: (s.cloth.rows, s.cloth.columns), [*case_catalog.GRIDS]),
+    26: (lambda s: s.forces.gravity, [0.0, -9.81, 1e3, 1e5, 9.81]),
+    33: (lambda s: s.cloth.center, [(away, away, 0.0) for away in (100.0, 1000.0, 10_000.0)]),
+    35: (
+        lambda s: (s.planes[0].friction, -s.planes[0].rotation[2]),
+        [(mu, slope) for slope in (30, 89) for mu in (0, 1, 10, 1e6)],
+    ),
+    37: (lambda s: (s.solver.damping, s.fabric.damping_time), [(0, 0), (1e6, 0), (2.0, 0), (0, 1.0)]),
+    38: (
+        lambda s: (s.strain_limit and s.strain_limit.strain, s.forces.gravity),
+        [(0.01, pytest.approx(98.1)), (0.001, pytest.approx(98.1))],
+    ),
+}
+
+
+@pytest.mark.parametrize("number", KEYS)
+def test_the_values_of_the_variants_are_in_their_scenes(number: int) -> None:
+    read, expected = KEYS[number]
+    assert [read(one.scenes[-1]) for one in walks(number) if one.scenes] == expected
+
+
+def test_the_stiffness_of_verlet_increases_with_the_decades() -> None:
+    shares = [one.scenes[0].verlet.structural for one in walks(1)]
+    assert shares == pytest.approx(np.linspace(0.1, 1.0, 10))
+
+
+def test_one_half_of_the_sheet_is_stiffer() -> None:
+    for ratio, one in zip((1e4, 1e6), walks(2), strict=True):
+        scene = one.scenes[0]
+        topology = build_topology(scene, "fabric")
+        constants = spring_stiffness(scene, "fabric", topology) / topology.by_family(dict.fromkeys(FAMILIES, 1.0))
+        ends = topology.start[topology.ends]
+        x = ends[..., 0]
+        inside = ~np.any(
+            np.all(np.isclose(np.abs(ends[..., :2]), 0.5), axis=1), axis=1
+        )  # springs along an edge have half
+        left, right = (constants[side & inside] for side in ((x < -1e-6).all(axis=1), (x > 1e-6).all(axis=1)))
+        assert left == pytest.approx(1000.0 * ratio)
+        assert right == pytest.approx(1000.0)
+        assert len(left) == len(right) > 0
+
+
+FAMILIES = ("structural", "shear", "bend")
+
+
+def test_one_free_corner_is_heavy() -> None:
+    lightest, *_, heaviest = (build_topology(one.scenes[0], "fabric") for one in walks(3))
+    assert np.flatnonzero(heaviest.mass - lightest.mass).tolist() == [heaviest.particle_count - 1]
+    assert not heaviest.pinned[-1]
+    assert heaviest.mass[-1] - lightest.mass[-1] == pytest.approx((10_000 - 10) * extremes.PARTICLE)
+
+
+def test_the_refreshes_of_a_rate() -> None:
+    for rate in (240, 120, 60, 30, 10):
+        assert extremes.at_rate(rate)[-1] == pytest.approx(10.0)
+        assert np.diff(extremes.at_rate(rate)) == pytest.approx(1 / rate)
+    frames = [one.frames for one in walks(4)]
+    assert frames == [pytest.approx(600 + n, abs=1) for n in (600, 600, 600, 600, 400)]
+
+
+def test_pins_move_by_the_given_distances() -> None:
+    for times, one in zip((2, 5, 10), walks(7), strict=True):
+        assert max(np.ptp(x[:, 0]) for x in one.pins) == pytest.approx(times)
+        assert len(one.pins) == 12  # a tenth of a second each way
+    for span, one in zip((0.1, 0.0, -0.5), walks(8), strict=True):
+        assert min(x[1, 0] - x[0, 0] for x in one.pins) == pytest.approx(span, abs=1e-6)
+    for one in (*walks(7), *walks(8)):
+        assert np.ptp(one.pins[-1][:, 0]) == pytest.approx(1.0)
+
+
+def loose(one: Walk) -> np.ndarray:
+    """Return the positions of the free particles at the first start."""
+    return one.started[0][~build_topology(one.scenes[0], "fabric").pinned]
+
+
+def test_a_collapsed_sheet_is_at_one_point() -> None:
+    point, micrometre, millimetre = (loose(one) for one in walks(9))
+    assert (point == point[0]).all()
+    assert 1e-7 < micrometre.std(axis=0).min() < micrometre.std(axis=0).max() < 1e-5
+    assert 1e-4 < millimetre.std(axis=0).min() < millimetre.std(axis=0).max() < 1e-2
+    for one in walks(9):
+        assert np.array_equal(one.started[0], one.started[1])
+
+
+def test_a_flattened_sheet_is_flat() -> None:
+    line, mirrored = (loose(one) for one in walks(10))
+    assert (line[:, 1:] == 0).all()
+    assert np.ptp(line[:, 0]) == pytest.approx(1.0)
+    assert mirrored[:, 0].min() >= 0.0
+    assert np.ptp(mirrored[:, 1]) == pytest.approx(1.0)
+
+
+def test_a_random_start_depends_on_the_seed() -> None:
+    one, other = (loose(walk(loads.random_start, seed)) for seed in (1, 2))
+    assert np.abs(one).max() <= 0.5
+    assert one.std(axis=0) == pytest.approx(np.full(3, 12**-0.5), rel=0.4)
+    assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.5
+    at_rest = build_topology(walk(loads.random_start).scenes[0], "fabric").start[CELLS + 1 :]
+    assert np.linalg.norm(one - at_rest, axis=1).mean() > 0.3
+
+
+def test_noise_has_the_given_size() -> None:
+    for size, one in zip((1e-3, 0.1), walks(12), strict=True):
+        free = ~build_topology(one.scenes[0], "fabric").pinned
+        off = (one.started[0] - build_topology(one.scenes[0], "fabric").start)[free]
+        assert off.std() == pytest.approx(size, rel=0.3)
+
+
+def test_neighboring_columns_are_swapped() -> None:
+    [one] = walks(13)
+    columns = one.started[0].reshape(CELLS + 1, CELLS + 1, 3)[-1, :, 0]
+    assert columns == pytest.approx(np.linspace(-0.5, 0.5, CELLS + 1)[[1, 0, 3, 2, 5, 4, 7, 6, 8]])
+
+
+def test_the_wind_crosses_the_sheet_in_one_variant_only() -> None:
+    still, crossing = ([value for name, value in one.sets if name == "wind_z"] for one in walks(28))
+    assert set(still) == {0.0}
+    assert min(crossing) < -0.01 < 0.01 < max(crossing)
+    assert crossing[-1] == 0.0
+
+
+def test_gravity_changes_its_sign_in_each_frame() -> None:
+    signs = [value for name, value in walks(26)[-1].sets if name == "gravity"]
+    assert signs == [9.81 * (-1) ** k for k in range(121)]
+
+
+def test_a_yank_moves_the_grab_by_ten_meters_in_a_frame() -> None:
+    [one] = walks(29)
+    assert [target[2] - one.grabs[0][2] for target in one.grabs] == pytest.approx([0.0, 10.0, 0.0])
+    assert one.rest == [0.05]
+
+
+def test_changes_reach_the_cloth() -> None:
+    stiffer, softer, heavier, substeps, toggled, _ = walks(31)
+    assert [one.scenes[1].fabric.warp / one.scenes[0].fabric.warp for one in (stiffer, softer)] == pytest.approx(
+        [1e3, 1e-3]
+    )
+    assert heavier.scenes[1].cloth.area_density == pytest.approx(100 * heavier.scenes[0].cloth.area_density)
+    assert [value for name, value in substeps.sets if name == "substeps"] == [2, 20, 1, 20][1:]
+    assert [len(scene.spheres) for scene in toggled.scenes] == [0, 1, 0, 1, 0, 1, 0]
+
+
+def test_bad_input_has_the_named_numbers() -> None:
+    assert [one.name for one in CASES[30].variants] == ["nan", "inf", "-inf"]
+    for one in walks(30):
+        assert one.broken == []
+
+
+def test_ten_layers_are_rotated_and_spaced() -> None:
+    [one] = walks(15)
+    cloth = one.scenes[0].cloth
+    assert (cloth.layers, cloth.layer_spacing, cloth.layer_rotation) == (10, 0.1, 9.0)
+    assert one.scenes[0].spheres[0].radius == 0.3
+    assert walks(16)[0].scenes[0].cloth.layers == 50
+
+
+def test_edges_twist_by_two_turns_each_and_back() -> None:
+    [one] = walks(14)
+    assert len(one.pins) == 1200
+    corner = np.array([x[0, 1:] for x in one.pins])
+    turned = np.unwrap(np.arctan2(corner[:, 1], corner[:, 0]))
+    assert abs(turned[599] - turned[0]) == pytest.approx(4 * np.pi * 599 / 600, rel=1e-6)
+    assert np.abs(np.diff(turned)) == pytest.approx(np.radians(72) / 60)
+    assert one.pins[-1] == pytest.approx(build_topology(one.scenes[0], "fabric").start[[*LEFT_AND_RIGHT]], abs=1e-6)
+
+
+LEFT_AND_RIGHT = sorted((CELLS + 1) * row + column for row in range(CELLS + 1) for column in (0, CELLS))
+
+
+def test_the_long_run_has_the_frames_of_the_list() -> None:
+    hanging, swinging = case_catalog.LONG.variants
+    assert isinstance(case_catalog.LONG, Case)
+    assert "1,000,000 frames hanging" in case_catalog.LONG.parameters
+    assert "100,000 swinging" in case_catalog.LONG.parameters
+    assert (hanging.run.args[1], swinging.run.args[1]) == (1_000_000, 100_000)  # type: ignore[attr-defined]
+    assert extremes.HANGING_FRAMES < 1_000_000
+    assert "--soak" in CASES[32].note
+
+
+@pytest.mark.parametrize("number", [number for number in CASES if number not in (6, 40)])
+def test_every_variant_ends_at_rest_or_is_refused(number: int) -> None:
+    for one in walks(number):
+        assert one.settled >= len(one.started)
+        assert one.settled or [figure.what for figure in one.figures] == ["refused"]

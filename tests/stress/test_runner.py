@@ -1,0 +1,45 @@
+"""Units run in parallel, the most expensive first. One whose process dies does not stop the others."""
+
+import importlib
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from taichi_cloth.evaluation.stress.runner import dearest_first, run_all
+from taichi_cloth.evaluation.stress.setup import SETTINGS
+from taichi_cloth.evaluation.stress.unit import Case, Result, Unit, Variant
+
+from .conftest import BREAKS, SMALL, SWINGS
+
+
+def test_the_most_expensive_units_run_first() -> None:
+    cheap, dear = (replace(SWINGS, setting=SETTINGS[name]) for name in ("verlet", "projective"))
+    assert dearest_first([cheap, dear], {}) == [dear, cheap]
+    assert dearest_first([dear, cheap], {cheap.key: 9.0, dear.key: 1.0}) == [cheap, dear]
+    assert dearest_first([dear, cheap], {dear.key: 1.0}) == [cheap, dear]  # an unknown cost counts as high
+
+
+def test_a_unit_whose_process_dies_fails_and_the_others_finish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Worker processes get the module path, and import what they run."""
+    (tmp_path / "endings.py").write_text(
+        "import os\n\ndef lives(trial):\n    trial.frame = 3\n\ndef dies(trial):\n    os._exit(3)\n", encoding="utf-8"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    endings = importlib.import_module("endings")
+    names = ("lives", "dies", "lives", "lives")
+    cases = [Case(k, way, "", (Variant("one", getattr(endings, way)),)) for k, way in enumerate(names, 1)]
+    found: dict[int, Result] = {}
+    units = [Unit(case, case.variants[0], SMALL) for case in cases]
+    run_all(units, lambda unit: unit.starts(2), None, lambda result: found.update({result.case: result}))
+    assert [found[k].state for k in range(1, 5)] == ["alive", "failed", "alive", "alive"]
+    assert [found[k].ran for k in range(1, 5)] == [2, 1, 2, 2]
+    failure = found[2].failure
+    assert failure is not None
+    assert (failure.what, failure.seed) == ("times that its process ended", units[1].starts(1)[0][1])
+
+
+def test_one_unit_runs_in_this_process() -> None:
+    found: list[Result] = []
+    run_all([BREAKS], lambda unit: [(0, 5)], None, found.append)
+    assert [(one.state, one.failure and one.failure.seed) for one in found] == [("failed", 5)]

@@ -1,0 +1,229 @@
+"""Taichi internals: if they are missing or wrong, cloth moves the same way, and one line is printed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import taichi as ti
+from numpy.typing import NDArray
+
+from taichi_cloth.kernels import tensor_fields
+from taichi_cloth.scene.schema import Cloth, Scene, Solver, Wind
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.solvers import graph_runner
+from taichi_cloth.system import taichi_compat
+from taichi_cloth.system import taichi_runtime as runtime
+from taichi_cloth.system.errors import UsageError
+from taichi_cloth.system.taichi_compat import CACHE, GRAPHS, PROGRAM, SIMD, SOURCES, InternalUse
+
+pytestmark = pytest.mark.bounds
+
+SCENE = Scene(cloth=Cloth(rows=6, columns=10), wind=Wind(z=3.0), solver=Solver("verlet", substeps=3, iterations=4))
+
+
+def moved(layout: str | None, expected: str) -> NDArray[np.float64]:
+    """Return the positions after some frames; `expected` is the layout in use."""
+    with Simulation(SCENE, layout) as simulation:
+        assert simulation.solver.layout_name == expected
+        for _ in range(3):
+            simulation.step()
+        return simulation.positions()
+
+
+@pytest.fixture(scope="module")
+def serial_positions() -> NDArray[np.float64]:
+    return moved("serial", "serial")
+
+
+@pytest.fixture
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clear the results of earlier checks."""
+    monkeypatch.setattr(taichi_compat, "_checked", {})
+
+
+def without(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
+    """Hide a name from this package only: Taichi uses most of them itself."""
+    original = taichi_compat.find_internal
+
+    def find(name: str) -> object:
+        if name == missing:
+            raise AttributeError(name)
+        return original(name)
+
+    monkeypatch.setattr(taichi_compat, "find_internal", find)
+
+
+def names(use: InternalUse) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("name", use.names)
+
+
+@names(SIMD)
+def test_grids_use_the_serial_layout(
+    name: str,
+    serial_positions: NDArray[np.float64],
+    unchecked: None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    without(monkeypatch, name)
+    for _ in range(2):
+        assert (moved(None, "serial") == serial_positions).all()
+    line = f"taichi-cloth: Taichi has no {name}: grids use the serial layout, which is slower\n"
+    assert capsys.readouterr().err == line  # once
+    with pytest.raises(
+        UsageError, match=r"^layout simd does not work with this release of Taichi; use serial or parallel$"
+    ):
+        Simulation(SCENE, "simd")
+
+
+@names(GRAPHS)
+def test_kernels_are_launched_one_by_one(
+    name: str,
+    serial_positions: NDArray[np.float64],
+    unchecked: None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    without(monkeypatch, name)
+    monkeypatch.setattr(graph_runner.GraphRunner, "_build", None)  # must not be called
+    assert moved("parallel", "parallel") == pytest.approx(serial_positions, abs=1e-5)
+    line = f"taichi-cloth: Taichi has no {name}: kernels are launched one by one, which is slower\n"
+    assert capsys.readouterr().err == line
+
+
+def test_graphs_and_single_launches_give_the_same_motion(
+    unchecked: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ends = [moved("parallel", "parallel")]
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(taichi_compat, "_checked", {})
+    monkeypatch.setattr(ti, "__version__", (1, 7, 5))
+    ends.append(moved("parallel", "parallel"))
+    assert (ends[0] == ends[1]).all()
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
+        f"taichi-cloth: Taichi is 1.7.5, but only 1.7.4 is tested: {use.fallback}" for use in (PROGRAM, GRAPHS)
+    ]
+
+
+@names(SOURCES)
+def test_kernels_are_parsed_without_the_source_cache(
+    name: str, unchecked: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    taichi_compat.remove_source_cache()
+    originals = [taichi_compat.find_internal(n) for n in SOURCES.names]
+    without(monkeypatch, name)
+    taichi_compat.install_source_cache()
+    monkeypatch.undo()
+    try:
+        assert [taichi_compat.find_internal(n) for n in SOURCES.names] == originals
+        line = f"taichi-cloth: Taichi has no {name}: startup takes a second longer\n"
+        assert capsys.readouterr().err == line
+    finally:
+        taichi_compat.install_source_cache()
+
+
+@names(CACHE)
+def test_compiled_kernels_are_cached_in_taichis_own_folder(
+    name: str, unchecked: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    without(monkeypatch, name)
+    monkeypatch.setattr(runtime, "usable_cache_folder", None)  # must not be called
+    runtime.start()
+    err = capsys.readouterr().err
+    assert err.startswith(f"taichi-cloth: Taichi has no {name}: compiled kernels are cached in Taichi's own folder")
+    assert err.count("\n") == 1
+    moved("serial", "serial")
+
+
+@names(PROGRAM)
+def test_simulations_run_without_the_running_program(
+    name: str, unchecked: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runtime.start()
+    positions = moved("serial", "serial")
+    without(monkeypatch, name)
+    monkeypatch.setattr(taichi_compat, "_checked", {})
+    runtime.stop()
+    assert taichi_compat.running_program() is None
+    runtime.start_if_needed()
+    program = taichi_compat.ProgramRef()
+    assert program.runs()
+    assert (moved("serial", "serial") == positions).all()
+    runtime.start()
+    assert not program.runs()
+    line = f"taichi-cloth: Taichi has no {name}: references to an ended program are not found\n"
+    assert capsys.readouterr().err == line
+
+
+def wrong(*arguments: object) -> None:
+    """Stand in for a kernel, and do nothing."""
+
+
+def failing(*arguments: object) -> None:
+    raise RuntimeError("two\nlines")
+
+
+@pytest.mark.parametrize(
+    ("kernel", "problem"),
+    [
+        (wrong, "a probe kernel returns wrong numbers"),
+        (failing, r"a probe kernel fails (RuntimeError: two\nlines)"),
+    ],
+)
+def test_a_failing_probe_is_reported(
+    kernel: object,
+    problem: str,
+    serial_positions: NDArray[np.float64],
+    unchecked: None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(tensor_fields, "probe", kernel)
+    monkeypatch.setattr(graph_runner, "dispatch", kernel)
+    assert (moved(None, "serial") == serial_positions).all()
+    assert moved("parallel", "parallel") == pytest.approx(serial_positions, abs=1e-5)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [f"taichi-cloth: {problem}: {use.fallback}" for use in (SIMD, GRAPHS)]
+
+
+def test_all_internals_are_usable_in_the_required_release(unchecked: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ti.__version__ == taichi_compat.TESTED
+    assert [taichi_compat.usable(use) for use in (PROGRAM, SIMD, GRAPHS, SOURCES, CACHE)] == [True] * 5
+    assert tensor_fields.probe_is_correct()
+    assert graph_runner._graph_is_correct()
+    assert capsys.readouterr().err == ""
+
+
+def test_the_tested_release_is_the_required_one() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert "taichi==" + ".".join(map(str, taichi_compat.TESTED)) in project["dependencies"]
+
+
+DELETED_NAMES = """
+import sys
+import taichi as ti
+from taichi._lib import core
+from taichi_cloth.system import taichi_runtime as runtime
+del core.CompileConfig.fast_math, core.Program.delete_ndarray
+runtime.start()
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.simulation.simulation import Simulation
+for layout, expected in ((None, "serial"), ("parallel", "parallel")):
+    with Simulation(load_scene("curtain", rows=5, columns=9, substeps=2, iterations=2), layout) as simulation:
+        simulation.step()
+        assert simulation.solver.layout_name == expected
+        assert simulation.metrics().finite
+"""
+
+
+def test_deleted_internals_are_reported() -> None:
+    done = subprocess.run([sys.executable, "-c", DELETED_NAMES], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    deleted = ((SIMD, "_lib.core.CompileConfig.fast_math"), (GRAPHS, "_lib.core.Program.delete_ndarray"))
+    assert done.stderr.splitlines() == [f"taichi-cloth: Taichi has no {name}: {use.fallback}" for use, name in deleted]

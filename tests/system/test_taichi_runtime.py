@@ -1,0 +1,81 @@
+"""Starting Taichi on the available backends, and errors for the others."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+import taichi as ti
+
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system import taichi_compat as source_cache
+from taichi_cloth.system import taichi_runtime as runtime
+from taichi_cloth.system.errors import UsageError
+
+AVAILABLE = [a for a in ("cuda", "vulkan", "metal") if ti.lang.misc.is_arch_supported(getattr(ti, a))]
+MISSING = [a for a in ("cuda", "vulkan", "metal") if a not in AVAILABLE]
+
+
+@pytest.mark.parametrize("arch", MISSING)
+def test_a_missing_arch_is_refused_and_not_replaced(arch: str) -> None:
+    with pytest.raises(UsageError, match=f"arch {arch} is not available: this machine has cpu"):
+        runtime.start(arch)
+    done = subprocess.run(
+        [sys.executable, "-m", "taichi_cloth", "render", "curtain", "--frames", "1", "--arch", arch],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [f"taichi-cloth: arch {arch} is not available: this machine has {archs()}"]
+
+
+def archs() -> str:
+    return ", ".join(["cpu", *AVAILABLE])
+
+
+@pytest.mark.parametrize(
+    "solver",
+    ["verlet", "lines", *(pytest.param(s, marks=pytest.mark.long) for s in ("xpbd", "explicit", "rk4", "projective"))],
+)
+@pytest.mark.parametrize("arch", AVAILABLE)
+def test_every_available_arch_gives_the_same_motion(arch: str, solver: str) -> None:
+    """For example the software Vulkan of Mesa, or a GPU."""
+    scene = load_scene("curtain", rows=8, columns=10, substeps=2, iterations=3, solver=solver)
+    ends = []
+    for name in ("cpu", arch):
+        assert runtime.start(name) == name
+        with Simulation(scene, "serial" if name == "cpu" else None) as simulation:
+            assert simulation.solver.layout_name == ("serial" if name == "cpu" else "parallel")
+            for _ in range(5):
+                simulation.step()
+            ends.append(simulation.positions())
+    runtime.start("cpu")
+    assert ends[1] == pytest.approx(ends[0], abs=1e-4)
+
+
+@pytest.mark.skipif(not AVAILABLE, reason="no GPU and no Vulkan")
+def test_gpu_is_the_first_available_and_refuses_layouts_for_the_cpu() -> None:
+    assert runtime.start("gpu") == AVAILABLE[0]
+    with pytest.raises(UsageError, match="layout serial is for --arch cpu; a GPU uses parallel"):
+        Simulation(load_scene("curtain"), layout="serial")
+    runtime.start("cpu")
+
+
+def test_kernel_sources_are_found_in_the_cache() -> None:
+    with Simulation(load_scene("curtain", rows=4, columns=5), "serial") as simulation:
+        simulation.step()
+    hits, misses = source_cache.cache_hits_and_misses()
+    assert hits > misses > 30
+
+
+def test_an_error_in_a_kernel_shows_its_line() -> None:
+    @ti.kernel
+    def wrong():
+        print(nowhere)  # type: ignore[name-defined]  # noqa: F821
+
+    shown = r"test_taichi_runtime\.py(?s:.*)print\(nowhere\).*\n +\^{7}\n"
+    with pytest.raises(ti.TaichiNameError, match=shown) as error:
+        wrong()
+    assert "line " + str(wrong.__wrapped__.__code__.co_firstlineno + 2) in str(error.value)

@@ -1,0 +1,95 @@
+"""Two sessions side by side with shared input, without a display."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.viewer.comparison import Comparison
+
+pytestmark = pytest.mark.usefixtures("serial_layout")
+
+SIZE = (1200, 500)
+ASPECT = SIZE[0] / 2 / SIZE[1]
+SMALL = {"rows": 10, "columns": 11}
+
+
+@pytest.fixture
+def comparison(tmp_path: Path) -> Iterator[Comparison]:
+    comparison = Comparison(
+        load_scene("drape15", **SMALL), load_scene("drape15", iterations=40, **SMALL), ASPECT, tmp_path
+    )
+    yield comparison
+    comparison.close()
+
+
+def point(comparison: Comparison, cursor: tuple[float, float], *buttons: str) -> None:
+    comparison.on_pointer(cursor, frozenset(buttons), SIZE, on_panel=False, widget_changed=False)
+
+
+def cursor_on(comparison: Comparison, side: int, particle: int) -> tuple[float, float]:
+    """Return the screen point, in both images together, of a particle of one side."""
+    position = comparison.sides[side].simulation.positions()[particle]
+    u, v = comparison.left.camera.to_screen(position, ASPECT)[0][0]
+    return (float(u) + side) / 2, float(v)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_grab_on_one_side_is_mirrored_on_the_other(comparison: Comparison, side: int) -> None:
+    here, there = (comparison.sides[k].simulation for k in (side, 1 - side))
+    start = cursor_on(comparison, side, 60)
+    point(comparison, start)
+    point(comparison, start, "left")
+    assert here.grabbed.tolist() == there.grabbed.tolist() == [60]
+    point(comparison, (start[0] + 0.03, start[1] + 0.1), "left")
+    comparison.advance(2)
+    assert cursor_on(comparison, side, 60) == pytest.approx((start[0] + 0.03, start[1] + 0.1), abs=5e-3)
+    np.testing.assert_allclose(there.positions()[60], here.positions()[60], atol=1e-6)
+    point(comparison, (1.0 - side, 0.5), "left")  # the drag continues beyond the seam
+    assert here.grabbed.tolist() == [60]
+    point(comparison, (1.0 - side, 0.5))
+    assert (len(here.grabbed), len(there.grabbed)) == (0, 0)
+
+
+def test_shared_actions_affect_both_sides_and_the_solver_changes_on_one(comparison: Comparison) -> None:
+    comparison.advance(3)
+    assert [side.simulation.frame for side in comparison.sides] == [3, 3]
+    assert comparison.rms_distance > 0  # 5 iterations and 40
+    comparison.act("freeze")
+    comparison.advance(3)
+    comparison.act("step")
+    assert [side.simulation.frame for side in comparison.sides] == [4, 4]
+    comparison.set_parameter("gravity", 3.0)
+    assert [side.simulation.params["gravity"] for side in comparison.sides] == [3.0, 3.0]
+    point(comparison, (0.9, 0.9))
+    comparison.act("solver")
+    assert comparison.left.simulation.solver.name == "verlet"
+    assert comparison.right.simulation.solver.name != "verlet"
+    comparison.act("next_scene")  # not supported in a comparison: no effect
+    comparison.act("reset")
+    assert [(side.simulation.frame, side.simulation.scene.name) for side in comparison.sides] == [(0, "drape15")] * 2
+    assert comparison.rms_distance < 1e-6
+    assert comparison.left.camera is comparison.right.camera
+
+
+def test_divergence_on_one_side_freezes_both(comparison: Comparison) -> None:
+    comparison.advance(1)
+    comparison.right.simulation.cloth.x[0] = (np.nan, 0.0, 0.0)
+    comparison.advance(1)
+    assert comparison.left.frozen
+    assert comparison.right.frozen
+    assert "blew up" in comparison.note
+
+
+def test_other_grids_are_grabbed_at_the_same_point_of_the_sheet(tmp_path: Path) -> None:
+    comparison = Comparison(
+        load_scene("drape15", **SMALL), load_scene("drape15", rows=19, columns=21), ASPECT, tmp_path
+    )
+    start = cursor_on(comparison, 0, 60)
+    point(comparison, start)
+    point(comparison, start, "left")
+    row, column = divmod(60, 11)
+    assert comparison.right.simulation.grabbed.tolist() == [2 * row * 21 + 2 * column]
+    comparison.close()

@@ -1,0 +1,261 @@
+"""Labels, sizes and actions of the panel, with a fake toolkit that records its calls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.scene import parameters_of, scene_names
+from taichi_cloth.viewer.charts import CHART_SECONDS
+from taichi_cloth.viewer.feature_times import FeatureTimes
+from taichi_cloth.viewer.input import ARROWS, PAGES, SHORTCUTS
+from taichi_cloth.viewer.panel import (
+    GRAB_RADIUS,
+    KEY_COLUMN,
+    LINE_LENGTH,
+    PANEL_HEIGHT,
+    PANEL_MARGIN,
+    PANEL_NAME,
+    PANEL_WIDTH,
+    TITLE_HEIGHT,
+    Panel,
+    PanelRect,
+    help_lines,
+    saved_panel_rect,
+    statistics,
+)
+from taichi_cloth.viewer.session import Session
+
+pytestmark = pytest.mark.usefixtures("serial_layout")
+
+SIZE = (1280, 720)
+LETTER, PADDING, WIDGET_ROW, TEXT_ROW, SPACING = 7, 8, 23, 17, 4  # [pixels] style and font of Dear ImGui
+
+
+class FakeGui:
+    """A toolkit that records its calls. It returns float32 values like the real one, or those of `answers` by label."""
+
+    def __init__(self, **answers: Any) -> None:
+        self.answers = answers
+        self.labels: list[str] = []
+        self.boxes: list[str] = []  # labels of checkboxes
+        self.texts: list[str] = []
+
+    @contextmanager
+    def sub_window(self, name: str, *rect: float) -> Iterator[None]:
+        yield
+
+    def slider_float(self, label: str, value: float, low: float, high: float) -> float:
+        self.labels.append(label)
+        return float(np.float32(self.answers.get(label.split()[0], value)))
+
+    def slider_int(self, label: str, value: int, low: int, high: int) -> int:
+        self.labels.append(label)
+        return int(self.answers.get(label, value))
+
+    def checkbox(self, label: str, value: bool) -> bool:
+        self.labels.append(label)
+        self.boxes.append(label)
+        return value ^ (label in self.answers)
+
+    def button(self, label: str) -> bool:
+        self.labels.append(label)
+        return label in self.answers
+
+    def text(self, text: str, color: Any = None) -> None:
+        self.texts.append(text)
+
+
+@pytest.fixture
+def drawn(tmp_path: Path) -> Iterator[Callable[..., tuple[Session, FakeGui, bool]]]:
+    """Draw a page of the panel of a scene once: `drawn("curtain", "Features", Wind=True)`."""
+    sessions = []
+
+    def draw(scene: str, page: str = "Sliders", **answers: Any) -> tuple[Session, FakeGui, bool]:
+        session, gui = Session(load_scene(scene)), FakeGui(**answers)
+        sessions.append(session)
+        session.page = page
+        used = Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, statistics(session, 12.3, 59.9))
+        session.run_deferred()
+        return session, gui, used
+
+    yield draw
+    for session in sessions:
+        session.close()
+
+
+Drawn = Callable[..., tuple[Session, FakeGui, bool]]
+
+
+@pytest.mark.parametrize("scene", scene_names())
+def test_labels_are_unique_and_every_page_fits_the_panel(scene: str, tmp_path: Path) -> None:
+    """Every page, with charts, with a long note, with the longest help, and with times of all features."""
+    session = Session(load_scene(scene))
+    session.feature_times = FeatureTimes(123456, 1234.56, dict.fromkeys((*session.features, "wind"), -123.45))
+    session.charts = True
+    session.note = "explicit needs 200,001 substeps a frame, more than 200,000: " + "its springs are stiff " * 4
+    panel = Panel(SIZE, tmp_path / "imgui.ini")
+    for page in PAGES:
+        assert session.page == page
+        for slider in [*parameters_of(session.simulation.scene), GRAB_RADIUS] if page == "Sliders" else [""]:
+            panel._moved = slider
+            gui = FakeGui()
+            assert not panel.draw(gui, session, statistics(session, 12.3, 59.9)), "no widget was used"
+            assert len(set(gui.labels)) == len(gui.labels)
+            room = (PANEL_WIDTH - 0.65 * PANEL_WIDTH - PADDING - SPACING) / LETTER  # beside a slider
+            assert max(len(label) for label in gui.labels if label not in gui.boxes) <= room
+            assert max(map(len, gui.boxes)) <= LINE_LENGTH - (WIDGET_ROW + SPACING) // LETTER
+            assert max(map(len, gui.texts)) <= LINE_LENGTH
+            height = TITLE_HEIGHT + 2 * PADDING + len(gui.labels) * WIDGET_ROW + len(gui.texts) * TEXT_ROW
+            assert height <= PANEL_HEIGHT
+        session.act("page")
+    assert SIZE[1] >= PANEL_HEIGHT + 2 * PANEL_MARGIN
+    session.close()
+
+
+def test_the_key_help_has_two_separate_columns() -> None:
+    assert all(line[KEY_COLUMN - 1 : KEY_COLUMN + 1].strip() == "" for line in help_lines())
+    text = "\n".join(help_lines())
+    assert [key.label for key in SHORTCUTS if f"{key.label:5} {key.help}" not in text] == [
+        key.label for key in SHORTCUTS if key.code in ARROWS
+    ]
+    assert "arrows: pan camera" in text
+
+
+def test_every_page_has_a_button_for_the_next_page(drawn: Drawn) -> None:
+    session, gui, _ = drawn("curtain", "Statistics", **{"Go to Keys": True})
+    assert "Go to Keys" in gui.labels
+    assert session.page == "Keys"
+
+
+@pytest.mark.parametrize(
+    ("answer", "value"), [(3.5, 3.5), (1e9, 20.0), (-4, 0.0), (float("nan"), 9.81), (float("inf"), 9.81)]
+)
+def test_a_slider_sets_its_parameter_clamped_to_its_range(drawn: Drawn, answer: float, value: float) -> None:
+    session, _, used = drawn("curtain", Gravity=answer)
+    assert session.simulation.params["gravity"] == pytest.approx(value)
+    assert used is bool(np.isfinite(answer))
+
+
+def test_an_integer_slider_sets_integers(drawn: Drawn) -> None:
+    session, _, used = drawn("curtain", Substeps=7)
+    assert used
+    assert session.simulation.params["substeps"] == 7
+    assert isinstance(session.simulation.params["substeps"], int)
+
+
+def test_switches_and_buttons_run_their_actions(drawn: Drawn) -> None:
+    session, _, used = drawn("curtain", "Features", Freeze=True, Wind=True, Step=True, **{"Next view": True})
+    assert used
+    assert session.frozen
+    assert session.simulation.params["wind"] is False
+    assert session.simulation.frame == 1
+    assert session.view == "strain"
+
+
+def test_a_scene_without_wind_has_no_wind_widgets(drawn: Drawn) -> None:
+    for page in ("Sliders", "Features"):
+        session, gui, _ = drawn("net", page)
+        assert session.simulation.scene.wind is None
+        assert not [label for label in gui.labels if "Wind" in label]
+
+
+def test_the_grab_radius_has_a_slider_with_help(drawn: Drawn) -> None:
+    session, gui, used = drawn("curtain", Grab=0.4)
+    assert used
+    assert session.grab_radius == pytest.approx(0.4)
+    assert any("along the cloth" in text for text in gui.texts)
+    session, _, _ = drawn("curtain", Grab=1e9)
+    assert session.grab_radius == session.max_grab_radius == pytest.approx(4.35 / 4)
+
+
+def test_the_first_page_says_how_to_begin(drawn: Drawn) -> None:
+    _, gui, _ = drawn("curtain")
+    assert "Drag the cloth. M: next scene." in " ".join(gui.texts)
+
+
+def test_a_slider_that_is_moved_shows_its_help(drawn: Drawn) -> None:
+    _, gui, _ = drawn("curtain", Gravity=3.0)
+    assert "Gravity: downward acceleration; 0 to 20 m/s², scene" in gui.texts
+
+
+def test_restore_defaults_restores_the_values_of_the_scene(drawn: Drawn) -> None:
+    session, _, _ = drawn("curtain", Gravity=3.0, Grab=0.4, **{"Restore defaults": True})
+    assert session.simulation.params["gravity"] == 9.81
+    assert session.grab_radius == session.default_grab_radius
+
+
+def test_a_feature_is_switched_off(drawn: Drawn) -> None:
+    session, gui, used = drawn("net", "Features", **{"Strain-limit": True})
+    assert used
+    assert {"Strain-limit", "Spheres", "Ground"} <= set(gui.labels)
+    assert "strain limit" not in session.simulation.features
+    assert session.features == {"strain_limit": False, "spheres": True, "ground": True}
+
+
+def test_features_show_their_times(drawn: Drawn, tmp_path: Path) -> None:
+    session, gui, used = drawn("net", "Features", **{"Time features": True})
+    assert used
+    assert "Strain-limit" in gui.boxes
+    times = session.feature_times
+    assert times is not None
+    again = FakeGui()
+    Panel(SIZE, tmp_path / "imgui.ini").draw(again, session, "")
+    assert {f"{name.replace('_', '-').capitalize()} {times.cost_ms[name]:+.2f} ms" for name in session.features} <= set(
+        again.boxes
+    )
+    assert f"timed from frame 0: {times.ms:.2f} ms per frame" in again.texts
+
+
+def test_statistics_have_times_and_charts_have_a_legend(drawn: Drawn) -> None:
+    session, gui, _ = drawn("drape15", "Statistics", Charts=True)
+    assert session.charts
+    assert any("physics 0.0 + drawing 12 + measuring" in text for text in gui.texts)
+    assert any(text.startswith("225 particles, ") and text.endswith(" 2 pins") for text in gui.texts)
+    assert f"charts of the last {CHART_SECONDS:g} s:" in gui.texts
+    assert any(text.startswith("kinetic energy: ") and text.endswith(" J") for text in gui.texts)
+
+
+def test_errors_below_the_smallest_shown_one_are_reported_as_below_it(drawn: Drawn) -> None:
+    _, gui, _ = drawn("net")
+    assert any(text.endswith("error below 0.01 %") for text in gui.texts)
+    _, gui, _ = drawn("drape15")
+    assert any(text.endswith("error about 4.7 %") for text in gui.texts)
+
+
+SETTINGS = """[Window][Debug##Default]
+Pos=60,60
+Size=400,400
+Collapsed=0
+
+[Window][{name}]
+Pos=410,-5
+Size=392,640
+Collapsed={collapsed}
+
+"""
+
+
+@pytest.mark.parametrize(("collapsed", "height"), [(0, 640), (1, TITLE_HEIGHT)])
+def test_the_rectangle_is_read_from_the_settings_of_the_toolkit(tmp_path: Path, collapsed: int, height: int) -> None:
+    file = tmp_path / "imgui.ini"
+    assert saved_panel_rect(file, PANEL_NAME) is None
+    file.write_text(SETTINGS.format(name="something else", collapsed=collapsed))
+    assert saved_panel_rect(file, PANEL_NAME) is None
+    file.write_text(SETTINGS.format(name=PANEL_NAME, collapsed=collapsed))
+    assert saved_panel_rect(file, PANEL_NAME) == PanelRect(410, -5, 392, height)
+
+
+def test_a_rectangle_contains_the_points_inside_it() -> None:
+    rect = PanelRect(left=10, top=20, width=100, height=50)
+    size = (200, 100)
+    assert rect.contains((0.3, 0.6), size)
+    assert not rect.contains((0.02, 0.6), size)
+    assert not rect.contains((0.3, 0.9), size)  # above it: v points up
+    assert not rect.contains((0.3, 0.2), size)

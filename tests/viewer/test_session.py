@@ -1,0 +1,472 @@
+"""The actions of keys and mouse, without a display."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_cloth.export.clip import export_snapshot
+from taichi_cloth.geometry.obj_reader import read_obj
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.render.camera import OrbitCamera
+from taichi_cloth.scene import scene_names
+from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system.errors import UsageError
+from taichi_cloth.viewer.capture import Capture
+from taichi_cloth.viewer.feature_times import take_over
+from taichi_cloth.viewer.input import SHORTCUTS, Target
+from taichi_cloth.viewer.session import HELD_KEY_RATES, Session
+
+pytestmark = pytest.mark.usefixtures("serial_layout")
+
+SIZE = (1280, 720)
+ASPECT = SIZE[0] / SIZE[1]
+
+
+@pytest.fixture
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+    monkeypatch.chdir(tmp_path)  # meshes are exported there
+    session = Session(load_scene("curtain"), export=export_snapshot)
+    yield session
+    session.close()
+
+
+def point(session: Session, cursor: tuple[float, float], *buttons: str, **more: Any) -> None:
+    session.on_pointer(cursor, frozenset(buttons), SIZE, **{"on_panel": False, "widget_changed": False, **more})
+
+
+def cursor_on(session: Session, particle: int) -> tuple[float, float]:
+    u, v = session.camera.to_screen(session.simulation.positions()[particle], ASPECT)[0][0]
+    return float(u), float(v)
+
+
+PARTICLE = 18 * 30 + 26  # of the curtain, at the lower right: nothing hides it at the start
+
+
+def grabbed(session: Session) -> int | None:
+    """Return the particle that is dragged, or None."""
+    particles = session.simulation.grabbed
+    return int(particles[0]) if len(particles) else None
+
+
+def grab(session: Session) -> tuple[float, float]:
+    """Press the left button on the particle. Return its screen point."""
+    cursor = cursor_on(session, PARTICLE)
+    point(session, cursor, "left")
+    assert grabbed(session) == PARTICLE
+    return cursor
+
+
+def test_a_press_grabs_the_particle_under_the_cursor_and_the_release_releases_it(session: Session) -> None:
+    grab(session)
+    point(session, (0.2, 0.2), "left")
+    session.advance(1)
+    assert cursor_on(session, PARTICLE) == pytest.approx((0.2, 0.2), abs=2e-3)
+    point(session, (0.2, 0.2))
+    assert grabbed(session) is None
+
+
+def test_a_drag_is_the_same_on_a_slow_and_a_fast_display() -> None:
+    after = []
+    for displayed, frames in ((12, 1), (4, 3)):
+        session = Session(load_scene("curtain"))
+        u, v = grab(session)
+        for k in range(1, displayed + 1):
+            point(session, (u + 0.1 * k / displayed, v), "left")
+            session.advance(frames)
+        point(session, (u + 0.1, v))
+        session.advance(3)
+        after.append(session.simulation.positions())
+        session.close()
+    assert after[0] == pytest.approx(after[1], abs=1e-4)
+
+
+def test_a_frozen_cloth_moves_only_by_steps(session: Session) -> None:
+    session.advance(2)
+    session.act("freeze")
+    session.advance(5)
+    assert session.simulation.frame == 2
+    session.act("step")
+    assert session.simulation.frame == 3
+    session.act("freeze")
+    session.act("step")  # also freezes
+    assert session.frozen
+    assert session.simulation.frame == 4
+
+
+@pytest.mark.parametrize("action", ["reset", "next_scene"])
+def test_a_reset_and_another_scene_release_the_grab(session: Session, action: str) -> None:
+    cursor = grab(session)
+    session.act(action)
+    assert grabbed(session) is None
+    point(session, cursor, "left")  # the button is still down
+    assert grabbed(session) is None
+    assert session.pointer.owner is Target.NOTHING
+
+
+def test_a_widget_that_changes_releases_the_grab(session: Session) -> None:
+    cursor = grab(session)
+    point(session, cursor, "left", widget_changed=True)
+    assert grabbed(session) is None
+
+
+def test_reset_keeps_runtime_parameters(session: Session) -> None:
+    session.simulation.params["gravity"] = 3.0
+    session.advance(3)
+    session.act("reset")
+    assert session.simulation.frame == 0
+    assert session.simulation.params["gravity"] == 3.0
+
+
+@pytest.fixture
+def three_scenes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Replace the shipped scenes by three of them, since each takes seconds to compile."""
+    names = ["curtain", "drape15", "fold"]
+    monkeypatch.setattr("taichi_cloth.viewer.session.scene_names", lambda: names)
+    return names
+
+
+def test_scenes_cycle_and_each_has_its_camera(session: Session, three_scenes: list[str]) -> None:
+    seen = []
+    for _ in three_scenes:
+        scene = session.simulation.scene
+        seen.append(scene.name)
+        assert session.camera.eye == pytest.approx(OrbitCamera.from_scene(scene.camera).eye)
+        session.act("next_scene")
+    assert seen == three_scenes
+    assert session.simulation.scene.name == "curtain"
+    session.act("previous_scene")
+    assert session.simulation.scene.name == seen[-1]
+
+
+def test_the_initial_scene_is_part_of_the_cycle() -> None:
+    own = replace(load_scene("table"), name="my_own")
+    session = Session(own)
+    session.act("next_scene")
+    assert session.simulation.scene.name == scene_names()[0]
+    session.act("previous_scene")
+    assert session.simulation.scene is own
+    session.close()
+
+
+def test_cycling_through_scenes_allocates_no_more_fields(session: Session, three_scenes: list[str]) -> None:
+    def fields() -> int:
+        return int(ti.lang.impl.get_runtime().prog.get_snode_tree_size())
+
+    for _ in three_scenes:
+        session.act("next_scene")
+    before = fields()
+    for _ in range(66 * len(three_scenes) + 2):
+        session.act("next_scene")
+    assert fields() == before
+
+
+def test_a_diverged_cloth_is_frozen_at_its_last_stable_frame_with_a_note(session: Session) -> None:
+    session.advance(3)
+    stable = session.simulation.positions()
+    grab(session)
+    session.simulation.params["gravity"] = 20.0
+    session.simulation.cloth.x[0] = (np.nan, 0.0, 0.0)
+    session.advance(2)
+    assert session.frozen
+    assert session.note == "the cloth blew up in frame 4: gravity is 20 m/s², the scene's value is 9.81"
+    assert grabbed(session) is None
+    assert session.simulation.frame == 3
+    assert (session.simulation.positions() == stable).all()
+    assert session.measure().finite
+    session.act("freeze")  # and it continues
+    session.advance(2)
+    assert (session.frozen, session.note, session.simulation.frame) == (False, "", 5)
+
+
+def test_an_export_writes_a_new_file_to_the_initial_folder(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = Path("out").resolve()
+    monkeypatch.chdir("/")  # the window changes the folder, too
+    for frame, name in ((0, "curtain_001.obj"), (2, "curtain_002.obj")):
+        session.act("export")
+        assert session.note == f"wrote frame {frame} to out/{name}"
+        points, faces = read_obj(out / name)
+        assert points == pytest.approx(session.simulation.positions(), rel=1e-6, abs=1e-9)
+        assert (faces == session.simulation.topology.triangles).all()
+        session.advance(2)
+    assert sorted(path.name for path in out.iterdir()) == ["curtain_001.obj", "curtain_002.obj"]
+
+
+def test_a_failed_export_is_reported(session: Session) -> None:
+    Path("out").write_text("a file")
+    session.act("export")
+    assert session.note.startswith("cannot write the mesh: ")
+    assert "File exists" in session.note
+    session.advance(1)
+    assert session.simulation.frame == 1
+
+
+def test_every_key_has_an_action(session: Session, tmp_path: Path) -> None:
+    session.capture = Capture(tmp_path)
+    for key in SHORTCUTS:
+        session.on_key_held(key.action, 0.1) if key.held else session.act(key.action)
+    assert {key.action for key in SHORTCUTS if key.held} == set(HELD_KEY_RATES)
+    assert not session.running
+    with pytest.raises(ValueError, match="dance"):
+        session.act("dance")
+
+
+def test_a_held_camera_key_moves_equally_at_any_frame_rate(session: Session) -> None:
+    other = OrbitCamera.from_scene(session.simulation.scene.camera)
+    session.on_key_held("zoom_in", 1.0)
+    fast, session.camera = session.camera, other
+    for _ in range(100):
+        session.on_key_held("zoom_in", 0.01)
+    assert session.camera.distance == pytest.approx(fast.distance)
+
+
+def test_the_solver_can_change_while_the_cloth_moves_and_is_grabbed() -> None:
+    with closing(Session(load_scene("curtain"), "serial")) as session:  # compiles in half the time of the simd layout
+        cursor = grab(session)
+        session.advance(20)
+        for name in (*SOLVER_NAMES[1:], SOLVER_NAMES[0]):
+            before, velocities = session.simulation.positions(), session.simulation.velocities()
+            session.act("solver")
+            assert session.simulation.solver.name == session.simulation.scene.solver.name == name
+            assert (session.simulation.positions() == before).all()  # nothing jumps
+            assert session.simulation.velocities() == pytest.approx(velocities, abs=1e-2)
+            assert grabbed(session) == PARTICLE
+            point(session, cursor, "left")
+            session.advance(3)
+            assert session.measure().finite
+            assert session.measure().max_strain < 0.6
+        point(session, (0.3, 0.3))
+        assert grabbed(session) is None
+
+
+def test_an_unsupported_solver_is_skipped_with_a_note() -> None:
+    light = load_scene("curtain", warp=1e9, weft=1e9, width=0.4, area_density=0.001)
+    session = Session(light)
+    assert session.simulation.solver.name == "verlet"
+    session.act("solver")
+    assert (session.simulation.solver.name, session.note) == ("xpbd", "")
+    session.act("solver")
+    assert session.simulation.solver.name == "lines"  # explicit is between them
+    assert "curtain: explicit needs" in session.note
+    session.advance(1)
+    assert session.simulation.metrics().finite
+    session.close()
+
+
+# -- grab radius, pins, fabrics and features -------------------------------------------------------------------------
+
+
+def test_the_grab_radius_selects_one_particle_or_a_patch(session: Session) -> None:
+    grab(session)
+    assert len(session.simulation.grabbed) == 1
+    point(session, (0.1, 0.1))
+    for _ in range(3):
+        session.act("larger_radius")
+    grab(session)
+    assert len(session.simulation.grabbed) == 5  # 0.087 m · 1.25³, and cells of 0.15 m
+    point(session, (0.1, 0.1))
+    for _ in range(20):
+        session.act("smaller_radius")
+    assert session.grab_radius == 0.0
+    session.act("larger_radius")
+    assert 0 < session.grab_radius < session.default_grab_radius
+    for _ in range(40):
+        session.act("larger_radius")
+    assert session.grab_radius == session.max_grab_radius
+
+
+def test_the_cloth_can_be_grabbed_from_behind_and_while_it_is_frozen(session: Session) -> None:
+    session.act("freeze")
+    front = session.camera.eye[2]
+    while session.camera.eye[2] > -0.8 * front:
+        session.camera.orbit(0.05, 0.0)
+    cursor = cursor_on(session, PARTICLE)
+    point(session, cursor, "left")
+    assert grabbed(session) == PARTICLE
+    before = session.simulation.positions()
+    point(session, (cursor[0] + 0.05, cursor[1]), "left")
+    session.advance(3)
+    assert (session.simulation.positions() == before).all(), "frozen cloth moved"
+    session.act("step")
+    assert cursor_on(session, PARTICLE) == pytest.approx((cursor[0] + 0.05, cursor[1]), abs=2e-3)
+
+
+def test_pin_toggles_the_particle_under_the_cursor(session: Session) -> None:
+    cursor = cursor_on(session, PARTICLE)
+    point(session, cursor)
+    session.act("pin")
+    assert session.simulation.added_pins.tolist() == [PARTICLE]
+    pinned_at = session.simulation.positions()[PARTICLE]
+    session.advance(5)
+    assert (session.simulation.positions()[PARTICLE] == pinned_at).all()
+    session.act("pin")
+    assert not session.simulation.topology.pinned[PARTICLE]
+    point(session, cursor_on(session, 3))
+    session.act("pin")
+    assert not session.simulation.topology.pinned[3], "a pin of the scene was not removed"
+    session.act("reset")
+    assert session.simulation.topology.pinned[3]
+
+
+@pytest.mark.parametrize("on_panel", [True, False])
+def test_pin_beside_the_cloth_pins_nothing_with_a_note(session: Session, on_panel: bool) -> None:
+    point(session, cursor_on(session, PARTICLE) if on_panel else (0.02, 0.02), on_panel=on_panel)
+    session.act("pin")
+    assert session.note == "nothing to pin: no cloth under the cursor"
+    assert len(session.simulation.added_pins) == 0
+
+
+def test_pin_pins_the_dragged_particle_where_it_is_dragged(session: Session) -> None:
+    grab(session)
+    session.act("pin")
+    point(session, (0.3, 0.3), "left")
+    session.advance(1)
+    point(session, (0.3, 0.3))
+    session.advance(5)
+    assert cursor_on(session, PARTICLE) == pytest.approx((0.3, 0.3), abs=2e-3)
+
+
+def test_fabrics_cycle(session: Session) -> None:
+    own, seen = session.simulation.scene.fabric, []
+    for _ in range(len(PRESET_NAMES) + 1):
+        before = session.simulation.positions()
+        session.act("fabric")
+        assert (session.simulation.positions() == before).all()
+        seen.append(session.simulation.scene.fabric.preset)
+    assert seen == [*PRESET_NAMES, ""]
+    assert session.simulation.scene.fabric == own
+
+
+def test_an_unsupported_fabric_is_skipped_with_a_note(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    switch = session.simulation.switch_fabric
+
+    def refuse(name: str) -> None:
+        if name == PRESET_NAMES[0]:
+            raise UsageError(f"{name} is not supported")
+        switch(name)
+
+    monkeypatch.setattr(session.simulation, "switch_fabric", refuse)
+    session.act("fabric")
+    assert (session.fabric, session.note) == (PRESET_NAMES[1], f"{PRESET_NAMES[0]} is not supported")
+    session.act("fabric")
+    assert (session.fabric, session.note) == (PRESET_NAMES[2], "")
+
+
+def test_features_are_switched_off_one_by_one_and_all_on_again(session: Session) -> None:
+    assert list(session.features) == ["spheres", "ground"]
+    notes = []
+    for _ in range(3):
+        session.act("feature")
+        notes.append((session.note, [name for name, on in session.features.items() if not on]))
+        session.advance(1)
+    assert notes == [("without spheres", ["spheres"]), ("without ground", ["ground"]), ("", [])]
+    assert session.simulation.scene == load_scene("curtain")
+
+
+def test_a_feature_that_the_fabric_does_not_support_stays_off_with_a_note(tmp_path: Path) -> None:
+    with closing(Session(replace(load_scene("curtain"), tearing=Tearing()), out=tmp_path)) as session:
+        session.set_features({"tearing": False})
+        session.act("fabric")  # one with bending stiffness
+        session.set_features({"tearing": True})
+        assert session.note.startswith("curtain: tearing: does not support bending stiffness")
+        assert not session.features["tearing"]
+        session.advance(1)
+        assert session.measure().finite
+
+
+def test_cycling_through_pins_fabrics_and_features_allocates_no_more_fields(session: Session) -> None:
+    def fields() -> int:
+        return int(ti.lang.impl.get_runtime().prog.get_snode_tree_size())
+
+    def round_trip() -> None:
+        for action in [*["fabric"] * (len(PRESET_NAMES) + 1), *["feature"] * 3, "pin", "pin"]:
+            session.act(action)
+            session.advance(1)
+
+    point(session, cursor_on(session, PARTICLE))
+    round_trip()
+    before = fields()
+    for _ in range(2):
+        round_trip()
+    assert fields() == before
+
+
+def test_the_history_has_the_measurements(session: Session) -> None:
+    for _ in range(4):
+        session.advance(1)
+        session.measure()
+    assert session.history.rows[:, 0] == pytest.approx(np.arange(5) / 60)
+    assert session.history.rows[-1, 1] == session.metrics.kinetic_energy
+    assert session.measuring_ms > 0
+    session.act("reset")
+    session.advance(1)
+    session.measure()
+    assert len(session.history.rows) == 1
+
+
+def test_actions_that_compile_are_deferred_until_their_note_was_displayed(
+    session: Session, three_scenes: list[str]
+) -> None:
+    session.request("next_scene")
+    session.request("freeze")
+    assert session.frozen
+    assert session.simulation.scene.name == "curtain"
+    session.request("next_scene")
+    assert session.note == "next scene: compiling; the first time, the display pauses for some seconds"
+    session.run_deferred()
+    assert session.simulation.scene.name == "fold"
+    assert session.note == ""
+    session.run_deferred()
+    assert session.simulation.scene.name == "fold"
+
+
+def test_feature_times_are_measured_on_copies(session: Session) -> None:
+    session.simulation.params["wind_z"] = 7.0
+    session.advance(3)
+    grab(session)
+    before = session.simulation.positions(), session.simulation.velocities(), len(session.recorder.rows)
+    session.request("time_features")
+    assert session.note.startswith("feature times: compiling")
+    session.run_deferred()
+    times = session.feature_times
+    assert times is not None
+    assert set(times.cost_ms) == {*session.features, "wind"}
+    assert times.frame == session.simulation.frame == 3
+    assert times.ms > max(times.cost_ms.values())
+    assert grabbed(session) == PARTICLE
+    np.testing.assert_array_equal(session.simulation.positions(), before[0])
+    np.testing.assert_array_equal(session.simulation.velocities(), before[1])
+    assert len(session.recorder.rows) == before[2]
+    session.act("solver")
+    assert session.feature_times is None
+
+
+def test_a_copy_has_the_state_of_the_running_cloth(session: Session) -> None:
+    running = session.simulation
+    running.params["wind_z"] = 7.0
+    running.pin(PARTICLE)
+    running.unpin(0)
+    session.advance(5)
+    with Simulation(running.scene) as copy:
+        take_over(copy, running)
+        for one in (copy, running):
+            one.step()
+        np.testing.assert_allclose(copy.positions(), running.positions(), atol=1e-6)
+        assert (copy.frame, copy.params["wind_z"]) == (6, 7.0)
+        np.testing.assert_array_equal(copy.topology.pinned, running.topology.pinned)
+
+
+def test_switching_features_is_deferred(session: Session) -> None:
+    session.request_features({**session.features, "ground": False})
+    assert "ground" in session.simulation.features
+    assert session.note.startswith("features: compiling")
+    session.run_deferred()
+    assert "ground" not in session.simulation.features
