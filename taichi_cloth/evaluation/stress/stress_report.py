@@ -304,9 +304,9 @@ because they appeared around them (formulas: `taichi_cloth/evaluation/stress/inv
 loose: it assumes that they hit every particle within reach in every frame.
 
 **Too slow** means more than {slow:.0f} ms per frame (30 frames per second) unless the row says otherwise. The time is
-the median of the frames of a scene after compilation, checked after 5 frames and then every {every} frames. All cores run
-units at once, so a frame takes longer than on an idle machine. Frames that the judge watches substep by substep are not
-timed. A variant that is too slow counts neither as alive nor as failed.
+the median of the frames of a scene after compilation, checked after 5 frames and then every {every} frames. All cores
+run units at once, so a frame takes longer than on an idle machine. Frames that the judge watches substep by substep are
+not timed. A variant that is too slow counts neither as alive nor as failed.
 
 **Causes** are found by experiments on the start that failed. Three continue from the state in which it failed: Newton's
 method in float64, five more seconds of the same run, and the same substeps in float64. The others repeat this start and
