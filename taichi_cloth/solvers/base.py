@@ -29,6 +29,7 @@ from ..state.contact_data import SdfGrids, attach_colored_triangles, attach_fric
 from ..state.layouts import acquire_parallel, acquire_simd, release_simd
 from ..system.errors import UsageError, nearest_hint
 from ..system.taichi_compat import no_scalarization
+from ..system.taichi_runtime import on_cpu
 from .graph_runner import GraphRunner
 
 LAYOUTS = ("simd", "serial", "parallel")  # the first that suits a cloth is used
@@ -343,7 +344,7 @@ def choose_layout(
         raise UsageError(f"{solver.name} needs a grid with whole rows, and {unsupported.grid_only}; use {others}")
     if wanted is not None and wanted not in LAYOUTS:
         raise UsageError(f"unknown layout {wanted!r}: {', '.join(LAYOUTS)}{nearest_hint(wanted, LAYOUTS)}")
-    if ti.cfg.arch not in (ti.x64, ti.arm64):
+    if not on_cpu():
         if wanted not in (None, "parallel"):
             raise UsageError(f"layout {wanted} is for --arch cpu; a GPU uses parallel")
         wanted = "parallel"

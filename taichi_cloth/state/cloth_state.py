@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import taichi as ti
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..geometry.grid import MAX_COLORS
 from ..geometry.topology import Topology
+from ..kernels.layout import copy_vectors
 from . import field_pool as fields
 from .constraint_data import (
     Attachments,
@@ -121,10 +122,11 @@ class ClothState(Layout):
         """Set positions relative to the origin, two (N, 3) arrays [m], and inverse masses, (N,) [1/kg]."""
         fields.upload_all((self.x, x), (self.x_prev, x_prev), (self.inverse_mass, inverse_mass))
 
-    def to_numpy(self, field: Any) -> NDArray[np.float32]:
-        """Return a per-particle field as an array of the particles in use."""
-        values: NDArray[np.float32] = field.to_numpy()[: self.packet_count[None]]
-        return values
+    def to_numpy(self, field: ti.MatrixField) -> NDArray[np.float32]:
+        """Return a field of vectors as an array with a row for each particle in use, (N, 3)."""
+        rows = np.empty((self.packet_count[None], 3), np.float32)
+        copy_vectors(field, rows)
+        return rows
 
 
 def inverse_mass(topology: Topology) -> NDArray[np.float32]:

@@ -1,16 +1,21 @@
-"""Files written atomically, numbered names of new files, and a lock on a folder that ends with its process."""
+"""Files written atomically, numbered names of new files, a cache of arrays, and a lock on a folder."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from glob import escape
+from hashlib import sha256
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @contextmanager
@@ -45,6 +50,45 @@ def next_free_path(folder: Path, name: str) -> Path:
     """Return the path `NAME_001` in a folder, or the next number for which no file exists with any suffix."""
     stems = (f"{name}_{k:03d}" for k in count(1))
     return folder / next(s for s in stems if not (folder / s).exists() and not any(folder.glob(f"{escape(s)}.*")))
+
+
+# -- cache of arrays, for solutions that take seconds to an hour -------------------------------------------------------
+
+
+def cache_folder() -> Path:
+    """Return the cache folder: `taichi_cloth` in XDG_CACHE_HOME, or in `.cache` of the home folder.
+
+    Raises OSError for a user without a home folder.
+    """
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "taichi_cloth"
+    except RuntimeError as error:
+        raise FileNotFoundError(str(error)) from None
+
+
+def cached(what: str, code: Path, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the result of `make()`, read from the cache if an earlier run of the same code stored it.
+
+    The cache key is the text `what` and the source `code`: a file, or a folder of Python files. If the cache cannot be
+    read or written (a damaged file, a full or read-only disk), the result is computed again.
+    """
+    import numpy as np  # here, because commands like `--help` start faster without it
+
+    files = sorted(code.glob("*.py")) if code.is_dir() else [code]
+    text = b"".join(file.read_bytes() for file in files)
+    name = f"{sha256(what.encode() + text).hexdigest()[:32]}.npy"
+    try:
+        cached: NDArray[np.float64] = np.load(cache_folder() / name, allow_pickle=False)
+        return cached
+    except (OSError, ValueError, EOFError):
+        result = make()
+    try:
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        with atomic_file(cache_folder() / name) as file:
+            np.save(file, result)
+    except OSError:
+        pass
+    return result
 
 
 # -- lock on a folder --------------------------------------------------------------------------------------------------

@@ -114,6 +114,13 @@ def stop() -> None:
         raise RuntimeError(f"Taichi's program has ended but is still referenced by {_referrers(program)}")
 
 
+def on_cpu() -> bool:
+    """Return whether the running Taichi program is compiled for the CPU."""
+    import taichi as ti
+
+    return ti.cfg.arch in (ti.x64, ti.arm64)
+
+
 def _no_program() -> None:
     """Return None: no program has ended before the first start."""
 

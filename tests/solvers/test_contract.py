@@ -215,7 +215,7 @@ def test_released_particles_regain_their_mass_and_get_the_velocity_of_the_grab(s
     )
     with Simulation(free, layout) as simulation:
         start = simulation.positions()[10]
-        masses = simulation.cloth.to_numpy(simulation.cloth.inverse_mass)
+        masses = simulation.cloth.inverse_mass.to_numpy()
         grab = simulation.grab(10, radius=0.11)
         for k in range(1, 7):
             grab.move_to(start + [0.02 * k, 0, 0])
@@ -224,7 +224,7 @@ def test_released_particles_regain_their_mass_and_get_the_velocity_of_the_grab(s
         assert released.tolist() == [10, 1, 9, 11, 19]
         grab.release()
         assert (grab.active, len(simulation.grabs), len(simulation.grabbed)) == (False, 0, 0)
-        assert (simulation.cloth.to_numpy(simulation.cloth.inverse_mass) == masses).all()
+        assert (simulation.cloth.inverse_mass.to_numpy() == masses).all()
         assert simulation.velocities()[released] == pytest.approx(
             np.tile([1.2, 0, 0], (5, 1)), abs=1e-3
         )  # 0.02 m/frame

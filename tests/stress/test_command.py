@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from taichi_cloth.__main__ import main
-from taichi_cloth.evaluation.stress import case_catalog, runner
+from taichi_cloth.evaluation.stress import case_catalog, runner, store
 from taichi_cloth.evaluation.stress.causes import Cause
 from taichi_cloth.evaluation.stress.runner import select_units
 from taichi_cloth.evaluation.stress.setup import ROBUST, ROBUST_SLACK, SETTINGS
@@ -105,6 +105,37 @@ def test_a_resumed_run_equals_an_uninterrupted_one(
     assert main(words) == 1  # nothing is left to run, and the report is printed again
     assert not ran
     assert "xpbd 0 alive, 1 failed" in capsys.readouterr().out
+
+
+def test_a_recheck_runs_the_last_start_alone_and_all_starts_if_it_differs(
+    ran: list[Unit], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swings = replace(CASE, variants=CASE.variants[:1])
+    monkeypatch.setattr(case_catalog, "CASES", (swings,))
+    words = ["stress", "--runs", "3", "--json", "o.json", "--resume", "--recheck"]
+    assert main(words) == 0
+    asked: list[list[tuple[int, int]]] = []
+    one_by_one = runner.run_all
+
+    def listed(units, starts, *others):  # type: ignore[no-untyped-def]
+        asked.extend(starts(unit) for unit in units)
+        one_by_one(units, starts, *others)
+
+    monkeypatch.setattr(runner, "run_all", listed)
+    monkeypatch.setattr(store, "fingerprint", lambda unit: "later")
+    last = (2, seed_of(1, "swings", 2))
+    assert main(words) == 0
+    assert asked == [[last]]
+    [row] = json.loads(Path("o.json").read_text(encoding="utf-8"))["results"]
+    assert (row["origin"], row["ran"], bool(row["repeated"])) == ("later", 3, True)
+    monkeypatch.setattr(store, "fingerprint", lambda unit: "much later")
+    Path("o.json").write_text(Path("o.json").read_text(encoding="utf-8").replace(row["digest"], "another bit"))
+    asked.clear()
+    assert main(words) == 0
+    assert asked == [[last], [(k, seed_of(1, "swings", k)) for k in range(3)]]
+    assert json.loads(Path("o.json").read_text(encoding="utf-8"))["results"][0]["repeated"] == ""
+    assert main(words[:-2] + ["--recheck", "--force"]) == 2
+    assert "--recheck needs --resume" in capsys.readouterr().err
 
 
 def test_robust_slack_runs_last_and_only_where_it_is_needed(

@@ -57,10 +57,11 @@ def test_a_changed_file_changes_the_fingerprints_of_its_results(package: Path, n
     module.sources.cache_clear()
     before = {key: fingerprint(one) for key, one in ALL.items()}
     path = package / name
-    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    source = path.read_bytes()
+    path.write_bytes(b'"""Another text."""\n\n' + source.partition(b'"""\n')[2].replace(b"\n", b"\r\n") + b"\n# more\n")
     module.sources.cache_clear()
     assert {key: fingerprint(one) for key, one in ALL.items()} == before
-    path.write_bytes(path.read_bytes() + b"\n# more\n")
+    path.write_bytes(source + b"\nMORE = 1\n")
     module.sources.cache_clear()
     assert {key for key, one in ALL.items() if fingerprint(one) != before[key]} == others
     module.sources.cache_clear()

@@ -147,3 +147,8 @@ def test_the_page_names_dates_hours_starts_and_versions() -> None:
         "Mixed versions: 1 of 2 results are from an older version of the program.",
         "1 to 10 starts per variant; run 2026-01-01 to 2026-01-02; 1.0 hours of CPU time.",
     ]
+    again = result(repeated="2026-02-01 00:00")
+    assert report.origin_lines(store_of(again))[0] == (
+        "1 results are from an earlier version of the program, whose last start of each variant this version repeated"
+        " bit by bit."
+    )

@@ -39,6 +39,36 @@ def test_a_unit_whose_process_dies_fails_and_the_others_finish(tmp_path: Path, m
     assert (failure.what, failure.seed) == ("times that its process ended", units[1].starts(1)[0][1])
 
 
+def test_a_unit_that_is_too_slow_beside_others_runs_again_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first run of each leaves a file. One is slow only then, one always."""
+    (tmp_path / "speeds.py").write_text(
+        "from pathlib import Path\n"
+        "from taichi_cloth.evaluation.stress.trial import TooSlow\n\n"
+        "def first_time(trial):\n"
+        "    mark = Path(__file__).with_name(f'{trial.seed}')\n"
+        "    known = mark.exists()\n"
+        "    mark.touch()\n"
+        "    return not known\n\n"
+        "def fast(trial):\n    first_time(trial)\n\n"
+        "def slow_beside_others(trial):\n    if first_time(trial):\n        raise TooSlow(40.0, 33.0)\n\n"
+        "def slow(trial):\n    raise TooSlow(50.0 if first_time(trial) else 45.0, 33.0)\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    speeds = importlib.import_module("speeds")
+    names = ("slow_beside_others", "slow", "fast")
+    cases = [Case(k, way, "", (Variant("one", getattr(speeds, way)),)) for k, way in enumerate(names, 1)]
+    found: list[Result] = []
+    run_all([Unit(case, case.variants[0], SMALL) for case in cases], lambda unit: unit.starts(1), None, found.append)
+    assert [(one.case, one.state, one.slow_ms) for one in found] == [
+        (3, "alive", None),
+        (1, "alive", None),
+        (2, "too slow", 45.0),
+    ]
+
+
 def test_one_unit_runs_in_this_process() -> None:
     found: list[Result] = []
     run_all([BREAKS], lambda unit: [(0, 5)], None, found.append)

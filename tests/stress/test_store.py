@@ -3,10 +3,12 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from taichi_cloth.evaluation.stress import store as module
+from taichi_cloth.evaluation.stress.causes import Cause
 from taichi_cloth.evaluation.stress.setup import ROBUST, ROBUST_SLACK
 from taichi_cloth.evaluation.stress.store import Store, fingerprint, load
 from taichi_cloth.evaluation.stress.trial import Measurement
@@ -89,6 +91,36 @@ def test_older_results_stay_until_they_are_replaced(tmp_path: Path) -> None:
     assert load(kept.path).older == 1
     kept.add(result(variant="swings"))
     assert load(kept.path).older == 0
+
+
+def test_a_result_is_kept_if_its_last_start_repeats(tmp_path: Path) -> None:
+    older = Store.new(None, [SWINGS, BREAKS])
+    for unit in (SWINGS, BREAKS):
+        older.results[unit.key] = replace(run_unit(unit, unit.starts(2), None), origin="older")
+    broken = older.results[BREAKS.key]
+    assert broken.failure is not None
+    older.causes[BREAKS.key] = Cause(broken.failure.what, 3.0, "a reason", 7, "older")
+    store = Store.new(tmp_path / "o.json", [SWINGS, BREAKS]).continued(older)
+    assert store.repeatable([SWINGS, BREAKS]) == [SWINGS, BREAKS]
+    first, last = (run_unit(SWINGS, [start], None) for start in SWINGS.starts(2))
+    assert not store.repeat(first)
+    assert store.left([SWINGS], 2) == [SWINGS]
+    assert store.repeat(last)
+    assert store.left([SWINGS], 2) == []
+    again = load(tmp_path / "o.json").results[SWINGS.key]
+    assert (again.ran, again.origin, bool(again.repeated)) == (2, fingerprint(SWINGS), True)
+    assert store.repeat(run_unit(BREAKS, BREAKS.starts(1), None))  # the first start failed, so it was the last
+    assert store.reason(store.results[BREAKS.key]) == "a reason"
+    assert store.repeatable([SWINGS, BREAKS]) == []
+
+
+@pytest.mark.parametrize("found", [{"digest": ""}, {"digest": "abc", "slow_ms": 40.0}])
+def test_a_result_that_no_digest_confirms_runs_again(found: dict[str, Any]) -> None:
+    older = Store.new(None, [SWINGS])
+    older.results[SWINGS.key] = result(variant="swings", origin="older", **found)
+    store = Store.new(None, [SWINGS]).continued(older)
+    assert store.repeatable([SWINGS]) == []
+    assert store.left([SWINGS], 1) == [SWINGS]
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"machine": "", "older": 0, "planned": [], "results": [{}]}'])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.stress.setup import sheet
@@ -52,6 +53,22 @@ def test_a_start_gives_the_same_result_alone_and_among_others() -> None:
     assert all_of_them.speed == max(first.speed, second.speed)
     assert all_of_them.notes == ["not judged at rest: a test"]
     assert all_of_them.about == "it is a test"
+
+
+def test_the_digest_is_that_of_the_last_start() -> None:
+    both, second = run_unit(SWINGS, SWINGS.starts(2), None), run_unit(SWINGS, SWINGS.starts(2)[1:], None)
+    first = run_unit(SWINGS, SWINGS.starts(1), None)
+    assert both.digest == second.digest != first.digest
+    assert len(both.digest) == 12
+
+    def pushed(trial: Trial) -> None:
+        swings(trial)
+        x = trial.simulation.positions()
+        x[-1, 2] = np.nextafter(np.float32(x[-1, 2]), np.float32(1))  # one bit
+        trial.simulation.set_state(x, trial.simulation.velocities())
+
+    assert run_unit(unit_of(pushed), SWINGS.starts(1), None).digest != first.digest
+    assert run_unit(BREAKS, SWINGS.starts(1), None).digest != first.digest  # the same cloth, and a failure
 
 
 def test_an_image_of_the_failure_is_written(tmp_path: Path) -> None:

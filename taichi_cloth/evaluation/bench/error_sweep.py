@@ -24,10 +24,9 @@ from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
 from ...system.console import machine, printed_table, wide_console
 from ...system.errors import UsageError
-from ...system.files import atomic_file
+from ...system.files import atomic_file, cached
 from .bench_report import run_info
 from .cases import FRAME_RATES
-from .scene_error import cached
 
 Floats = NDArray[np.float64]
 
@@ -385,6 +384,7 @@ def plot(folder: Path, points: Sequence[Point]) -> list[Path]:
             offset, alignment = (((5, 5), "left"), ((-5, -12), "right"))[number % 2]
             position = (point.median_ms, point.max_error)
             axes.annotate(point.setting, position, offset, textcoords="offset points", ha=alignment, fontsize=8)
+        axes.margins(x=0.12)  # room for the label of the fastest setting
         for rate in FRAME_RATES:
             axes.axvline(1000 / rate, color="0.8", linestyle=":", zorder=0)
             axes.text(1000 / rate, 0.98, f" {rate}/s", transform=axes.get_xaxis_transform(), va="top", fontsize=8)

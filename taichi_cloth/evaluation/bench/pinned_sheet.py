@@ -19,14 +19,13 @@ import numpy as np
 
 from ...scene.collider_schema import Sphere
 from ...scene.schema import Cloth, Fabric, Forces, Scene, Solver, Tethers, Wind
-from ...simulation.running_cloth import timed_frame
 from ...simulation.simulation import Simulation
 from ...system.console import machine, number, printed_table, wide_console
-from ...system.files import atomic_file
+from ...system.files import atomic_file, cached
 from .. import reference
 from ..reference.solution import Motion, Solution, distances, solve, steps_per_frame
 from .bench_report import run_info
-from .scene_error import Floats, cached
+from .scene_error import Floats, timed_run
 from .subprocess_runner import Startup
 
 SIDE = 1.45  # [m]
@@ -132,13 +131,8 @@ def measure(case: SheetCase) -> SheetError:
     scene = scene_of(case)
     truth = solution(case, scene)
     with Simulation(scene) as simulation:
-        simulation.step()  # compiles
-        simulation.reset()
-        ms, positions = [], []
-        for _ in truth.positions:
-            ms.append(timed_frame(simulation))
-            positions.append(simulation.positions())
-        error = distances(np.array(positions), truth.positions) / truth.side
+        ms, positions = timed_run(simulation, len(truth.positions))
+        error = distances(positions, truth.positions) / truth.side
         return SheetError(
             name=case.name,
             method=simulation.method.partition(" · ")[0],

@@ -11,10 +11,8 @@ Reference solutions take seconds to compute and are cached on disk.
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -32,48 +30,13 @@ from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
 from ...system.console import machine, markdown_table, printed_table, wide_console
 from ...system.errors import UsageError
-from ...system.files import atomic_file
+from ...system.files import atomic_file, cached
 from .. import reference
 from ..reference.solution import Solution, distances, reason_unsupported, solve
 from .bench_report import run_info
 from .cases import FRAME_RATES
 
 Floats = NDArray[np.float64]
-
-
-def folder() -> Path:
-    """Return the cache folder: `taichi_cloth` in XDG_CACHE_HOME, or in `.cache` of the home folder.
-
-    Raises OSError for a user without a home folder.
-    """
-    try:
-        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "taichi_cloth"
-    except RuntimeError as error:
-        raise FileNotFoundError(str(error)) from None
-
-
-def cached(what: str, code: Path, make: Callable[[], Floats]) -> Floats:
-    """Return the result of `make()`, read from the cache if an earlier run of the same code stored it.
-
-    The cache key is the text `what` and the source `code`: a file, or a folder of Python files. If the cache cannot be
-    read or written (a damaged file, a full or read-only disk), the result is computed again.
-    """
-    files = sorted(code.glob("*.py")) if code.is_dir() else [code]
-    text = b"".join(file.read_bytes() for file in files)
-    name = f"{sha256(what.encode() + text).hexdigest()[:32]}.npy"
-    try:
-        cached: Floats = np.load(folder() / name, allow_pickle=False)
-        return cached
-    except (OSError, ValueError, EOFError):
-        result = make()
-    try:
-        folder().mkdir(parents=True, exist_ok=True)
-        with atomic_file(folder() / name) as file:
-            np.save(file, result)
-    except OSError:
-        pass
-    return result
-
 
 FRAMES = 120
 VERLET_NOTE = "`verlet` has stiffness 0…1 instead of SI constants: its error includes that of the model."
@@ -141,17 +104,23 @@ def solution(scene: Scene, frames: int) -> Solution:
     return Solution(positions, coarser, build_particles(scene).longest_side)
 
 
+def timed_run(simulation: Simulation, frames: int) -> tuple[list[float], Floats]:
+    """Run frames from the start. Return the time of each [ms] and the positions after each, (frames, N, 3) [m]."""
+    simulation.step()  # compiles
+    simulation.reset()
+    ms, positions = [], []
+    for _ in range(frames):
+        ms.append(timed_frame(simulation))
+        positions.append(simulation.positions())
+    return ms, np.array(positions)
+
+
 def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Solution) -> ScenePoint:
     """Measure one setting up to the horizon."""
     solver = replace(scene.solver, name=name, substeps=substeps, iterations=iterations)
     with Simulation(replace(scene, solver=solver)) as simulation:
-        simulation.step()  # compiles
-        simulation.reset()
-        ms, positions = [], []
-        for _ in truth.positions:
-            ms.append(timed_frame(simulation))
-            positions.append(simulation.positions())
-        error = distances(np.array(positions), truth.positions) / truth.side
+        ms, positions = timed_run(simulation, len(truth.positions))
+        error = distances(positions, truth.positions) / truth.side
         return ScenePoint(
             scene=scene.name,
             setting=simulation.method.partition(" · ")[0],

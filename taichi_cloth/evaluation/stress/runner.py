@@ -17,7 +17,7 @@ from ..worker_pool import run_parallel
 from . import case_catalog
 from .causes import Cause, cause_of
 from .setup import SETTINGS, Setting
-from .unit import PROCESS_ENDED, Case, Failure, Key, Result, Unit, result_of, run_unit
+from .unit import PROCESS_ENDED, SLOW, Case, Failure, Key, Result, Unit, result_of, run_unit
 
 
 def select_units(
@@ -72,7 +72,8 @@ def settings(name: str | None, tear: float | None) -> list[Setting]:
     return tearing
 
 
-CORES = os.cpu_count() or 1
+# Cores that this process may use: a container or `taskset` may allow fewer than there are. macOS does not tell.
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 Starts = Sequence[tuple[int, int]]  # number and seed of each start
 
@@ -102,6 +103,8 @@ def run_all(
 ) -> None:
     """Run all units and call `on_result` with each result as it completes; units start in the given order.
 
+    Processes side by side share caches and memory, so a unit that is too slow runs again when all others have ended.
+
     If a worker process dies, finished results are kept. Units that may have killed it run again, each in a process of
     its own; a unit whose own process dies too has failed.
     """
@@ -111,10 +114,14 @@ def run_all(
         on_result(run_unit(units[0], starts(units[0]), pictures))
         return
     found: set[int] = set()
+    slow: set[int] = set()  # while others ran
 
     def done(k: int, result: Result) -> None:
         found.add(k)
-        on_result(result)
+        if result.state == SLOW and k not in slow:
+            slow.add(k)
+        else:
+            on_result(result)
 
     def run(some: Sequence[int], processes: int) -> list[int]:
         """Run some units; return those without a result, if a process died."""
@@ -124,12 +131,17 @@ def run_all(
                 done(k, result)
         return [k for k in some if k not in found]
 
-    remaining = run(range(len(units)), CORES)
-    while remaining:
-        for k in remaining[: CORES + 1]:  # the pool starts jobs in this order, one more than it has processes
-            for lost in run([k], 1):
-                done(lost, process_ended(units[lost], starts(units[lost])))
-        remaining = run([k for k in remaining if k not in found], CORES)
+    def run_to_the_end(some: Sequence[int], processes: int) -> None:
+        remaining = run(some, processes)
+        while remaining:
+            for k in remaining[: processes + 1]:  # the pool starts jobs in this order, one more than it has processes
+                for lost in run([k], 1):
+                    done(lost, process_ended(units[lost], starts(units[lost])))
+            remaining = run([k for k in remaining if k not in found], processes)
+
+    run_to_the_end(range(len(units)), CORES)
+    found -= slow
+    run_to_the_end(sorted(slow), 1)
 
 
 def explain_all(failed: Sequence[tuple[Unit, Failure]], on_cause: Callable[[Unit, Cause], None]) -> None:

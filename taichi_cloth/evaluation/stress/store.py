@@ -23,10 +23,11 @@ from ...system.files import atomic_file
 from .causes import EXPERIMENTS, Cause
 from .setup import ROBUST, ROBUST_SLACK
 from .trial import Measurement
-from .unit import ALIVE, Failure, Key, Result, Unit
+from .unit import ALIVE, SLOW, Failure, Key, Result, Unit
 
 PACKAGE = Path(__file__).parents[2]
 JUDGING_MODULES = ("invariants", "setup", "trial", "unit")  # modules of this folder that judge
+MINUTES = "%Y-%m-%d %H:%M"
 DRAWING = "render/"  # a folder that changes no result
 SOLVER_SWITCH_CASES = "changes"  # the module whose cases switch solvers
 
@@ -90,8 +91,17 @@ def relative_imports(source: bytes) -> list[tuple[int, str, list[str]]]:
 
 
 def digest(path: Path) -> str:
-    """Return the SHA-256 of a file, independent of its line endings."""
-    return hashlib.sha256(path.read_bytes().replace(b"\r\n", b"\n")).hexdigest()
+    """Return the SHA-256 of a module without its comments, docstrings and line breaks, which change no result."""
+    tree = ast.parse(path.read_bytes())
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            node.body = [line for line in body if not is_text(line)]  # type: ignore[attr-defined]
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
+
+
+def is_text(line: ast.stmt) -> bool:
+    """Return whether a statement is a docstring."""
+    return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and isinstance(line.value.value, str)
 
 
 @dataclass
@@ -118,7 +128,7 @@ class Store:
 
     def add(self, result: Result) -> None:
         """Add or replace a result, with fingerprint, date and machine, and write the file. Raises OSError."""
-        now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
+        now = datetime.now(UTC).strftime(MINUTES)
         self.results[result.key] = replace(result, origin=self.origins[result.key], date=now, machine=self.machine)
         self.save()
 
@@ -150,6 +160,31 @@ class Store:
     def _has(self, key: Key, starts: int) -> bool:
         found = self.results.get(key)
         return found is not None and self._is_new(found) and (found.starts >= starts or found.state != ALIVE)
+
+    def repeatable(self, units: Iterable[Unit]) -> list[Unit]:
+        """Return the units with a result of an earlier version of the program that one start can confirm.
+
+        A result that is too slow depends on the speed of the program, which no digest tells.
+        """
+        return [unit for unit in units if unit.key in self.results and self._is_repeatable(self.results[unit.key])]
+
+    def _is_repeatable(self, result: Result) -> bool:
+        return bool(result.digest) and result.state != SLOW and not self._is_new(result)
+
+    def repeat(self, again: Result) -> bool:
+        """Take over an earlier result if this version of the program repeated its last start bit by bit (`again`).
+
+        Writes the file, and returns whether the digests are equal. Raises OSError.
+        """
+        earlier = self.results[again.key]
+        if again.digest != earlier.digest:
+            return False
+        now, cause = datetime.now(UTC).strftime(MINUTES), self.cause(earlier)
+        self.results[again.key] = replace(earlier, origin=self.origins[again.key], repeated=now)
+        if cause is not None:
+            self.explain(again.key, cause)
+        self.save()
+        return True
 
     def _is_new(self, result: Result) -> bool:
         return result.origin == self.origins[result.key]

@@ -164,6 +164,11 @@ def origin_lines(store: Store) -> list[str]:
         lines.append(
             f"Mixed versions: {store.older} of {len(results)} results are from an older version of the program."
         )
+    if repeated := sum(bool(result.repeated) for result in results):
+        lines.append(
+            f"{repeated} results are from an earlier version of the program, whose last start of each variant this"
+            " version repeated bit by bit."
+        )
     if fewest := {result.starts for result in results}:
         starts = f"{min(fewest)} to {max(fewest)}" if len(fewest) > 1 else f"{min(fewest)}"
         days = sorted({result.date[:10] for result in results})

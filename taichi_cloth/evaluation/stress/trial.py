@@ -16,8 +16,8 @@ import numpy as np
 from ...scene import parameters_of
 from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Maps, Scene
 from ...simulation.simulation import Simulation
+from ...system.files import cached
 from .. import reference
-from ..bench.scene_error import cached
 from ..reference.spring_model import spring_model
 from ..reference.static_solution import rest_positions
 from .invariants import Extremes, Floats, InvariantMonitor, Violation

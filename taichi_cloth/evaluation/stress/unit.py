@@ -160,8 +160,12 @@ class Result:
     figures: list[Measurement] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     picture: str = ""
+    digest: str = ""
+    """Digest of the last start that ran, see `digest_of`."""
     origin: str = ""
-    """Fingerprint of the program that produced it (`store.py`)."""
+    """Fingerprint of the program that produced or repeated it (`store.py`)."""
+    repeated: str = ""
+    """When this version of the program repeated the last start bit by bit; empty if it ran all starts itself."""
     date: str = ""
     machine: str = ""
 
@@ -189,7 +193,7 @@ def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | Non
     """
     began = time.process_time()
     trials: list[Trial] = []
-    failure, slow, image = None, None, ""
+    failure, slow, image, digest = None, None, "", ""
     try:
         for start, seed in starts:
             trial = Trial(unit.setting, seed)
@@ -208,6 +212,7 @@ def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | Non
                 line = f"{type(error).__name__}: {error}".splitlines()[0]
                 failure = Failure(start, seed, trial.frame, line, 1, 0)
                 break
+        digest = digest_of(trials[-1], failure)
     finally:
         close()
     worst = [trial.worst for trial in trials]
@@ -228,7 +233,20 @@ def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | Non
         figures=worst_figures(trials),
         notes=list(dict.fromkeys(note for trial in trials for note in trial.notes)),
         picture=image,
+        digest=digest,
     )
+
+
+def digest_of(trial: Trial, failure: Failure | None) -> str:
+    """Return a digest of all that a start computed, to the bit: the cloth at its end, and every value that was judged.
+
+    12 hex digits. A version of the program that gives the same digest ran the same computation. Times do not count.
+    """
+    words = repr((trial.frame, trial.worst, trial.figures, trial.notes, failure))
+    found = hashlib.sha256(words.encode())
+    if hasattr(trial, "simulation") and not trial.simulation.closed:
+        found.update(trial.simulation.positions().tobytes() + trial.simulation.velocities().tobytes())
+    return found.hexdigest()[:12]
 
 
 def worst_figures(trials: Sequence[Trial]) -> list[Measurement]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_cloth.evaluation.bench.scene_error import cached, folder
+from taichi_cloth.system.files import cache_folder, cached
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_all_files_of_a_source_folder_count(calls: list[str], tmp_path: Path) ->
 
 def test_a_damaged_file_is_replaced(calls: list[str], tmp_path: Path) -> None:
     ask(calls, "a", tmp_path)
-    [file] = folder().iterdir()
+    [file] = cache_folder().iterdir()
     for content in (b"", file.read_bytes()[:-3], b"no array"):
         file.write_bytes(content)
         assert ask(calls, "a", tmp_path) == len(calls)
@@ -59,5 +59,5 @@ def test_without_a_home_folder_results_are_computed(
         "os.path.expanduser", lambda path: path
     )  # as for a user without an entry in the password database
     with pytest.raises(FileNotFoundError, match="home"):
-        folder()
+        cache_folder()
     assert [ask(calls, "a", tmp_path) for _ in range(2)] == [1, 2]
