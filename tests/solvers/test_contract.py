@@ -25,8 +25,13 @@ SPHERE = Sphere(center=(0.0, 2.7, -0.4), radius=0.2, margin=0.05, oscillation=(0
 BOX = Box(center=(0.3, 2.4, 0.3), size=(0.2, 0.2, 0.2))
 
 
-# An iteration of `projective` in the parallel layout is some hundred launches, slower than all other cases together.
-FEWER: dict[str, dict[str, Any]] = {"projective": {"substeps": 5, "iterations": 4}}
+# The usual ones are slow in the parallel layout: every pass over a color is a launch.
+FEWER: dict[str, dict[str, Any]] = {
+    "verlet": {"substeps": 5, "iterations": 4},
+    "xpbd": {"substeps": 5, "iterations": 4},
+    "lines": {"substeps": 5, "iterations": 1},
+    "projective": {"substeps": 5, "iterations": 2},
+}
 
 
 def scene(solver: str, cloth: Cloth = SHEET, *, damping: float = 0.0, **parts: Any) -> Scene:
@@ -67,8 +72,8 @@ def mean_velocity(simulation: Simulation) -> float:
 def test_pins_do_not_move(solver: str, layout: str) -> None:
     with Simulation(busy(solver), layout) as simulation:
         before, pins = simulation.positions(), simulation.topology.pinned
-        assert np.linalg.norm(run(simulation, 30) - before, axis=1)[~pins].min() > 1e-3
-        assert (run(simulation, 90)[pins] == before[pins]).all()
+        assert np.linalg.norm(run(simulation, 20) - before, axis=1)[~pins].min() > 1e-3
+        assert (run(simulation, 30)[pins] == before[pins]).all()
 
 
 @pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.0), (-37.0, 20.0, 5.0)])
@@ -76,7 +81,7 @@ def test_a_sheet_without_forces_does_not_move(solver: str, layout: str, rotation
     cloth = replace(SHEET, rotation=rotation)
     with Simulation(scene(solver, cloth, forces=Forces(gravity=0.0)), layout) as simulation:
         before = simulation.positions()
-        assert (run(simulation, 100) == before).all()
+        assert (run(simulation, 30) == before).all()
 
 
 def test_free_fall_follows_its_discrete_closed_form(solver: str, layout: str) -> None:
@@ -125,19 +130,19 @@ def test_runs_of_the_same_scene_are_bit_equal(solver: str, layout: str) -> None:
     runs = []
     for _ in range(2):
         with Simulation(busy(solver), layout) as simulation:
-            runs.append(run(simulation, 90))
+            runs.append(run(simulation, 40))
     assert (runs[0] == runs[1]).all()
 
 
 def test_reset_restores_the_start_bit_for_bit(solver: str, layout: str) -> None:
     with Simulation(busy(solver), layout) as simulation:
-        start, first = simulation.positions(), run(simulation, 60)
+        start, first = simulation.positions(), run(simulation, 30)
         simulation.grab(40).move_to((1.0, 3.0, 1.0))
         run(simulation, 5)
         simulation.reset()
         assert (simulation.positions() == start).all()
         assert (simulation.velocities() == 0).all()
-        assert (run(simulation, 60) == first).all()
+        assert (run(simulation, 30) == first).all()
 
 
 @pytest.mark.parametrize(
@@ -158,10 +163,10 @@ def test_a_changed_parameter_applies_to_the_next_frame(solver: str, layout: str,
     if name == "iterations" and SOLVERS[solver].info.is_explicit:
         pytest.skip("this method does not iterate")
     with Simulation(busy(solver), layout) as simulation:
-        before = run(simulation, 20)
+        before = run(simulation, 15)
         same = run(simulation, 3)
         simulation.reset()
-        assert (run(simulation, 20) == before).all()
+        assert (run(simulation, 15) == before).all()
         assert simulation.params[name] != value
         simulation.params[name] = value
         assert simulation.params[name] == value
@@ -180,7 +185,7 @@ def test_changing_the_substeps_keeps_velocities(solver: str, layout: str) -> Non
 def test_cloth_stays_out_of_colliders(solver: str, layout: str) -> None:
     with Simulation(busy(solver), layout) as simulation:
         deepest = 0.0
-        for _ in range(120):
+        for _ in range(90):
             simulation.step()
             deepest = max(deepest, simulation.metrics().penetration)
         assert deepest == 0.0
@@ -229,7 +234,7 @@ def test_released_particles_regain_their_mass_and_get_the_velocity_of_the_grab(s
             np.tile([1.2, 0, 0], (5, 1)), abs=1e-3
         )  # 0.02 m/frame
         before = simulation.positions()
-        assert run(simulation, 60)[released] == pytest.approx(before[released] + [1.2, 0, 0], abs=1e-2)
+        assert run(simulation, 20)[released] == pytest.approx(before[released] + [0.4, 0, 0], abs=4e-3)
     with Simulation(scene(solver), layout) as simulation:
         grab = simulation.grab(10)
         grab.move_to(simulation.positions()[10])
@@ -246,7 +251,7 @@ def test_a_released_pin_stays_pinned(solver: str, layout: str) -> None:
         run(simulation, 3)
         grab.release()
         assert (simulation.velocities()[0] == 0).all()
-        assert run(simulation, 30)[0] == pytest.approx((-0.5, 3.3, 0.1), abs=1e-6)
+        assert run(simulation, 10)[0] == pytest.approx((-0.5, 3.3, 0.1), abs=1e-6)
 
 
 def test_a_loaded_checkpoint_continues_bit_for_bit(solver: str, layout: str, tmp_path: Path) -> None:
@@ -256,17 +261,17 @@ def test_a_loaded_checkpoint_continues_bit_for_bit(solver: str, layout: str, tmp
         grab = whole.grab(33, radius=0.15)
         grab.move_to((0.1, 2.9, 0.2))
         whole.pin(60)
-        run(whole, 25)
+        run(whole, 15)
         whole.save(file)
         grabbed, pinned = whole.grabbed, whole.topology.pinned
         grab.release()
-        end = run(whole, 25)
+        end = run(whole, 15)
     with Simulation(busy(solver), layout) as half:
         half.load(file)
-        assert half.frame == 25
+        assert half.frame == 15
         assert half.params["wind_z"] == 6.0
         assert (half.grabbed == grabbed).all()
         assert (half.topology.pinned == pinned).all()
         [number] = half.grabs
         GrabHandle(half, number).release()
-        assert (run(half, 25) == end).all()
+        assert (run(half, 15) == end).all()

@@ -72,7 +72,7 @@ def sources(solver: str, rows: frozenset[str]) -> list[tuple[str, str]]:
         found |= pending
         names = {path.relative_to(PACKAGE).as_posix() for name in pending for path in imported(PACKAGE / name)}
         pending = {name for name in names - found if not name.startswith(DRAWING)}
-    return [(name, digest(PACKAGE / name)) for name in sorted(found)]
+    return [(name, digest((PACKAGE / name).read_bytes())) for name in sorted(found)]
 
 
 def imported(path: Path) -> Iterator[Path]:
@@ -90,9 +90,10 @@ def relative_imports(source: bytes) -> list[tuple[int, str, list[str]]]:
     return [(node.level, node.module or "", [name.name for name in node.names]) for node in nodes if node.level]
 
 
-def digest(path: Path) -> str:
+@cache
+def digest(source: bytes) -> str:
     """Return the SHA-256 of a module without its comments, docstrings and line breaks, which change no result."""
-    tree = ast.parse(path.read_bytes())
+    tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(body := getattr(node, "body", None), list):
             node.body = [line for line in body if not is_text(line)]  # type: ignore[attr-defined]
