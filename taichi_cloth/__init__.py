@@ -96,6 +96,10 @@ _TAICHI = {
 _OTHER_NAME = {"Simulation": "NotebookSimulation"}
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 def __getattr__(name: str) -> Any:
     if name in _TAICHI:
         from .system.taichi_runtime import start_if_needed

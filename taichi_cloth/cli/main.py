@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NoReturn, Protocol
 
 from .. import __version__
-from ..scene import SceneError
+from ..scene import SceneError, scene_names
 from ..system.errors import (
     RENAMED_COMMANDS,
     RENAMED_OPTIONS,
@@ -105,13 +105,18 @@ def sigterm_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGTERM, previous)
 
 
+def is_scene(word: str) -> bool:
+    """Return whether a word is a shipped scene or a scene file, which `run` opens, and not a command."""
+    return word.endswith(".toml") or word in scene_names()
+
+
 def run_command(modules: Iterable[CommandModule], argv: Sequence[str]) -> int:
     """Run one command of the program and return its exit code. `argv`: its words."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # for terminals that cannot print · and ×
     words = list(argv)
-    if not words or (words[0].startswith("-") and words[0] not in ("-h", "--help", "--version")):
+    if not words or is_scene(words[0]) or (words[0].startswith("-") and words[0] not in ("-h", "--help", "--version")):
         words.insert(0, "run")
     parser = build_parser(modules)
     args = parser.parse_args(words)

@@ -11,7 +11,7 @@ from pathlib import Path
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.divergence import DivergenceGuard
 from ..simulation.simulation import Simulation
-from ..system.errors import Diverged, error_text
+from ..system.errors import Diverged
 from ..system.files import next_free_path
 from .mesh_files import ExportMesh, export_mesh_of, pc2_clip, rotate_to_up, vertex_normals, write_obj, write_ply
 from .output import Output, format_of
@@ -58,16 +58,12 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
     write_frame(Path(path), format_of(Path(path), None, clip=False), simulation, up)
 
 
-def export_snapshot(simulation: Simulation, folder: Path) -> str:
-    """Write the cloth as it is now to a new OBJ file. Return one line: the file, or why it could not be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        name = next_free_path(folder, simulation.scene.name)
-        path = name.with_name(f"{name.name}.obj")
-        write_frame(path, "obj", simulation)
-    except OSError as error:
-        return f"cannot write the mesh: {error_text(error)}"
-    return f"wrote frame {simulation.frame} to {folder.name}/{path.name}"
+def export_snapshot(simulation: Simulation, folder: Path) -> Path:
+    """Write the cloth as it is now to a new OBJ file in a folder. Return its path. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = next_free_path(folder, "mesh").with_suffix(".obj")
+    write_frame(path, "obj", simulation)
+    return path
 
 
 def _sheet(simulation: Simulation) -> ExportMesh:

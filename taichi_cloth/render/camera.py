@@ -8,17 +8,18 @@ Taichi's window toolkit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import asin, atan2, cos, exp, hypot, log, pi, radians, sin, tan
+from math import asin, atan2, cos, exp, hypot, inf, log, pi, radians, sin, tan
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..scene.schema import Camera as SceneCamera
+from ..scene import Scene
 
 NEAR, FAR = 0.1, 1000.0  # [m] clip planes, those of GGUI
 MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is undefined
 ZOOM_STEP = 0.1  # change of log(distance) per step
 MAX_ZOOM = 20.0  # zooming changes the initial distance by at most this factor, in both directions
+FLOOR_CLEARANCE = 0.02  # smallest height of eye and target above the floor, as a fraction of the initial distance
 
 Floats = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
@@ -27,11 +28,15 @@ Vec3 = tuple[float, float, float]
 class OrbitCamera:
     """Camera that orbits `target` [m] at a `distance` [m].
 
-    `azimuth` [rad] is 0 on the +z axis and grows towards +x; `elevation` [rad] is 0 on the horizontal plane.
+    `azimuth` [rad] is 0 on the +z axis and grows towards +x; `elevation` [rad] is 0 on the horizontal plane. No motion
+    takes the eye below the floor, from where an opaque floor hides the cloth.
     """
 
-    def __init__(self, eye: Sequence[float], target: Sequence[float], fov_degrees: float) -> None:
-        """`fov_degrees`: vertical field of view. An eye that coincides with the target is moved away from it."""
+    def __init__(self, eye: Sequence[float], target: Sequence[float], fov_degrees: float, floor: float = -inf) -> None:
+        """`fov_degrees`: vertical field of view. `floor`: its height [m].
+
+        An eye that coincides with the target is moved away from it.
+        """
         self.fov = radians(fov_degrees)
         self.view_shift = 0.0
         """Distance of the target to the right of the image center [image heights]."""
@@ -40,12 +45,13 @@ class OrbitCamera:
         self._initial_distance = max(hypot(x, y, z), NEAR)
         self._initial_azimuth = atan2(x, z)
         self._initial_elevation = _clamp_elevation(asin(y / self._initial_distance))
+        self._lowest = floor + FLOOR_CLEARANCE * self._initial_distance  # [m] height of eye and target
         self.reset()
 
     @classmethod
-    def from_scene(cls, camera: SceneCamera) -> OrbitCamera:
-        """Return a camera with the settings of a scene."""
-        return cls(camera.eye, camera.target, camera.fov)
+    def from_scene(cls, scene: Scene) -> OrbitCamera:
+        """Return the camera of a scene, above its ground."""
+        return cls(scene.camera.eye, scene.camera.target, scene.camera.fov, floor_height(scene))
 
     def reset(self) -> None:
         """Return to the initial target, distance and angles."""
@@ -63,17 +69,25 @@ class OrbitCamera:
         """
         self.azimuth = (self.azimuth - pi * right) % (2 * pi)
         self.elevation = _clamp_elevation(self.elevation - pi * up)
+        self._stay_above_floor()
 
     def zoom(self, steps: float) -> None:
         """Move the eye closer by `steps`, or farther away if negative. The target stays in the center."""
         nearest = max(self._initial_distance / MAX_ZOOM, NEAR)
         log_distance = log(self.distance) - ZOOM_STEP * steps  # no number of steps overflows a logarithm
         self.distance = exp(min(max(log_distance, log(nearest)), log(self._initial_distance * MAX_ZOOM)))
+        self._stay_above_floor()
 
     def pan(self, right: float, up: float) -> None:
         """Move eye and target parallel to the image by `right` and `up` [image heights at the target's distance]."""
         axes = self._axes()
         self.target = self.target + self._image_height() * (right * axes[0] + up * axes[1])
+        self._stay_above_floor()
+
+    def _stay_above_floor(self) -> None:
+        """Raise the target, and turn the eye up, to what lies above the floor."""
+        self.target[1] = max(self.target[1], self._lowest)
+        self.elevation = max(self.elevation, asin(max((self._lowest - self.target[1]) / self.distance, -1.0)))
 
     # -- matrices ------------------------------------------------------------------------------------------------------
 
@@ -139,6 +153,11 @@ class OrbitCamera:
         front = depth > 0
         uv[front] = (clip[front, :2] / depth[front, None] + 1) / 2
         return uv, depth
+
+
+def floor_height(scene: Scene) -> float:
+    """Return the height of a scene's ground [m], -inf without one."""
+    return -inf if scene.ground is None else scene.ground.height
 
 
 def _clamp_elevation(elevation: float) -> float:

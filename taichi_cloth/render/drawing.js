@@ -12,10 +12,11 @@ const columnMajor = (rows) => [0, 1, 2, 3].flatMap((k) => rows.map((row) => row[
 // -- orbit camera: azimuth from +z to +x, elevation, distance ---------------------------------------------------------
 
 const MAX_ELEVATION = (89 * Math.PI) / 180;
+const FLOOR_CLEARANCE = 0.02; // smallest height of eye and target above the floor [initial distances]
 
 class Camera {
   constructor(description) {
-    Object.assign(this, description); // eye, target [m], fov [degrees], minAspect
+    Object.assign(this, description); // eye, target, floor or null [m], fov [degrees], minAspect
     this.initialTarget = description.target;
     this.leftPanel = this.rightPanel = 0; // [image heights] widths of the panels at the left and right side
     this.reset();
@@ -46,6 +47,14 @@ class Camera {
     this.target = this.target.map((v, k) => v + height * (right * x[k] + up * y[k]));
   }
 
+  /** Raises the target, and turns the eye up, to what lies above the floor: from below it would hide the cloth. */
+  stayAboveFloor(distance) {
+    if (this.floor === null) return;
+    const lowest = this.floor + FLOOR_CLEARANCE * this.initialDistance, [x, y, z] = this.target;
+    this.target = [x, Math.max(y, lowest), z];
+    this.elevation = Math.max(this.elevation, Math.asin(Math.max((lowest - this.target[1]) / distance, -1)));
+  }
+
   /** Unit vectors right, up and back (from target to eye). */
   axes() {
     const ca = Math.cos(this.azimuth), sa = Math.sin(this.azimuth);
@@ -65,7 +74,9 @@ class Camera {
 
   /** Returns the eye [m] and the matrix from world to clip space, column by column. */
   viewProjection(aspect) {
-    const [right, up, back] = this.axes(), distance = this.distance(aspect);
+    const distance = this.distance(aspect);
+    this.stayAboveFloor(distance);
+    const [right, up, back] = this.axes();
     const sideways = 2 * this.viewShift * distance * Math.tan((this.fov * Math.PI) / 360);
     const eye = this.target.map((v, k) => v + distance * back[k] - sideways * right[k]);
     const near = distance / 50, far = distance + 8 * this.initialDistance;

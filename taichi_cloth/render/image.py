@@ -50,7 +50,7 @@ def render_image(simulation: Simulation, size: tuple[int, int] = (640, 360), vie
     """
     if view not in VIEWS:
         raise ValueError(f"unknown view {view!r}: {', '.join(VIEWS)}")
-    camera = OrbitCamera.from_scene(simulation.scene.camera)
+    camera = OrbitCamera.from_scene(simulation.scene)
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
     try:

@@ -144,7 +144,7 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
     """
     scene = simulation.scene
     report = RenderReport(scene.name, scene.seed, scene_to_toml(scene), plan.settings(), machine())
-    camera = OrbitCamera.from_scene(scene.camera)
+    camera = OrbitCamera.from_scene(scene)
     raster = Rasterizer(plan.width, plan.height, plan.samples)
     draw_list = DrawList(simulation)
     guard = DivergenceGuard(simulation)

@@ -160,7 +160,13 @@ def air(scene: Scene) -> dict[str, object]:
         "gridLineColor": draw_list.GRID_LINE_COLOR,
     }
     return {
-        "camera": {"eye": camera.eye, "target": camera.target, "fov": camera.fov, "minAspect": split_view.MIN_ASPECT},
+        "camera": {
+            "eye": camera.eye,
+            "target": camera.target,
+            "fov": camera.fov,
+            "minAspect": split_view.MIN_ASPECT,
+            "floor": None if scene.ground is None else scene.ground.height,
+        },
         "light": {name: np.array(value, float).tolist() for name, value in light.items()},
         "gloss": draw_list.GLOSS,
         "sheen": scene.look.sheen,

@@ -1,4 +1,4 @@
-"""Screenshots and clips (keys S and C): numbered files, each saved with the recording that reproduces it.
+"""Screenshots, clips and meshes (keys S, C and E): numbered files; images and clips with their recording.
 
 Clips are rendered from their recordings, by another process (`taichi-cloth replay FILE --video`), after they end:
 rendering an image takes longer than a frame may, so the window would stutter.
@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,14 +20,17 @@ from ..render.image import render_pixels
 from ..render.image_files import available_formats, write_png
 from ..render.rasterizer import Rasterizer
 from ..simulation.recording import Recorder
+from ..simulation.simulation import Simulation
 from ..system.errors import error_text
 from ..system.files import next_free_path
+from .input import Progress, Refusal
 
 Size = tuple[int, int]
+Exporter = Callable[[Simulation, Path], Path]  # writes the mesh to a new file in a folder, and returns its path
 
 
 class Capture:
-    """Writes screenshots and clips to `out/SCENE`, never over existing files.
+    """Writes screenshots, clips and meshes to `out/SCENE`, never over existing files.
 
     Methods that return a string return one line for the user, or an empty string if there is nothing to report.
     """
@@ -45,13 +49,21 @@ class Capture:
             image = file.with_suffix(".png")
             write_png(image, render_pixels(Rasterizer(*size), draw_list, camera, view))
         except OSError as error:
-            return f"screenshot failed: {error_text(error)}"
+            return Refusal(f"screenshot failed: {error_text(error)}")
         return f"wrote {self._relative(image)}"
+
+    def mesh(self, export: Exporter, simulation: Simulation) -> str:
+        """Write the cloth as it is now."""
+        try:
+            path = export(simulation, self._out / simulation.scene.name)
+        except OSError as error:
+            return Refusal(f"cannot write the mesh: {error_text(error)}")
+        return f"wrote {self._relative(path)}"
 
     def begin_clip(self) -> str:
         """Begin a clip at this moment. The caller has restarted the recorder."""
         self.clip_is_on = True
-        return "recording a clip: press C to stop"
+        return Progress("recording a clip: press C to stop")
 
     def end_clip(self, recorder: Recorder, size: Size) -> str:
         """End the clip, if there is one: save its recording and start rendering it at `size` [pixels]."""
@@ -59,19 +71,21 @@ class Capture:
             return ""
         self.clip_is_on = False
         if recorder.frames == 0:
-            return "no clip written: it has no frames"
+            return Refusal("no clip written: it has no frames")
         try:
             job = VideoJob(self._save_recording(recorder, "clip", size))
         except OSError as error:
-            return f"clip failed: {error_text(error)}"
+            return Refusal(f"clip failed: {error_text(error)}")
         self._jobs.append(job)
-        return f"rendering {self._relative(job.output)}"
+        return Progress(f"rendering {self._relative(job.output)}")
 
     def status(self) -> str:
         """Return the results of clips that finished rendering since the last call."""
         done = [job for job in self._jobs if job.is_done]
         self._jobs = [job for job in self._jobs if job not in done]
-        return "; ".join(self._result(job) for job in done)
+        results = [self._result(job) for job in done]
+        kind = Refusal if any(isinstance(result, Refusal) for result in results) else str
+        return kind("; ".join(results))
 
     def wait(self) -> str:
         """Wait until all clips are rendered. Return their results."""
@@ -87,7 +101,7 @@ class Capture:
 
     def _result(self, job: VideoJob) -> str:
         error = job.error()
-        return f"{self._relative(job.output)}: {error}" if error else f"wrote {self._relative(job.output)}"
+        return Refusal(f"{self._relative(job.output)}: {error}") if error else f"wrote {self._relative(job.output)}"
 
     def _save_recording(self, recorder: Recorder, kind: str, size: Size) -> Path:
         """Save the recording so far to a new file. Return its path. Raises OSError."""

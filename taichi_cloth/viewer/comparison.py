@@ -21,7 +21,7 @@ from ..scene import Scene, parameters_of
 from .input import SHORTCUTS
 from .panel import (
     LINE_LENGTH,
-    NOTE_COLOR,
+    NOTE_COLORS,
     PANEL_MARGIN,
     PANEL_WIDTH,
     PanelRect,
@@ -92,7 +92,7 @@ class Comparison:
 
     @property
     def mouse(self) -> str:
-        """What the mouse acts on, on the active side: a value of `input.Target`."""
+        """What the mouse acts on, on the active side: a value of `dragging.Target`."""
         return self._active.pointer.owner.value
 
     @property
@@ -293,7 +293,7 @@ class ComparisonPanel:
             for line in lines:
                 gui.text(line)
             for line in wrap(comparison.note):
-                gui.text(line, color=NOTE_COLOR)
+                gui.text(line, color=NOTE_COLORS[type(comparison.note)])
             for line in help_lines():
                 gui.text(line)
         return changed

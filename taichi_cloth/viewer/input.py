@@ -1,25 +1,18 @@
-"""Input: keyboard shortcuts, the actions of shortcuts and buttons, and what the mouse acts on.
+"""Keyboard shortcuts, the actions of shortcuts and buttons, and lists to choose from.
 
 The window acts on the shortcuts; the panel and docs/controls.md list them. The UI toolkit reports letters, Space, Tab,
 Escape and the arrow keys only: no digits, no F-keys, no mouse wheel.
-
-A press of the mouse selects the panel, the cloth or the camera, until the button is released. The toolkit does not
-report whether its panel uses the mouse, so the position of the press decides: is it inside the panel's rectangle? That
-rectangle is out of date for some seconds after the user has moved the panel. If a widget changes during a drag of the
-cloth, the press was on the panel, and the cloth is released.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 from typing import TYPE_CHECKING
 
 from ..render.draw_list import VIEWS
 from ..scene import parameters_of
 from ..scene.schema import PRESET_NAMES, SOLVER_NAMES
-from ..system.errors import UsageError
 
 if TYPE_CHECKING:
     from .session import Session
@@ -77,6 +70,7 @@ ARROWS = ("Left", "Right", "Up", "Down")  # the panel has one help entry for all
 
 MOUSE = (
     ("left drag", "grab cloth"),
+    ("beside it", "orbit camera"),
     ("right drag", "orbit camera"),
     ("middle drag", "zoom"),
 )
@@ -91,21 +85,111 @@ def table() -> list[str]:
     return ["| mouse, key | | key | |", "|---|---|---|---|", *rows]
 
 
+ZOOM_RATE = 8.0  # [steps/s] while a key is held down
+PAN_RATE = 0.5  # [heights of the image/s]
+
+# Actions of keys that are held down: rates of zoom, pan right and pan up.
+HELD_KEY_RATES = {
+    "zoom_in": (ZOOM_RATE, 0.0, 0.0),
+    "zoom_out": (-ZOOM_RATE, 0.0, 0.0),
+    "pan_left": (0.0, -PAN_RATE, 0.0),
+    "pan_right": (0.0, PAN_RATE, 0.0),
+    "pan_down": (0.0, 0.0, -PAN_RATE),
+    "pan_up": (0.0, 0.0, PAN_RATE),
+}
+
+
+class Deferred:
+    """Actions that may compile for seconds, which wait until a frame was displayed whose note names them.
+
+    Of each kind only the last is done, and with another scene nothing else, because it would be for this one. So keys
+    that are pressed while the display pauses do not compile one thing after another.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, Callable[[], None]] = {}
+        self.wished: dict[str, str] = {}
+        """The name that the waiting action changes to, by kind of list."""
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add(self, kind: str, do: Callable[[], None]) -> bool:
+        """Add an action. Return False if another scene is waiting."""
+        if kind == "scene":
+            self._waiting.clear()
+        if "scene" in self._waiting:
+            return False
+        self._waiting[kind] = do
+        return True
+
+    def take(self) -> list[Callable[[], None]]:
+        """Remove and return all actions."""
+        waiting, self._waiting, self.wished = list(self._waiting.values()), {}, {}
+        return waiting
+
+
+# -- lists to choose from ----------------------------------------------------------------------------------------------
+
+FABRICS = ("", *PRESET_NAMES)  # "": the scene's own
+LISTS: dict[str, tuple[str, ...]] = {"solver": SOLVER_NAMES, "fabric": FABRICS, "view": VIEWS}
+
+# Actions that choose the neighbor of the present name in a list: kind and step.
+NEIGHBORS = {
+    "solver": ("solver", 1),
+    "fabric": ("fabric", 1),
+    "next_scene": ("scene", 1),
+    "previous_scene": ("scene", -1),
+}
+
+
+def names(session: Session, kind: str) -> tuple[str, ...]:
+    """Return the names of a list: of the scenes, solvers, fabrics or views."""
+    return session.scenes if kind == "scene" else LISTS[kind]
+
+
+def chosen(session: Session, kind: str) -> str:
+    """Return the name that is in use."""
+    simulation = session.simulation
+    in_use = {"scene": simulation.scene.name, "solver": simulation.solver.name}
+    return (in_use | {"fabric": session.fabric, "view": session.view})[kind]
+
+
+def neighbor(session: Session, kind: str, name: str, step: int) -> str:
+    """Return the next (`step` 1) or previous (-1) name."""
+    all_names = names(session, kind)
+    return all_names[(all_names.index(name) + step) % len(all_names)]
+
+
+def change_to(session: Session, kind: str, name: str, step: int = 0) -> None:
+    """Change to a name. If the scene does not support it, the note says why.
+
+    With a `step` other than 0 the next name that the scene supports follows, in this direction.
+    """
+    change = {"scene": session.open_scene, "solver": session.change_solver, "fabric": session.change_fabric}[kind]
+    before, refused = chosen(session, kind), ""
+    change(name)
+    while step and chosen(session, kind) != name and name != before:
+        refused = refused or session.note
+        name = neighbor(session, kind, name, step)
+        change(name)
+    session.note = refused or session.note
+
+
+def change_to_neighbor(session: Session, action: str) -> None:
+    """Change to the neighbor that an action chooses."""
+    kind, step = NEIGHBORS[action]
+    change_to(session, kind, neighbor(session, kind, chosen(session, kind), step), step)
+
+
 # -- actions -----------------------------------------------------------------------------------------------------------
 
-PAGES = ("Sliders", "Features", "Statistics", "Keys")
-FABRICS = ("", *PRESET_NAMES)
+MENU = "Menu"  # the page that lists the others
+PAGES = ("Sliders", "Scenes", "Solvers", "Fabrics", "Views", "Features", "Statistics", "Keys")
 GRAB_RADIUS_FACTOR = 1.25  # factor between two grab radii
 
-# Actions that may have to compile kernels, and what the user reads meanwhile.
-COMPILING_ACTIONS = {
-    "solver": "next solver",
-    "fabric": "next fabric",
-    "feature": "features",
-    "time_features": "feature times",
-    "next_scene": "next scene",
-    "previous_scene": "previous scene",
-}
+# Other actions that may have to compile kernels, and what the user reads meanwhile.
+COMPILING_ACTIONS = {"feature": "features", "time_features": "feature times"}
 
 
 def freeze(session: Session) -> None:
@@ -132,28 +216,11 @@ def view(session: Session) -> None:
 
 
 def solver(session: Session) -> None:
-    """Switch to the next solver that supports the scene; grabs remain."""
-    next_index = SOLVER_NAMES.index(session.simulation.solver.name) + 1
-    session.note = ""
-    for name in SOLVER_NAMES[next_index:] + SOLVER_NAMES[: next_index - 1]:
-        try:
-            session.simulation.switch_solver(name)
-            break
-        except UsageError as error:
-            session.note = str(error)
-    session.refresh()
+    change_to_neighbor(session, "solver")
 
 
 def fabric(session: Session) -> None:
-    """Switch to the next fabric that the solver and the scene support. The note names the first that they do not."""
-    next_index = FABRICS.index(session.fabric) + 1
-    refused = ""
-    for name in FABRICS[next_index:] + FABRICS[: next_index - 1]:
-        session.change_fabric(name)
-        if session.fabric == name:
-            break
-        refused = refused or session.note
-    session.note = refused
+    change_to_neighbor(session, "fabric")
 
 
 def feature(session: Session) -> None:
@@ -195,15 +262,19 @@ def charts(session: Session) -> None:
 
 
 def page(session: Session) -> None:
-    session.page = PAGES[(PAGES.index(session.page) + 1) % len(PAGES)]
+    session.page = PAGES[(PAGES.index(session.page) + 1) % len(PAGES)] if session.page in PAGES else PAGES[0]
+
+
+def menu(session: Session) -> None:
+    session.page = MENU
 
 
 def previous_scene(session: Session) -> None:
-    session.open_neighbor(-1)
+    change_to_neighbor(session, "previous_scene")
 
 
 def next_scene(session: Session) -> None:
-    session.open_neighbor(1)
+    change_to_neighbor(session, "next_scene")
 
 
 def export(session: Session) -> None:
@@ -230,6 +301,17 @@ def quit(session: Session) -> None:
     session.running = False
 
 
+# -- notes: lines for the user about what was done ---------------------------------------------------------------------
+
+
+class Refusal(str):
+    """A note that something was not done, and why."""
+
+
+class Progress(str):
+    """A note about what is going on."""
+
+
 def display_name(section: str) -> str:
     """Return the name of a scene section as the user reads it."""
     return section.replace("_", "-")
@@ -239,94 +321,19 @@ ACTIONS: dict[str, Callable[[Session], None]] = {
     action.__name__: action
     for action in (
         *(freeze, step, reset, wind, view, solver, fabric, feature, time_features, pin, smaller_radius, larger_radius),
-        *(restore_defaults, charts, page, previous_scene, next_scene, export, first_view, screenshot, clip, hide, quit),
+        *(
+            restore_defaults,
+            charts,
+            page,
+            menu,
+            previous_scene,
+            next_scene,
+            export,
+            first_view,
+            screenshot,
+            clip,
+            hide,
+            quit,
+        ),
     )
 }
-
-
-# -- the mouse ---------------------------------------------------------------------------------------------------------
-
-BUTTONS = ("left", "right", "middle")
-ZOOM_STEPS = 20.0  # zoom steps for a drag over the height of the window
-
-
-class Target(Enum):
-    """What the mouse acts on."""
-
-    IDLE = "idle"
-    PANEL = "panel"
-    CLOTH = "cloth"
-    CAMERA = "camera"
-    NOTHING = "nothing"  # the press hit nothing; no action until the release
-
-
-@dataclass(frozen=True)
-class Mouse:
-    """The mouse in one displayed frame."""
-
-    x: float
-    """Distance from the window's left edge [heights of the window]."""
-    y: float
-    """Distance from its lower edge [heights of the window]."""
-    held: frozenset[str] = frozenset()
-    """The buttons that are down, a subset of `BUTTONS`."""
-
-
-@dataclass(frozen=True)
-class Gesture:
-    """What the mouse does in one displayed frame."""
-
-    press: bool = False
-    """Try to grab the cloth here. The caller calls `Pointer.miss` if there is none."""
-    release: bool = False
-    """Release the cloth."""
-    orbit: tuple[float, float] = (0.0, 0.0)
-    """Motion of the camera to the right and up [heights of the window]."""
-    zoom: float = 0.0
-    """Zoom steps, positive toward the target."""
-
-
-class Pointer:
-    """Turns buttons and motion into gestures. The first button pressed counts; others are ignored until its release."""
-
-    def __init__(self) -> None:
-        self.owner = Target.IDLE
-        """What the mouse acts on now."""
-        self._button = ""
-        self._last = Mouse(0.0, 0.0)
-
-    def update(self, mouse: Mouse, *, on_panel: bool, widget_changed: bool) -> Gesture:
-        """Process the mouse of one displayed frame. Return its gesture.
-
-        `on_panel`: whether the cursor is inside the panel's rectangle. `widget_changed`: whether a widget of the panel
-        has changed in this frame.
-        """
-        right, up = mouse.x - self._last.x, mouse.y - self._last.y
-        self._last = mouse
-        if self.owner is Target.IDLE:
-            return self._begin(mouse, on_panel)
-        if self._button not in mouse.held:
-            grabbed = self.owner is Target.CLOTH
-            self.owner = Target.IDLE
-            return Gesture(release=grabbed)
-        if self.owner is Target.CLOTH and widget_changed:
-            self.owner = Target.PANEL
-            return Gesture(release=True)
-        if self.owner is Target.CAMERA:
-            return Gesture(zoom=ZOOM_STEPS * up) if self._button == "middle" else Gesture(orbit=(right, up))
-        return Gesture()
-
-    def _begin(self, mouse: Mouse, on_panel: bool) -> Gesture:
-        if not mouse.held:
-            return Gesture()
-        self._button = min(mouse.held, key=BUTTONS.index)
-        if on_panel:
-            self.owner = Target.PANEL
-            return Gesture()
-        self.owner = Target.CLOTH if self._button == "left" else Target.CAMERA
-        return Gesture(press=self.owner is Target.CLOTH)
-
-    def miss(self) -> None:
-        """Ignore the mouse until its button is up: the press hit no cloth, or the grabbed cloth was released."""
-        if self.owner is Target.CLOTH:
-            self.owner = Target.NOTHING

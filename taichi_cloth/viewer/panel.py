@@ -20,7 +20,7 @@ from ..simulation.error_estimate import estimate
 from ..simulation.simulation import Simulation
 from . import charts
 from .feature_times import FeatureTimes
-from .input import ARROWS, MOUSE, PAGES, SHORTCUTS, display_name
+from .input import ARROWS, MENU, MOUSE, PAGES, SHORTCUTS, Progress, Refusal, chosen, display_name, names
 from .session import Session
 
 # -- position of the panel ---------------------------------------------------------------------------------------------
@@ -70,24 +70,19 @@ def saved_panel_rect(settings: Path, name: str) -> PanelRect | None:
 PANEL_NAME = "taichi_cloth"
 PANEL_MARGIN = 10  # [pixels] between the panel and the edge of the window
 PANEL_WIDTH = 392  # [pixels] a slider takes 65 % of it, which leaves 17 characters for its label
-PANEL_HEIGHT = 640  # [pixels] room for the longest page
+PANEL_HEIGHT = 700  # [pixels] room for the longest page
 LINE_LENGTH = (
     PANEL_WIDTH - 2 * 8
 ) // 7  # characters in a line: the toolkit's padding is 8 pixels, a character is 7 pixels wide
 KEY_COLUMN = 25  # [characters] width of the first column of the key help
 MIN_SHOWN_ERROR = 1e-4  # fraction of the cloth's side: smaller errors are reported as below it
-SUMMARY_LINES = 3  # lines of the statistics that every page shows
-NOTE_COLOR = (1.0, 0.6, 0.3)  # color of the note
+SUMMARY_LINES = 4  # lines of the statistics that most pages show; all show the first
+NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
-FIRST_HELP = "Drag the cloth. M: next scene. Tab: next page. Move a slider to show its help."
+FIRST_HELP = "Drag the cloth; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
 GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
-CHOICES = (
-    ("solver", "Next solver"),
-    ("fabric", "Next fabric"),
-    ("view", "Next view"),
-    ("next_scene", "Next scene"),
-    ("previous_scene", "Previous scene"),
-)
+LIST_PAGES = {"Scenes": "scene", "Solvers": "solver", "Fabrics": "fabric", "Views": "view"}  # kind of list of each page
+OWN_FABRIC = "own fabric"  # label of the scene's own fabric, whose name is empty
 
 
 class Panel:
@@ -127,22 +122,25 @@ class Panel:
         with gui.sub_window(
             PANEL_NAME, place.left / width, place.top / height, place.width / width, place.height / height
         ):
-            changed |= apply_changes(
-                gui, session, switches=[("freeze", "Freeze", session.frozen)], buttons=action_buttons(session)
-            )
+            changed |= apply_changes(gui, session, buttons=[("menu", "Menu")])
+            if session.page not in LIST_PAGES:
+                freeze = ("freeze", "Freeze", session.frozen)
+                changed |= apply_changes(gui, session, [freeze], [("step", "Step"), ("reset", "Reset")])
             pages = {
+                MENU: self._menu_page,
                 "Sliders": self._sliders_page,
                 "Features": self._features_page,
                 "Statistics": self._statistics_page,
                 "Keys": self._keys_page,
             }
-            changed |= pages[session.page](gui, session, statistics)
+            changed |= pages.get(session.page, self._list_page)(gui, session, statistics)
             for line in wrap(session.note):
-                gui.text(line, color=NOTE_COLOR)
+                gui.text(line, color=NOTE_COLORS[type(session.note)])
             if session.page != "Statistics":
-                for line in statistics.splitlines()[:SUMMARY_LINES]:
+                shown = 1 if session.page in LIST_PAGES else SUMMARY_LINES
+                for line in wrapped_lines(statistics.splitlines()[:shown]):
                     gui.text(line)
-            if session.charts:
+            if session.charts and session.page not in LIST_PAGES:
                 gui.text(f"charts of the last {charts.CHART_SECONDS:g} s:")
                 for line, color in charts.legend(session.history.rows):
                     gui.text(line, color=color)
@@ -150,10 +148,26 @@ class Panel:
 
     # Each page declares its widgets, and returns whether the user changed one.
 
+    def _menu_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
+        """A button for each other page."""
+        pressed = [page for page in PAGES if gui.button(page)]
+        session.page = next(iter(pressed), session.page)
+        return bool(pressed)
+
+    def _list_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
+        """A button for each name of a list. The one in use is marked."""
+        kind = LIST_PAGES[session.page]
+        in_use = chosen(session, kind)
+        labels = {name: name or OWN_FABRIC for name in names(session, kind)}
+        pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
+        for name in pressed:
+            session.choose(kind, name)
+        return bool(pressed)
+
     def _sliders_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
-        """All runtime parameters, the grab radius, and the help of the slider that was moved last."""
+        """Runtime parameters that act, the grab radius, and the help of the slider that was moved last."""
         changed = False
-        keys = parameters_of(session.simulation.scene)
+        keys = acting_parameters(session.simulation)
         for key in keys.values():
             if draw_slider(gui, session, key):
                 changed, self._moved = True, key.name
@@ -167,7 +181,7 @@ class Panel:
         return changed
 
     def _features_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
-        """Switches for features, and buttons for solver, fabric, view and scene."""
+        """Switches for features, and a button to time them."""
         simulation = session.simulation
         times = session.feature_times
         wind = simulation.scene.wind and [("wind", with_cost("wind", times), bool(simulation.params["wind"]))]
@@ -177,16 +191,14 @@ class Panel:
         if after != before:
             session.request_features(after)
             changed = True
-        changed |= apply_changes(gui, session, buttons=[("time_features", "Time features"), *CHOICES])
+        changed |= apply_changes(gui, session, buttons=[("time_features", "Time features")])
         if times:
             gui.text(f"timed from frame {times.frame}: {times.ms:.2f} ms per frame")
-        for line in (*wrap(simulation.method), f"fabric: {simulation.scene.fabric.preset or 'scene default'}"):
-            gui.text(line)
         return changed
 
     def _statistics_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
         """All statistics, and the switch for the charts."""
-        for line in statistics.splitlines():
+        for line in wrapped_lines(statistics.splitlines()):
             gui.text(line)
         return apply_changes(gui, session, switches=[("charts", "Charts", session.charts)])
 
@@ -249,10 +261,10 @@ def has_changed(after: float, before: float) -> bool:
     return math.isfinite(after) and not math.isclose(after, before, rel_tol=1e-6, abs_tol=1e-9)
 
 
-def action_buttons(session: Session) -> Buttons:
-    """Return the buttons that every page has."""
-    next_page = PAGES[(PAGES.index(session.page) + 1) % len(PAGES)]
-    return [("step", "Step"), ("reset", "Reset"), ("page", f"Go to {next_page}")]
+def acting_parameters(simulation: Simulation) -> dict[str, Parameter]:
+    """Return the runtime parameters that have an effect: without `iterations` for a solver that does not iterate."""
+    idle = "iterations" if simulation.solver.info.is_explicit else ""
+    return {name: key for name, key in parameters_of(simulation.scene).items() if name != idle}
 
 
 # -- texts -------------------------------------------------------------------------------------------------------------
@@ -263,8 +275,13 @@ def wrap(text: str) -> list[str]:
     return textwrap.wrap(text, LINE_LENGTH, subsequent_indent="  ")
 
 
+def wrapped_lines(lines: Sequence[str]) -> list[str]:
+    """Return all lines, wrapped."""
+    return [part for line in lines for part in wrap(line)]
+
+
 def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "drawing") -> str:
-    """Return lines of text with speed, accuracy and size of the simulation; every page shows the first `SUMMARY_LINES`.
+    """Return lines of text: what runs, with speed, accuracy and size of the simulation.
 
     `draw_ms`: time to draw a displayed frame, or of another step that `drawing` names [ms]. `fps`: displayed frames per
     second.
@@ -273,7 +290,9 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
     physics, drawn, measuring = (f"{t:.{int(t < 10)}f}" for t in (session.physics_ms, draw_ms, session.measuring_ms))
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
     lines = (
-        f"{simulation.scene.name} · {session.view} · frame {simulation.frame} · {fps:.0f} fps",
+        f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {session.fabric or OWN_FABRIC}"
+        f" · {session.view}",
+        f"frame {simulation.frame} · {fps:.0f} fps",
         f"physics {physics} + {drawing} {drawn} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %; {error_text(simulation)}",
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
@@ -283,7 +302,7 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         f"{topology.particle_count} particles, {topology.spring_count} springs, {topology.pinned.sum()} pins",
         *filter(None, [simulation.warnings]),
     )
-    return "\n".join("\n".join(wrap(line)) for line in lines)
+    return "\n".join(lines)
 
 
 def error_text(s: Simulation) -> str:

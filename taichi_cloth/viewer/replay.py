@@ -17,7 +17,8 @@ from ..render.sequence import RenderPlan
 from ..simulation.events import Event
 from ..simulation.recording import REBUILDING, Recording, apply_recorded, hash_of
 from ..system.errors import UsageError
-from .session import Exporter, Session
+from .capture import Exporter
+from .session import Session
 
 
 def session_images(session: Session, plan: RenderPlan, show: AppendImage, on_frame: Callable[[int], None]) -> int:

@@ -27,26 +27,23 @@ from ..simulation.events import Event
 from ..simulation.recording import Recorder
 from ..simulation.simulation import Simulation
 from ..system.errors import UsageError
-from .capture import Capture
+from .capture import Capture, Exporter
 from .charts import History
-from .dragging import Dragger, pick_under_cursor
+from .dragging import Dragger, Mouse, Pointer, pick_under_cursor
 from .feature_times import FeatureTimes, feature_times
-from .input import ACTIONS, COMPILING_ACTIONS, PAGES, Mouse, Pointer
-
-ZOOM_RATE = 8.0  # [steps/s] while a key is held down
-PAN_RATE = 0.5  # [heights of the image/s]
-
-# Actions of keys that are held down: rates of zoom, pan right and pan up.
-HELD_KEY_RATES = {
-    "zoom_in": (ZOOM_RATE, 0.0, 0.0),
-    "zoom_out": (-ZOOM_RATE, 0.0, 0.0),
-    "pan_left": (0.0, -PAN_RATE, 0.0),
-    "pan_right": (0.0, PAN_RATE, 0.0),
-    "pan_down": (0.0, 0.0, -PAN_RATE),
-    "pan_up": (0.0, 0.0, PAN_RATE),
-}
-
-Exporter = Callable[[Simulation, Path], str]
+from .input import (
+    ACTIONS,
+    COMPILING_ACTIONS,
+    HELD_KEY_RATES,
+    NEIGHBORS,
+    PAGES,
+    Deferred,
+    Progress,
+    Refusal,
+    change_to,
+    chosen,
+    neighbor,
+)
 
 DEFAULT_GRAB_RADIUS, MAX_GRAB_RADIUS = 0.02, 0.25  # as fractions of the cloth's longer side
 
@@ -58,7 +55,7 @@ class Session:
         self, scene: Scene, layout: str | None = None, out: Path = Path("out"), export: Exporter | None = None
     ) -> None:
         """`layout`: as for `Simulation`. Screenshots and clips are written to `out`, in a folder named after the scene.
-        `export` writes the mesh of a simulation to that folder, and returns a line for the user.
+        `export` writes the mesh of a simulation to a new file in that folder, and returns its path.
 
         Raises SceneError and UsageError as `Simulation` does.
         """
@@ -77,15 +74,15 @@ class Session:
         self.measuring_ms = 0.0
         """Time of the last measurement [ms]."""
         self.note = ""
-        """One line for the user."""
+        """One line for the user: of success, a `Progress`, or a `Refusal`."""
         self.size = (1280, 720)
         """Size of the last image [pixels]."""
         self.pointer = Pointer()
-        self._deferred: list[Callable[[], None]] = []
+        self.deferred = Deferred()
+        """What waits until the next frame was displayed."""
         self.capture = Capture(out)
         self._initial_scene = scene
         self._layout, self._export = layout, export
-        self._out = out.absolute()  # the window changes the working directory
         self._open(scene)
 
     def _open(self, scene: Scene) -> None:
@@ -102,7 +99,7 @@ class Session:
         except BaseException:
             self.simulation.close()
             raise
-        self.camera = OrbitCamera.from_scene(scene.camera)
+        self.camera = OrbitCamera.from_scene(scene)
         self.dragger = Dragger(self.simulation)
         """The dragger of the window's mouse."""
         self.draggers = {0: self.dragger}
@@ -126,7 +123,7 @@ class Session:
         try:
             change()
         except (UsageError, SceneError) as error:
-            self.note = str(error)
+            self.note = Refusal(error)
         self.refresh()
 
     def finish(self) -> str:
@@ -151,29 +148,29 @@ class Session:
 
     def request(self, action: str) -> None:
         """Run an action. If it may compile for seconds, first display a frame whose note says so (`run_deferred`)."""
-        if action in COMPILING_ACTIONS and self.is_allowed(action):
-            self.defer(COMPILING_ACTIONS[action], partial(self.act, action))
+        if action in NEIGHBORS and self.is_allowed(action):
+            kind, step = NEIGHBORS[action]
+            name = neighbor(self, kind, self.deferred.wished.get(kind, chosen(self, kind)), step)
+            self.choose(kind, name, step)
+            self.deferred.wished[kind] = name
+        elif action in COMPILING_ACTIONS and self.is_allowed(action):
+            self.defer(action, COMPILING_ACTIONS[action], partial(self.act, action))
         else:
             self.act(action)
 
     def request_features(self, features: dict[str, bool]) -> None:
         """Switch features on and off, as `switch` does, after displaying a frame whose note says that it compiles."""
         if self.is_allowed("feature"):
-            self.defer(COMPILING_ACTIONS["feature"], partial(self.set_features, features))
+            self.defer("feature", COMPILING_ACTIONS["feature"], partial(self.set_features, features))
 
-    def defer(self, what: str, do: Callable[[], None]) -> None:
-        """Defer `do` until a frame was displayed whose note names `what` the user waits for."""
-        self.note = f"{what}: compiling; the first time, the display pauses for some seconds"
-        self._deferred.append(do)
-
-    @property
-    def has_deferred(self) -> bool:
-        """Whether there are deferred actions."""
-        return bool(self._deferred)
+    def defer(self, kind: str, what: str, do: Callable[[], None]) -> None:
+        """Defer `do` until a frame was displayed whose note says `what` compiles. `kind` as for `Deferred`."""
+        if self.deferred.add(kind, do):
+            self.note = Progress(f"{what}: compiling; the first time, the display pauses for some seconds")
 
     def run_deferred(self) -> bool:
         """Run the deferred actions. Call it after a frame was displayed. Return whether there were any."""
-        deferred, self._deferred = self._deferred, []
+        deferred = self.deferred.take()
         for do in deferred:
             self.note = ""
             do()
@@ -193,13 +190,19 @@ class Session:
         self.camera.zoom(zoom * seconds)
         self.camera.pan(right * seconds, up * seconds)
 
-    def open_neighbor(self, step: int) -> None:
-        """Open the shipped scene before or after this one. The initial scene is part of the cycle."""
-        names = list(scene_names())
-        if self._initial_scene.name not in names:
-            names.append(self._initial_scene.name)
-        name = names[(names.index(self.simulation.scene.name) + step) % len(names)]
-        self.open_scene(name)
+    def choose(self, kind: str, name: str, step: int = 0) -> None:
+        """Change to a name of a list, after displaying a frame whose note names it. `step` as for `input.change_to`."""
+        if not self.is_allowed(kind):
+            return
+        if kind == "view":
+            self.view = name
+        else:
+            self.defer(kind, name or "own fabric", partial(change_to, self, kind, name, step))
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Names of the shipped scenes and of the initial one."""
+        return tuple(dict.fromkeys([*scene_names(), self._initial_scene.name]))
 
     def open_scene(self, name: str) -> None:
         """Close the scene and open a shipped scene, or the session's initial scene, by name."""
@@ -230,7 +233,7 @@ class Session:
 
     def export_mesh(self) -> None:
         """Write the mesh of the cloth as it is now. The note says where."""
-        self.note = self._export(self.simulation, self._out) if self._export else "no mesh export in this view"
+        self.note = self.capture.mesh(self._export, self.simulation) if self._export else Refusal("no mesh export here")
 
     def _end_clip(self) -> None:
         self.note = self.capture.end_clip(self.recorder, self.size)
@@ -273,7 +276,7 @@ class Session:
         try:
             self.feature_times = feature_times(self.simulation, self._layout)
         except UsageError as error:
-            self.note = str(error)
+            self.note = Refusal(error)
 
     # -- mouse ---------------------------------------------------------------------------------------------------------
 
@@ -315,7 +318,7 @@ class Session:
 
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
         if not self.dragger.begin(self.camera, cursor, size, self.grab_radius):
-            self.pointer.miss()
+            self.pointer.orbit_instead()
 
     def pin_under_cursor(self) -> None:
         """Pin the dragged particle, or else the one under the cursor; unpin it if it is pinned."""
@@ -327,7 +330,7 @@ class Session:
     def pin(self, index: int | None) -> None:
         """Pin a particle, or unpin it if it is pinned. None: no particle was picked, and the note says so."""
         if index is None:
-            self.note = "nothing to pin: no cloth under the cursor"
+            self.note = Refusal("nothing to pin: no cloth under the cursor")
             return
         pinned = self.simulation.topology.pinned[index]
         self.rebuild(partial(self.simulation.unpin if pinned else self.simulation.pin, index))
@@ -342,13 +345,13 @@ class Session:
 
     def _release(self) -> None:
         self.dragger.end()
-        self.pointer.miss()
+        self.pointer.ignore()
 
     def release_all(self) -> None:
         """Release all grabs."""
         for dragger in self.draggers.values():
             dragger.end()
-        self.pointer.miss()
+        self.pointer.ignore()
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -382,7 +385,7 @@ class Session:
 
     def _roll_back(self) -> None:
         """Return to the last stable frame. The note says why."""
-        self.note = self._guard.roll_back()
+        self.note = Refusal(self._guard.roll_back())
         self.simulation.notify(Event("roll_back"))
 
     def measure(self) -> ClothMetrics:

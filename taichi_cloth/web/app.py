@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
 from queue import Empty
 
 from ..kernels.step_params import MAX_GRABS
 from ..render.camera import OrbitCamera
 from ..scene import scene_names
 from ..scene.parameters import parameters_of
-from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, SOLVER_NAMES
+from ..scene.schema import FRAME_SECONDS
 from ..viewer.dragging import pick_under_cursor
-from ..viewer.input import COMPILING_ACTIONS
+from ..viewer.input import COMPILING_ACTIONS, LISTS, NEIGHBORS
 from ..viewer.panel import GRAB_RADIUS
 from ..viewer.session import Session
 from ..viewer.window import FrameClock
@@ -44,8 +43,9 @@ class CommandHandler:
     def apply(self, client: int, command: Command) -> None:
         """Apply a command. Raises ProtocolError for a name or feature that this scene does not have."""
         session, value = self.session, command.argument
-        if session.has_deferred and (
-            command.name in ("choose", "switch") or (command.name == "action" and value in COMPILING_ACTIONS)
+        if session.deferred and (
+            command.name in ("choose", "switch")
+            or (command.name == "action" and value in {*COMPILING_ACTIONS, *NEIGHBORS})
         ):
             return  # one compilation at a time: pages freeze during it, and a later command may be for another scene
         match command.name:
@@ -94,11 +94,10 @@ class CommandHandler:
 
     def _choose(self, kind: str, name: str) -> None:
         session = self.session
-        names = {"scene": self.scenes, "solver": SOLVER_NAMES, "fabric": ("", *PRESET_NAMES)}[kind]
+        names = self.scenes if kind == "scene" else LISTS[kind]
         if name not in names:
             raise ProtocolError(f"unknown {kind} {name!r}: {', '.join(names)}")
-        change = {"scene": session.open_scene, "solver": session.change_solver, "fabric": session.change_fabric}[kind]
-        session.defer(name or "the scene's own fabric", partial(change, name))
+        session.choose(kind, name)
 
     def _press(self, client: int, view: PageView) -> None:
         """Begin a drag at the cursor with a free grab. Reply whether it grabbed the cloth."""
@@ -116,7 +115,7 @@ class CommandHandler:
         self._reply(client, {"kind": "reply", "grabbed": grabbed})
 
     def _camera(self, view: PageView) -> OrbitCamera:
-        return view.apply_to(OrbitCamera.from_scene(self.session.simulation.scene.camera))
+        return view.apply_to(OrbitCamera.from_scene(self.session.simulation.scene))
 
 
 SEND_EVERY = 1 / 30  # [s] between two updates

@@ -25,11 +25,11 @@ from ..render.draw_list import GRABBED_COLOR, PINNED_COLOR, marker_radius, with_
 from ..render.fill import FULL_STRAIN, strain_colors
 from ..render.patterns import pattern_colors
 from ..render.webgl import Solids, air, merge_vertices, quantize, remaining_triangles
-from ..scene.parameters import Parameter, parameters_of
+from ..scene.parameters import Parameter
 from ..scene.schema import PRESET_NAMES, SOLVER_NAMES
 from ..system.errors import short_repr
 from ..viewer.input import MOUSE, SHORTCUTS
-from ..viewer.panel import GRAB_RADIUS, GRAB_RADIUS_HELP, statistics, with_cost
+from ..viewer.panel import GRAB_RADIUS, GRAB_RADIUS_HELP, acting_parameters, statistics, with_cost, wrapped_lines
 from ..viewer.session import Session
 
 MAX_BYTES = 2048  # size limit of a message [bytes]
@@ -213,7 +213,7 @@ class MessageBuilder:
         self._scene = session.simulation.scene
         # As sent in the scene message, and as of the last update.
         self._untorn = self._current = session.simulation.topology
-        self._parameters = parameters_of(self._scene)
+        self._parameters = acting_parameters(self._simulation)
         self._present = np.ones(self._untorn.triangle_count, bool)
         sphere = closed_surface.unit_sphere(8)
         self._solids = Solids(
@@ -335,7 +335,9 @@ class MessageBuilder:
                 "sceneId": self.scene_id,
                 "frozen": session.frozen,
                 "note": session.note,
-                "statistics": statistics(session, sending_ms, update_rate, "sending"),
+                "statistics": "\n".join(
+                    wrapped_lines(statistics(session, sending_ms, update_rate, "sending").splitlines())
+                ),
                 "parameters": {name: simulation.params[name] for name in self._parameters}
                 | {GRAB_RADIUS: session.grab_radius},
                 "wind": simulation.params["wind"],

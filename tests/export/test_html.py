@@ -242,7 +242,7 @@ def curtain(tmp_path_factory: pytest.TempPathFactory) -> Curtain:
         for _ in range(SHOWN):
             simulation.step()
         draw_list = DrawList(simulation)
-        image = render_pixels(Rasterizer(640, 360), draw_list, OrbitCamera.from_scene(scene.camera), "shaded")
+        image = render_pixels(Rasterizer(640, 360), draw_list, OrbitCamera.from_scene(scene), "shaded")
         draw_list.close()
     return Curtain(path, image)
 

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichi_cloth.render.camera import FAR, MAX_ELEVATION, MAX_ZOOM, NEAR, OrbitCamera
+from taichi_cloth.render.camera import FAR, FLOOR_CLEARANCE, MAX_ELEVATION, MAX_ZOOM, NEAR, OrbitCamera, floor_height
+from taichi_cloth.scene.collider_schema import Ground
+from taichi_cloth.scene.schema import Scene
 
 numbers = st.floats(-50, 50)
 points = st.tuples(numbers, numbers, numbers)
@@ -145,6 +147,34 @@ def test_reset_restores_the_first_view(camera: OrbitCamera) -> None:
     camera.pan(0.1, 0.1)
     camera.reset()
     assert (camera.view_projection(1.5) == first).all()
+
+
+@given(st.floats(-5, 1), st.lists(st.tuples(numbers, numbers, st.floats(-5, 5)), max_size=4))
+def test_the_eye_stays_above_the_floor(floor: float, moves: list[tuple[float, float, float]]) -> None:
+    camera = OrbitCamera((0, 2, 5), (0, 1.2, 0), 60, floor)
+    for right, up, zoom in moves:
+        camera.orbit(right, up)
+        assert camera.eye[1] > floor
+        camera.zoom(zoom)
+        assert camera.eye[1] > floor
+        camera.pan(right, up)
+        assert camera.eye[1] > floor
+
+
+def test_a_camera_above_a_floor_turns_freely_where_it_does_not_reach_it() -> None:
+    with_floor, without = OrbitCamera((0, 1, 5), (0, 1, 0), 60, -9.0), front_camera()
+    for camera in (with_floor, without):
+        camera.orbit(0.3, 0.4)
+        camera.pan(0.1, -0.2)
+    assert with_floor.eye == without.eye
+    low = OrbitCamera((0, 1, 5), (0, 1, 0), 60, 0.0)
+    low.orbit(0.0, 0.4)
+    assert low.eye[1] == pytest.approx(FLOOR_CLEARANCE * 5)
+
+
+def test_the_floor_of_a_scene_is_its_ground() -> None:
+    assert floor_height(Scene(ground=Ground(height=0.3))) == 0.3
+    assert floor_height(Scene()) == -np.inf
 
 
 def test_azimuth_and_elevation_of_a_known_eye() -> None:

@@ -14,7 +14,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.viewer.charts import CHART_SECONDS
 from taichi_cloth.viewer.feature_times import FeatureTimes
-from taichi_cloth.viewer.input import ARROWS, PAGES, SHORTCUTS
+from taichi_cloth.viewer.input import ARROWS, MENU, PAGES, SHORTCUTS, Progress, Refusal
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
     KEY_COLUMN,
@@ -46,6 +46,7 @@ class FakeGui:
         self.labels: list[str] = []
         self.boxes: list[str] = []  # labels of checkboxes
         self.texts: list[str] = []
+        self.colors: dict[str, Any] = {}  # of texts
 
     @contextmanager
     def sub_window(self, name: str, *rect: float) -> Iterator[None]:
@@ -70,6 +71,7 @@ class FakeGui:
 
     def text(self, text: str, color: Any = None) -> None:
         self.texts.append(text)
+        self.colors[text] = color
 
 
 @pytest.fixture
@@ -101,8 +103,8 @@ def test_labels_are_unique_and_every_page_fits_the_panel(scene: str, tmp_path: P
     session.charts = True
     session.note = "explicit needs 200,001 substeps a frame, more than 200,000: " + "its springs are stiff " * 4
     panel = Panel(SIZE, tmp_path / "imgui.ini")
-    for page in PAGES:
-        assert session.page == page
+    for page in (*PAGES, MENU):
+        session.page = page
         for slider in [*parameters_of(session.simulation.scene), GRAB_RADIUS] if page == "Sliders" else [""]:
             panel._moved = slider
             gui = FakeGui()
@@ -110,11 +112,10 @@ def test_labels_are_unique_and_every_page_fits_the_panel(scene: str, tmp_path: P
             assert len(set(gui.labels)) == len(gui.labels)
             room = (PANEL_WIDTH - 0.65 * PANEL_WIDTH - PADDING - SPACING) / LETTER  # beside a slider
             assert max(len(label) for label in gui.labels if label not in gui.boxes) <= room
-            assert max(map(len, gui.boxes)) <= LINE_LENGTH - (WIDGET_ROW + SPACING) // LETTER
+            assert max(map(len, gui.boxes), default=0) <= LINE_LENGTH - (WIDGET_ROW + SPACING) // LETTER
             assert max(map(len, gui.texts)) <= LINE_LENGTH
             height = TITLE_HEIGHT + 2 * PADDING + len(gui.labels) * WIDGET_ROW + len(gui.texts) * TEXT_ROW
-            assert height <= PANEL_HEIGHT
-        session.act("page")
+            assert height <= PANEL_HEIGHT, page
     assert SIZE[1] >= PANEL_HEIGHT + 2 * PANEL_MARGIN
     session.close()
 
@@ -128,10 +129,56 @@ def test_the_key_help_has_two_separate_columns() -> None:
     assert "arrows: pan camera" in text
 
 
-def test_every_page_has_a_button_for_the_next_page(drawn: Drawn) -> None:
-    session, gui, _ = drawn("curtain", "Statistics", **{"Go to Keys": True})
-    assert "Go to Keys" in gui.labels
+def test_every_page_has_a_button_for_the_menu_which_has_one_for_every_page(drawn: Drawn) -> None:
+    for page in PAGES:
+        session, _, used = drawn("drape15", page, Menu=True)
+        assert used
+        assert session.page == MENU
+    session, gui, _ = drawn("drape15", MENU, Keys=True)
+    assert set(PAGES) <= set(gui.labels)
     assert session.page == "Keys"
+    session.act("page")
+    assert session.page == PAGES[0]
+
+
+@pytest.mark.parametrize(
+    ("page", "in_use", "press", "chosen_by"),
+    [
+        ("Scenes", "drape15", "curtain", lambda session: session.simulation.scene.name),
+        ("Solvers", "verlet", "xpbd", lambda session: session.simulation.solver.name),
+        ("Fabrics", "own fabric", "silk", lambda session: session.fabric),
+        ("Views", "shaded", "wireframe", lambda session: session.view),
+    ],
+)
+def test_a_list_marks_what_is_in_use_and_a_press_chooses(
+    drawn: Drawn, page: str, in_use: str, press: str, chosen_by: Callable[[Session], str]
+) -> None:
+    session, gui, used = drawn("drape15", page, **{press: True})
+    assert used
+    assert f"> {in_use}" in gui.labels
+    assert [label for label in gui.labels if label.startswith(">")] == [f"> {in_use}"]
+    assert chosen_by(session) == press
+
+
+def test_every_page_shows_what_runs(drawn: Drawn) -> None:
+    for page in PAGES:
+        _, gui, _ = drawn("drape15", page)
+        assert "drape15 · verlet 1×5 · own fabric · shaded" in gui.texts
+
+
+def test_a_solver_that_does_not_iterate_has_no_slider_for_it(drawn: Drawn) -> None:
+    _, gui, _ = drawn("net")
+    assert "Iterations" not in gui.labels
+    assert "Substeps" in gui.labels
+
+
+@pytest.mark.parametrize(("note", "green"), [("wrote a file", True), (Refusal("no"), False), (Progress("on"), False)])
+def test_notes_of_success_are_green(drawn: Drawn, tmp_path: Path, note: str, green: bool) -> None:
+    session, gui, _ = drawn("drape15")
+    session.note = note
+    Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, "")
+    red, g, blue = gui.colors[note]
+    assert (g > max(red, blue)) is green
 
 
 @pytest.mark.parametrize(
@@ -151,12 +198,11 @@ def test_an_integer_slider_sets_integers(drawn: Drawn) -> None:
 
 
 def test_switches_and_buttons_run_their_actions(drawn: Drawn) -> None:
-    session, _, used = drawn("curtain", "Features", Freeze=True, Wind=True, Step=True, **{"Next view": True})
+    session, _, used = drawn("curtain", "Features", Freeze=True, Wind=True, Step=True)
     assert used
     assert session.frozen
     assert session.simulation.params["wind"] is False
     assert session.simulation.frame == 1
-    assert session.view == "strain"
 
 
 def test_a_scene_without_wind_has_no_wind_widgets(drawn: Drawn) -> None:
@@ -177,7 +223,7 @@ def test_the_grab_radius_has_a_slider_with_help(drawn: Drawn) -> None:
 
 def test_the_first_page_says_how_to_begin(drawn: Drawn) -> None:
     _, gui, _ = drawn("curtain")
-    assert "Drag the cloth. M: next scene." in " ".join(gui.texts)
+    assert "Drag the cloth; drag beside it to orbit;" in " ".join(gui.texts)
 
 
 def test_a_slider_that_is_moved_shows_its_help(drawn: Drawn) -> None:

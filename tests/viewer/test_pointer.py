@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from taichi_cloth.viewer.input import ZOOM_STEPS, Gesture, Mouse, Pointer, Target
+from taichi_cloth.viewer.dragging import ZOOM_STEPS, Gesture, Mouse, Pointer, Target
 
 NOTHING = Gesture()
 
@@ -59,10 +59,20 @@ def test_a_widget_that_changes_during_a_drag_releases_the_cloth() -> None:
     assert feed(pointer, 0.6, 0.5) == NOTHING
 
 
-def test_a_press_that_misses_is_ignored_until_its_release() -> None:
+def test_a_press_beside_the_cloth_orbits() -> None:
     pointer = Pointer()
     assert feed(pointer, 0.5, 0.5, "left").press
-    pointer.miss()
+    pointer.orbit_instead()
+    assert feed(pointer, 0.7, 0.4, "left").orbit == pytest.approx((0.2, -0.1))
+    assert pointer.owner is Target.CAMERA
+    assert feed(pointer, 0.7, 0.4) == NOTHING
+    assert feed(pointer, 0.7, 0.4, "left").press
+
+
+def test_a_press_whose_cloth_was_released_is_ignored_until_its_end() -> None:
+    pointer = Pointer()
+    assert feed(pointer, 0.5, 0.5, "left").press
+    pointer.ignore()
     assert feed(pointer, 0.7, 0.5, "left") == NOTHING
     assert feed(pointer, 0.7, 0.5, "left", "right") == NOTHING
     assert feed(pointer, 0.7, 0.5) == NOTHING

@@ -21,9 +21,10 @@ from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer.capture import Capture
+from taichi_cloth.viewer.dragging import Target
 from taichi_cloth.viewer.feature_times import take_over
-from taichi_cloth.viewer.input import SHORTCUTS, Target
-from taichi_cloth.viewer.session import HELD_KEY_RATES, Session
+from taichi_cloth.viewer.input import HELD_KEY_RATES, SHORTCUTS, Refusal
+from taichi_cloth.viewer.session import Session
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
@@ -139,7 +140,7 @@ def test_scenes_cycle_and_each_has_its_camera(session: Session, three_scenes: li
     for _ in three_scenes:
         scene = session.simulation.scene
         seen.append(scene.name)
-        assert session.camera.eye == pytest.approx(OrbitCamera.from_scene(scene.camera).eye)
+        assert session.camera.eye == pytest.approx(OrbitCamera.from_scene(scene).eye)
         session.act("next_scene")
     assert seen == three_scenes
     assert session.simulation.scene.name == "curtain"
@@ -190,21 +191,22 @@ def test_a_diverged_cloth_is_frozen_at_its_last_stable_frame_with_a_note(session
 def test_an_export_writes_a_new_file_to_the_initial_folder(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     out = Path("out").resolve()
     monkeypatch.chdir("/")  # the window changes the folder, too
-    for frame, name in ((0, "curtain_001.obj"), (2, "curtain_002.obj")):
+    for name in ("curtain/mesh_001.obj", "curtain/mesh_002.obj"):
         session.act("export")
-        assert session.note == f"wrote frame {frame} to out/{name}"
+        assert session.note == f"wrote out/{name}"
         points, faces = read_obj(out / name)
         assert points == pytest.approx(session.simulation.positions(), rel=1e-6, abs=1e-9)
         assert (faces == session.simulation.topology.triangles).all()
         session.advance(2)
-    assert sorted(path.name for path in out.iterdir()) == ["curtain_001.obj", "curtain_002.obj"]
+    assert sorted(path.name for path in (out / "curtain").iterdir()) == ["mesh_001.obj", "mesh_002.obj"]
 
 
 def test_a_failed_export_is_reported(session: Session) -> None:
     Path("out").write_text("a file")
     session.act("export")
     assert session.note.startswith("cannot write the mesh: ")
-    assert "File exists" in session.note
+    assert "Not a directory" in session.note
+    assert isinstance(session.note, Refusal)
     session.advance(1)
     assert session.simulation.frame == 1
 
@@ -220,7 +222,7 @@ def test_every_key_has_an_action(session: Session, tmp_path: Path) -> None:
 
 
 def test_a_held_camera_key_moves_equally_at_any_frame_rate(session: Session) -> None:
-    other = OrbitCamera.from_scene(session.simulation.scene.camera)
+    other = OrbitCamera.from_scene(session.simulation.scene)
     session.on_key_held("zoom_in", 1.0)
     fast, session.camera = session.camera, other
     for _ in range(100):
@@ -413,19 +415,51 @@ def test_the_history_has_the_measurements(session: Session) -> None:
 
 
 def test_actions_that_compile_are_deferred_until_their_note_was_displayed(
-    session: Session, three_scenes: list[str]
+    session: Session, three_scenes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session.request("next_scene")
     session.request("freeze")
     assert session.frozen
     assert session.simulation.scene.name == "curtain"
-    session.request("next_scene")
-    assert session.note == "next scene: compiling; the first time, the display pauses for some seconds"
+    session.request("next_scene")  # only the last is opened
+    session.request("solver")  # it would be for the scene that is closed
+    assert session.note == "fold: compiling; the first time, the display pauses for some seconds"
+    opened = []
+    monkeypatch.setattr(session, "_open", lambda scene, do=session._open: (opened.append(scene.name), do(scene)))
     session.run_deferred()
-    assert session.simulation.scene.name == "fold"
+    assert opened == ["fold"]
+    assert (session.simulation.scene.name, session.simulation.solver.name) == ("fold", "verlet")
     assert session.note == ""
     session.run_deferred()
     assert session.simulation.scene.name == "fold"
+
+
+def test_a_key_pressed_twice_moves_on_from_what_is_waiting(session: Session) -> None:
+    session.request("solver")
+    assert session.note.startswith("xpbd: compiling")
+    session.request("solver")
+    session.request("fabric")
+    session.run_deferred()
+    assert (session.simulation.solver.name, session.fabric) == ("explicit", PRESET_NAMES[0])
+
+
+def test_a_name_of_a_list_is_chosen(session: Session) -> None:
+    session.choose("view", "strain")
+    session.choose("solver", "lines")
+    session.choose("fabric", "")
+    assert (session.view, session.simulation.solver.name) == ("strain", "verlet")
+    assert session.note.startswith("own fabric: compiling")
+    session.run_deferred()
+    assert session.simulation.solver.name == "lines"
+
+
+def test_a_name_that_is_refused_is_not_replaced_by_another() -> None:
+    with closing(Session(load_scene("curtain", warp=1e9, weft=1e9, width=0.4, area_density=0.001))) as session:
+        session.choose("solver", "explicit")
+        session.run_deferred()
+        assert session.simulation.solver.name == "verlet"
+        assert "curtain: explicit needs" in session.note
+        assert isinstance(session.note, Refusal)
 
 
 def test_feature_times_are_measured_on_copies(session: Session) -> None:

@@ -169,7 +169,7 @@ def test_only_one_compilation_is_deferred_at_a_time(pages: Pages) -> None:
         pages.send(2, name, argument)
     pages.send(2, "action", "freeze")
     pages.session.run_deferred()
-    assert not pages.session.has_deferred
+    assert not pages.session.deferred
     assert pages.session.frozen
     scene = pages.session.simulation.scene
     assert (scene.name, scene.solver.name) == ("drape15", "verlet")

@@ -20,6 +20,7 @@ from taichi_cloth.render.draw_list import VIEWS
 from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.simulation.recording import Recorder, read_recording
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.viewer.input import MENU, PAGES
 from taichi_cloth.viewer.panel import PANEL_HEIGHT, PANEL_MARGIN, PANEL_NAME, PANEL_WIDTH, saved_panel_rect
 
 Start = Callable[..., Any]
@@ -36,7 +37,7 @@ SLIDERS = (
     "substeps",
     "grab_radius",
 )
-BUTTONS = ("freeze", "step", "reset", "page")  # above the sliders, on every page
+BUTTONS = ("menu", "freeze", "step", "reset")  # above the sliders
 
 
 def red_cloth(image: np.ndarray) -> np.ndarray:
@@ -70,8 +71,13 @@ def slider_point(app: Any, name: str, share: float) -> tuple[float, float]:
 
 
 def press_button(app: Any, name: str) -> None:
-    """Click a button that every page has."""
-    app.move_mouse(*panel_point(app, PADDING + 20, TITLE + PADDING + BUTTONS.index(name) * ROW + ROW / 2))
+    """Click one of `BUTTONS`."""
+    press_row(app, BUTTONS.index(name))
+
+
+def press_row(app: Any, row: int) -> None:
+    """Click the button in a row of the panel."""
+    app.move_mouse(*panel_point(app, PADDING + 20, TITLE + PADDING + row * ROW + ROW / 2))
     app.press_mouse("left")
     app.release_mouse("left")
 
@@ -202,9 +208,19 @@ def test_pages_change_and_widgets_of_other_pages_work(open_window: Start) -> Non
     app = open_window("curtain")
     app.press_key("k")
     app.wait_until(lambda line: line["charts"], "the charts")
-    for page in ("Features", "Statistics", "Keys"):
-        press_button(app, "page")
+    for page in ("Views", "Features", "Solvers", "Keys"):
+        press_button(app, "menu")
+        app.wait_until(lambda line: line["page"] == MENU, "the menu")
+        press_row(app, len(BUTTONS) + PAGES.index(page))
         app.wait_until(lambda line, page=page: line["page"] == page, f"the page {page}")
+        if page == "Views":
+            press_row(app, 1 + VIEWS.index("strain"))  # below the button for the menu
+            app.wait_until(lambda line: line["view"] == "strain", "the view strain")
+        if page == "Solvers":
+            press_row(app, 1 + SOLVER_NAMES.index("explicit"))
+            app.wait_until(lambda line: line["solver"] == "explicit", "the solver explicit")
+            press_row(app, 1 + SOLVER_NAMES.index("verlet"))
+            app.wait_until(lambda line: line["solver"] == "verlet", "the solver verlet")
         if page == "Features":
             box = TITLE + PADDING + (len(BUTTONS) + 2) * ROW + ROW / 2  # below those of wind and spheres
             app.move_mouse(*panel_point(app, PADDING + 10, box))
@@ -230,12 +246,14 @@ def test_pages_change_and_widgets_of_other_pages_work(open_window: Start) -> Non
 def test_a_slider_changes_only_its_parameter_and_a_press_beside_the_cloth_grabs_nothing(open_window: Start) -> None:
     app = open_window("curtain")
     app.move_mouse(0.98, 0.02)
-    assert app.press_mouse("left")["mouse"] == "nothing"
-    before = app.last_entry
-    app.move_mouse(0.8, 0.5)
+    before = app.latest_entry()
+    assert app.press_mouse("left")["mouse"] == "camera"
+    app.move_mouse(0.8, 0.1)
     assert app.latest_entry()["grabbed"] is None
     app.release_mouse("left")
-    assert app.last_entry["eye"] == before["eye"]
+    assert distance(app.last_entry["eye"], before["eye"]) > 0.5
+    app.press_key("f")
+    app.wait_until(lambda line: line["eye"] == before["eye"], "the first view")
     for name, low, high in (("gravity", 0, 20), ("substeps", 1, 60)):
         drag_slider(app, name, low, high)
 
@@ -270,7 +288,7 @@ def test_keys_run_their_actions(open_window: Start) -> None:
     assert app.latest_entry()["frame"] == frozen["frame"] + 1
 
     app.press_key("e")
-    mesh = app.working_folder / "out" / "curtain_001.obj"
+    mesh = app.working_folder / "out" / "curtain" / "mesh_001.obj"
     app.wait_until(lambda line: mesh.exists(), "the mesh file")
     assert len(read_obj(mesh)[0]) == 720
 
