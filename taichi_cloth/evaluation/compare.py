@@ -46,7 +46,7 @@ def add_commands(command: Command) -> None:
     comparing.add_argument(
         "--size",
         type=size,
-        default="1480x640",
+        default="1240x600",
         metavar="WxH",
         help="size of window or image, both sides together [pixels]",
     )
@@ -85,7 +85,7 @@ def compare(args: argparse.Namespace) -> int:
         runtime.start(args.arch)
         left, right = scenes
         comparison.run(
-            lambda: Comparison(left, right, comparison.aspect_of(args.size)),
+            lambda: Comparison(left, right, comparison.aspect_of(args.size), view=args.view),
             size=args.size,
             frames=args.frames,
             log=args.log,

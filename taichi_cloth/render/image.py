@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from ..simulation.simulation import Simulation
 from .camera import OrbitCamera
@@ -41,16 +43,27 @@ class Image:
         return encode_png(self.pixels)
 
 
-def render_image(simulation: Simulation, size: tuple[int, int] = (640, 360), view: str = "shaded") -> Image:
-    """Return an image of the current frame from the scene's camera. `size`: width and height [pixels].
+def render_image(
+    simulation: Simulation,
+    size: tuple[int, int] = (640, 360),
+    view: str = "shaded",
+    *,
+    eye: Sequence[float] | None = None,
+    target: Sequence[float] | None = None,
+) -> Image:
+    """Return an image of the current frame. `size`: width and height [pixels].
 
-    `view`: "shaded", "strain", "wireframe" or "particles".
+    `view`: "shaded", "strain", "wireframe" or "particles". `eye` and `target`: positions of the camera, and of what it
+    looks at [m]; without one, that of the scene's camera.
 
     Needs neither a display nor a window. Raises ValueError for a size below 1 × 1 and for an unknown view.
     """
     if view not in VIEWS:
         raise ValueError(f"unknown view {view!r}: {', '.join(VIEWS)}")
-    camera = OrbitCamera.from_scene(simulation.scene)
+    scene = simulation.scene
+    places: dict[str, Any] = {"eye": eye, "target": target}
+    places = {name: tuple(map(float, place)) for name, place in places.items() if place is not None}
+    camera = OrbitCamera.from_scene(replace(scene, camera=replace(scene.camera, **places)))
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
     try:

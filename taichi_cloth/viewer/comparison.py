@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import taichi as ti
 
-from ..render.draw_list import DrawList
+from ..render.draw_list import VIEWS, DrawList
 from ..render.split_view import SplitRenderer, camera_for_both, nearest_vertex_map, rms_distance
 from ..scene import Scene, parameters_of
 from .input import SHORTCUTS
@@ -51,8 +51,8 @@ SIDE_ACTIONS = ("solver", "fabric", "feature", "pin")
 class Comparison:
     """The left and the right session. Screen points run from (0, 0) at the bottom left of both images to (1, 1)."""
 
-    def __init__(self, left: Scene, right: Scene, aspect: float, out: Path = Path("out")) -> None:
-        """`aspect`: width over height of one half when the window opens."""
+    def __init__(self, left: Scene, right: Scene, aspect: float, out: Path = Path("out"), view: str = VIEWS[0]) -> None:
+        """`aspect`: width over height of one half when the window opens. `view`: of both sides."""
         with ExitStack() as opened:
             sessions = []
             for scene in (left, right):
@@ -60,6 +60,7 @@ class Comparison:
                 opened.callback(sessions[-1].close)
             opened.pop_all()
         self.left, self.right = sessions
+        self.left.view = self.right.view = view
         self.left.camera = self.right.camera = camera_for_both(left, aspect)
         self.hidden = False
         """Whether the panel is hidden."""
@@ -323,7 +324,9 @@ def side_statistics(name: str, side: Session) -> list[str]:
     simulation, metrics = side.simulation, side.metrics
     return [
         *wrap(f"{name}: {simulation.method}"),
-        f"  {side.physics_ms:.1f} ms, strain {100 * metrics.max_strain:.1f} %, {error_text(simulation)}"[:LINE_LENGTH],
+        f"  {side.physics_ms:.1f} ms, strain {100 * metrics.max_strain:.1f} %, swing: {error_text(simulation)}"[
+            :LINE_LENGTH
+        ],
     ]
 
 

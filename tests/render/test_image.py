@@ -42,6 +42,22 @@ def test_unknown_views_and_empty_sizes_are_rejected(taichi: None) -> None:
             tc.render_image(simulation, (0, 54))
 
 
+def test_the_camera_can_be_moved(taichi: None) -> None:
+    scene = tc.load_scene("drape15", rows=5, columns=5)
+    with tc.Simulation(scene) as simulation:
+        own = tc.render_image(simulation, (96, 54))
+        same = tc.render_image(simulation, (96, 54), eye=scene.camera.eye, target=scene.camera.target)
+        assert np.array_equal(own.pixels, same.pixels)
+        near = tuple((np.array(scene.camera.eye) + scene.camera.target) / 2)
+
+        def size_of(image: tc.Image) -> int:
+            return int((np.abs(image.pixels.astype(int) - (0x2F, 0x6F, 0x73)).sum(axis=2) < 60).sum())
+
+        assert size_of(tc.render_image(simulation, (96, 54), eye=near)) > 2 * size_of(own)
+        above = [0.0, 30.0, 0.0]
+        assert size_of(tc.render_image(simulation, (96, 54), target=above)) == 0
+
+
 def test_a_notebook_shows_the_current_frame(taichi: None) -> None:
     simulation = tc.Simulation(tc.load_scene("drape15", rows=5, columns=5))
     first = simulation._repr_png_()

@@ -1,6 +1,7 @@
 """Two sessions side by side with shared input, without a display."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,13 @@ def test_a_grab_on_one_side_is_mirrored_on_the_other(comparison: Comparison, sid
     assert here.grabbed.tolist() == [60]
     point(comparison, (1.0 - side, 0.5))
     assert (len(here.grabbed), len(there.grabbed)) == (0, 0)
+
+
+def test_both_sides_show_the_requested_view(tmp_path: Path) -> None:
+    scenes = load_scene("drape15", **SMALL), load_scene("drape15", iterations=40, **SMALL)
+    with closing(Comparison(*scenes, ASPECT, tmp_path, view="strain")) as comparison:
+        assert [side.view for side in comparison.sides] == ["strain", "strain"]
+        assert comparison.view == "strain"
 
 
 def test_shared_actions_affect_both_sides_and_the_solver_changes_on_one(comparison: Comparison) -> None:

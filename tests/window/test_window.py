@@ -445,6 +445,7 @@ def test_a_recording_is_replayed_in_the_window_and_then_the_user_controls_it(
 ) -> None:
     with Simulation(load_scene("curtain")) as simulation:
         recorder = Recorder(simulation)
+        recorder.record_view("view", "strain")  # the first image shows strain
         grab = simulation.grab(566)
         for k in range(20):
             grab.move_to((1.0, 0.6, 0.1 * k))
@@ -454,7 +455,9 @@ def test_a_recording_is_replayed_in_the_window_and_then_the_user_controls_it(
     assert (app.width, app.height) == (640, 480)
     app.wait_until(lambda line: line["grabbed"] == 566, "the recorded grab")
     end = app.wait_until(lambda line: line["frame"] == 20 and line["frozen"], "the end")
-    assert end["grabbed"] is None
+    assert (end["grabbed"], end["view"]) == (None, "strain")
+    image = app.screenshot()[:, PANEL_MARGIN + PANEL_WIDTH : app.width - 100].astype(int)  # left of the color scale
+    assert (image.max(axis=2) - image.min(axis=2) > 40).mean() > 0.1, "no cloth"
     app.press_key("r")
     app.wait_until(lambda line: line["frame"] == 0, "a reset")
     app.press_key("Escape")
