@@ -49,7 +49,10 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("evaluation/stress/stress_report.py", set()),
         ("evaluation/stress/causes.py", set()),
         ("evaluation/stress/case_catalog.py", set()),
+        ("__init__.py", set()),
         ("web/server.py", set()),
+        ("export/clip.py", set()),
+        ("simulation/recording.py", set()),
         ("evaluation/validate/swing.py", set()),
     ],
 )

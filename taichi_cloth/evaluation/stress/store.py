@@ -29,6 +29,7 @@ PACKAGE = Path(__file__).parents[2]
 JUDGING_MODULES = ("invariants", "setup", "trial", "unit")  # modules of this folder that judge
 MINUTES = "%Y-%m-%d %H:%M"
 DRAWING = "render/"  # a folder that changes no result
+PUBLIC_API = "__init__.py"  # it imports what scripts use, of which a result uses only what the other files import
 SOLVER_SWITCH_CASES = "changes"  # the module whose cases switch solvers
 
 
@@ -71,7 +72,7 @@ def sources(solver: str, rows: frozenset[str]) -> list[tuple[str, str]]:
     while pending:
         found |= pending
         names = {path.relative_to(PACKAGE).as_posix() for name in pending for path in imported(PACKAGE / name)}
-        pending = {name for name in names - found if not name.startswith(DRAWING)}
+        pending = {name for name in names - found if not name.startswith(DRAWING) and name != PUBLIC_API}
     return [(name, digest((PACKAGE / name).read_bytes())) for name in sorted(found)]
 
 
