@@ -16,11 +16,11 @@ from ..geometry.topology import energies
 from ..scene import scene_names
 from ..scene.overrides import removable_sections, scene_without
 from ..scene.schema import COLLIDERS, Scene
+from ..simulation.copies import feature_cost
 from ..simulation.simulation import Simulation
 from ..solvers import SOLVERS
 from ..system.console import machine, markdown_table, printed_table, wide_console
 from ..system.files import atomic_file
-from ..viewer.feature_times import feature_cost
 
 Floats = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ import taichi as ti
 
 from ..scene.parameters import Parameter, parameters_of
 from ..scene.schema import FRAME_SECONDS
+from ..simulation.copies import FeatureTimes
 from ..simulation.error_estimate import estimate
 from ..simulation.simulation import Simulation
 from . import charts
-from .feature_times import FeatureTimes
 from .input import ARROWS, MENU, MOUSE, PAGES, SHORTCUTS, Progress, Refusal, chosen, display_name, names
 from .session import Session
 

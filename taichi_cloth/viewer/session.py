@@ -22,6 +22,7 @@ from ..render.camera import OrbitCamera
 from ..render.draw_list import VIEWS, DrawList
 from ..scene import Scene, SceneError, scene_names
 from ..scene.overrides import removable_sections, scene_without
+from ..simulation.copies import FeatureTimes, feature_times
 from ..simulation.divergence import DivergenceGuard
 from ..simulation.events import Event
 from ..simulation.recording import Recorder
@@ -30,7 +31,6 @@ from ..system.errors import UsageError
 from .capture import Capture, Exporter
 from .charts import History
 from .dragging import Dragger, Mouse, Pointer, pick_under_cursor
-from .feature_times import FeatureTimes, feature_times
 from .input import (
     ACTIONS,
     COMPILING_ACTIONS,

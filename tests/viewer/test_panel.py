@@ -12,8 +12,8 @@ import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
+from taichi_cloth.simulation.copies import FeatureTimes
 from taichi_cloth.viewer.charts import CHART_SECONDS
-from taichi_cloth.viewer.feature_times import FeatureTimes
 from taichi_cloth.viewer.input import ARROWS, MENU, PAGES, SHORTCUTS, Progress, Refusal
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,

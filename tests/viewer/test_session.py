@@ -18,11 +18,11 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
+from taichi_cloth.simulation.copies import take_over
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer.capture import Capture
 from taichi_cloth.viewer.dragging import Target
-from taichi_cloth.viewer.feature_times import take_over
 from taichi_cloth.viewer.input import HELD_KEY_RATES, SHORTCUTS, Refusal
 from taichi_cloth.viewer.session import Session
 

@@ -1,0 +1,143 @@
+"""The error of a frame: it has the order of the solver, counts all that acts on the cloth, and changes no bit of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichi_cloth.scene.collider_schema import Ground, Sphere
+from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver, Wind
+from taichi_cloth.simulation import copies
+from taichi_cloth.simulation.copies import FrameErrorMeter
+from taichi_cloth.simulation.simulation import Simulation
+
+pytestmark = pytest.mark.usefixtures("serial_layout")
+
+CLOTH = Cloth(rows=8, columns=9, width=0.8, height=0.7, center=(0.0, 3.0, 0.0), pins=("top-left", "top-right"))
+FABRIC = Fabric(warp=100.0, weft=100.0, shear=30.0, bend_spring=1.0)
+
+
+def scene(name: str, substeps: int, iterations: int = 10, damping: float = 0.5, **parts: Any) -> Scene:
+    solver = Solver(name=name, substeps=substeps, iterations=iterations, damping=damping)
+    return Scene(**({"cloth": CLOTH, "fabric": FABRIC, "solver": solver, "wind": Wind(z=4.0)} | parts))
+
+
+@contextmanager
+def swinging(scene: Scene, frames: int = 20) -> Iterator[tuple[Simulation, FrameErrorMeter]]:
+    with Simulation(scene) as simulation, closing(FrameErrorMeter(simulation)) as meter:
+        simulation.step(frames)
+        yield simulation, meter
+
+
+def error_of(name: str, substeps: int) -> copies.FrameError:
+    """Return the error of the first frame of a sheet that starts 5 % too long, without wind and damping."""
+    with swinging(scene(name, substeps, 100, wind=None, damping=0.0), 0) as (simulation, meter):
+        x = simulation.positions()
+        x += [0, 0.05, 0] * (x - x[0])
+        for _ in range(3):  # the reference is refined
+            simulation.set_state(x)
+            found = meter.measure_frame()
+        return found
+
+
+@pytest.mark.parametrize("name", ["explicit", "lines"])
+def test_twice_the_substeps_make_a_quarter_of_the_error_of_a_second_order_solver(name: str) -> None:
+    coarse, fine = error_of(name, 10), error_of(name, 20)
+    assert coarse.error / fine.error == pytest.approx(4, rel=0.15)
+    assert fine.reference_error < fine.error / 4
+
+
+def test_ten_times_the_substeps_make_a_small_part_of_the_error_of_other_orders() -> None:
+    coarse, fine = error_of("rk4", 6), error_of("rk4", 60)
+    assert fine.error < coarse.error / 100
+    coarse, fine = error_of("xpbd", 8), error_of("xpbd", 80)
+    assert coarse.error / 10 < fine.error < coarse.error / 3  # of first order, once its springs are resolved
+
+
+def test_the_error_is_that_of_each_particle_and_their_root_mean_square() -> None:
+    found = error_of("xpbd", 5)
+    assert found.by_particle.shape == (72,)
+    assert found.error == pytest.approx(np.sqrt(np.mean(found.by_particle**2)))
+    assert found.by_particle[[0, 8]].max() < 1e-7  # pins
+    assert found.motion > found.error > found.reference_error
+
+
+def test_stretched_cloth_has_a_larger_error() -> None:
+    """Iterations that do not converge leave cloth longer than its springs would."""
+    errors = []
+    for stretch in (1.0, 1.3):
+        with swinging(scene("verlet", 5, 3), 0) as (simulation, meter):
+            x = simulation.positions()
+            simulation.set_state(x + [0, (stretch - 1), 0] * (x - x[0]))
+            errors.append(meter.measure_frame().error)
+    assert errors[1] > 10 * errors[0]
+
+
+def test_grabs_wind_parameters_pins_and_moving_colliders_act_on_the_reference() -> None:
+    """If one of them did not, a fine setting would have an error like the motion."""
+    sphere = Sphere(center=(0.0, 2.7, 0.1), radius=0.2, oscillation=(0.0, 0.0, 0.3))
+    parts = {"spheres": (sphere,), "ground": Ground(height=2.2)}
+    with swinging(scene("explicit", 60, **parts), 10) as (simulation, meter):
+        simulation.params["wind_z"] = -8.0
+        simulation.params["gravity"] = 3.0
+        simulation.params["sphere_radius"] = 0.25
+        simulation.pin(40)
+        grab = simulation.grab(66, radius=0.11)
+        x = simulation.positions()[66]
+        for k in range(1, 7):
+            grab.move_to(x + [0.0, 0.0, 0.02 * k])
+            found = meter.measure_frame()
+            assert found.error < 0.02 * found.motion
+
+
+@pytest.mark.parametrize("name", ["verlet", "xpbd", "lines"])
+def test_measuring_changes_no_bit_of_the_cloth(name: str) -> None:
+    parts = {"self_collision": SelfCollision(thickness=0.05, static_friction=True), "ground": Ground(height=2.4)}
+    ends = []
+    for measured in (False, True):
+        with swinging(scene(name, 5, 3, **parts), 5) as (simulation, meter):
+            grab = simulation.grab(66)
+            grab.move_to((0.2, 2.6, 0.3))
+            for _ in range(12):
+                if measured:
+                    meter.measure_frame()
+                else:
+                    simulation.step()
+            ends.append((simulation.positions(), simulation.velocities(), simulation.frame))
+    for before, after in zip(*ends, strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_frames_are_measured_in_slices_within_the_allowed_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    with swinging(scene("xpbd", 5)) as (simulation, meter):
+        monkeypatch.setattr(copies, "SHARE_OF_FRAME", 0.0)
+        for _ in range(5):
+            meter.run_frame(simulation.step)
+        assert meter.result is None
+        assert simulation.frame == 25
+        monkeypatch.setattr(copies, "SHARE_OF_FRAME", 0.02)
+        frames = 0
+        while meter.result is None:
+            meter.run_frame(simulation.step)
+            frames += 1
+            assert frames < 2000
+        assert 26 <= meter.result.frame < 25 + frames  # other frames ran before it was complete
+        whole = meter.result
+    with swinging(scene("xpbd", 5), whole.frame - 1) as (simulation, meter):
+        assert meter.measure_frame().error == pytest.approx(whole.error, rel=1e-6)
+
+
+def test_a_reference_that_is_too_slow_is_not_run_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(copies, "MAX_SECONDS", 0.0)
+    monkeypatch.setattr(copies, "SHARE_OF_FRAME", 100.0)
+    with swinging(scene("xpbd", 5)) as (simulation, meter):
+        for _ in range(4):
+            assert not (meter.is_too_slow and meter.result is None)
+            meter.run_frame(simulation.step)
+        assert meter.is_too_slow
+        assert meter.result is not None
+        assert meter.result.frame == 22  # two tries
