@@ -49,6 +49,7 @@ SHORTCUTS = (
     Shortcut("l", "L", "larger_radius", "grow grab radius"),
     Shortcut("d", "D", "restore_defaults", "restore defaults"),
     Shortcut("k", "K", "charts", "charts on/off"),
+    Shortcut("u", "U", "errors", "measure errors"),
     Shortcut("b", "B", "previous_scene", "previous scene"),
     Shortcut("m", "M", "next_scene", "next scene"),
     Shortcut("e", "E", "export", "export OBJ file"),
@@ -189,7 +190,7 @@ PAGES = ("Sliders", "Scenes", "Solvers", "Fabrics", "Views", "Features", "Statis
 GRAB_RADIUS_FACTOR = 1.25  # factor between two grab radii
 
 # Other actions that may have to compile kernels, and what the user reads meanwhile.
-COMPILING_ACTIONS = {"feature": "features", "time_features": "feature times"}
+COMPILING_ACTIONS = {"feature": "features", "time_features": "feature times", "errors": "reference for errors"}
 
 
 def freeze(session: Session) -> None:
@@ -261,6 +262,10 @@ def charts(session: Session) -> None:
     session.charts = not session.charts
 
 
+def errors(session: Session) -> None:
+    session.measure_errors(session.meter is None)
+
+
 def page(session: Session) -> None:
     session.page = PAGES[(PAGES.index(session.page) + 1) % len(PAGES)] if session.page in PAGES else PAGES[0]
 
@@ -321,19 +326,7 @@ ACTIONS: dict[str, Callable[[Session], None]] = {
     action.__name__: action
     for action in (
         *(freeze, step, reset, wind, view, solver, fabric, feature, time_features, pin, smaller_radius, larger_radius),
-        *(
-            restore_defaults,
-            charts,
-            page,
-            menu,
-            previous_scene,
-            next_scene,
-            export,
-            first_view,
-            screenshot,
-            clip,
-            hide,
-            quit,
-        ),
+        *(restore_defaults, charts, errors, page, menu, previous_scene, next_scene, export, first_view),
+        *(screenshot, clip, hide, quit),
     )
 }

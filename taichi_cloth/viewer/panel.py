@@ -16,7 +16,7 @@ import taichi as ti
 
 from ..scene.parameters import Parameter, parameters_of
 from ..scene.schema import FRAME_SECONDS
-from ..simulation.copies import FeatureTimes
+from ..simulation.copies import FeatureTimes, FrameErrorMeter
 from ..simulation.error_estimate import estimate
 from ..simulation.simulation import Simulation
 from . import charts
@@ -76,7 +76,7 @@ LINE_LENGTH = (
 ) // 7  # characters in a line: the toolkit's padding is 8 pixels, a character is 7 pixels wide
 KEY_COLUMN = 25  # [characters] width of the first column of the key help
 MIN_SHOWN_ERROR = 1e-4  # fraction of the cloth's side: smaller errors are reported as below it
-SUMMARY_LINES = 4  # lines of the statistics that most pages show; all show the first
+SUMMARY_LINES = 5  # lines of the statistics that most pages show; all show the first
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
 FIRST_HELP = "Drag the cloth; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
@@ -200,7 +200,8 @@ class Panel:
         """All statistics, and the switch for the charts."""
         for line in wrapped_lines(statistics.splitlines()):
             gui.text(line)
-        return apply_changes(gui, session, switches=[("charts", "Charts", session.charts)])
+        errors = ("errors", "Measure errors", session.meter is not None)
+        return apply_changes(gui, session, switches=[("charts", "Charts", session.charts), errors])
 
     def _keys_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
         """Help on keys and mouse."""
@@ -295,6 +296,7 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         f"frame {simulation.frame} · {fps:.0f} fps",
         f"physics {physics} + {drawing} {drawn} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
+        error_line(session.meter),
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
         f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
         f"this setting in the reference swing: {error_text(simulation)}",
@@ -304,6 +306,19 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         *filter(None, [simulation.warnings]),
     )
     return "\n".join(lines)
+
+
+def error_line(meter: FrameErrorMeter | None) -> str:
+    """Return the last error of a frame that was measured, or why none was."""
+    if meter is None:
+        return "error of a frame: not measured (U)"
+    if meter.is_too_slow:
+        return f"error of a frame: not measured, its reference takes {1e3 * meter.seconds:.0f} ms"
+    if meter.result is None:
+        return "error of a frame: being measured"
+    found = meter.result
+    share = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
+    return f"error of frame {found.frame}: {1e3 * found.error:.2g} mm{share}"
 
 
 def error_text(s: Simulation) -> str:

@@ -22,7 +22,7 @@ from ..render.camera import OrbitCamera
 from ..render.draw_list import VIEWS, DrawList
 from ..scene import Scene, SceneError, scene_names
 from ..scene.overrides import removable_sections, scene_without
-from ..simulation.copies import FeatureTimes, feature_times
+from ..simulation.copies import FeatureTimes, FrameErrorMeter, feature_times
 from ..simulation.divergence import DivergenceGuard
 from ..simulation.events import Event
 from ..simulation.recording import Recorder
@@ -45,7 +45,9 @@ from .input import (
     neighbor,
 )
 
-DEFAULT_GRAB_RADIUS, MAX_GRAB_RADIUS = 0.02, 0.25  # as fractions of the cloth's longer side
+# Default grab radius and upper end of its slider, as fractions of the cloth's longer side. The default grabs one
+# particle of a coarse cloth and a patch of a fine one.
+GRAB_RADII = 0.02, 0.25
 
 
 class Session:
@@ -78,8 +80,8 @@ class Session:
         self.size = (1280, 720)
         """Size of the last image [pixels]."""
         self.pointer = Pointer()
-        self.deferred = Deferred()
-        """What waits until the next frame was displayed."""
+        self.meter: FrameErrorMeter | None = None  # if errors of frames are measured
+        self.deferred = Deferred()  # until the next frame was displayed
         self.capture = Capture(out)
         self._initial_scene = scene
         self._layout, self._export = layout, export
@@ -106,6 +108,8 @@ class Session:
         """The draggers of all cursors, by number."""
         self.note = ""
         self._guard = DivergenceGuard(self.simulation)
+        radii = (share * self.simulation.topology.longest_side for share in GRAB_RADII)
+        self.default_grab_radius, self.max_grab_radius = radii  # [m]
         self.grab_radius = self.default_grab_radius
         """Grab radius [m]."""
         self.measure()
@@ -113,6 +117,7 @@ class Session:
     def refresh(self) -> None:
         """Update the draw list and the divergence guard after the simulation was rebuilt."""
         self.feature_times = None
+        self.measure_errors(self.meter is not None)
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
         self._guard = DivergenceGuard(self.simulation)
@@ -137,6 +142,7 @@ class Session:
         self._close_scene()
 
     def _close_scene(self) -> None:
+        self.measure_errors(False)
         self.draw_list.close()
         self.simulation.close()
 
@@ -178,11 +184,10 @@ class Session:
 
     def act(self, action: str) -> None:
         """Run the action of a key or button, if it is allowed now. Raises ValueError for an unknown action."""
-        if not self.is_allowed(action):
-            return
         if action not in ACTIONS:
             raise ValueError(f"unknown action {action!r}")
-        ACTIONS[action](self)
+        if self.is_allowed(action):
+            ACTIONS[action](self)
 
     def on_key_held(self, action: str, seconds: float) -> None:
         """Continue the action of a key that is held down, for that much wall time [s]."""
@@ -209,10 +214,11 @@ class Session:
         scene = self._initial_scene if name == self._initial_scene.name else load_scene(name)
         self.release_all()
         self._end_clip()
-        note = self.note
+        note, measures = self.note, self.meter is not None
         self._close_scene()
         self._open(scene)
         self.note = note
+        self.measure_errors(measures)
 
     def _restart_recording(self) -> None:
         self.recorder.restart()
@@ -303,18 +309,9 @@ class Session:
         if gesture.press:
             self._grab(cursor, size)
         if gesture.release:
-            self._release()
+            self.dragger.end()
+            self.pointer.ignore()
         self.dragger.follow(self.camera, cursor, size)
-
-    @property
-    def default_grab_radius(self) -> float:
-        """The default grab radius [m]: it grabs one particle of a coarse cloth and a patch of a fine one."""
-        return DEFAULT_GRAB_RADIUS * self.simulation.topology.longest_side
-
-    @property
-    def max_grab_radius(self) -> float:
-        """The upper end of the grab radius slider [m]."""
-        return MAX_GRAB_RADIUS * self.simulation.topology.longest_side
 
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
         if not self.dragger.begin(self.camera, cursor, size, self.grab_radius):
@@ -343,10 +340,6 @@ class Session:
         """Return the dragger of a cursor by number. It is created at its first use in a scene."""
         return self.draggers.setdefault(number, Dragger(self.simulation))
 
-    def _release(self) -> None:
-        self.dragger.end()
-        self.pointer.ignore()
-
     def release_all(self) -> None:
         """Release all grabs."""
         for dragger in self.draggers.values():
@@ -370,7 +363,7 @@ class Session:
         for k in range(frames):
             for dragger in self.draggers.values():
                 dragger.interpolate((k + 1) / frames)
-            self.simulation.step()
+            self.meter.run_frame(self.simulation.step) if self.meter else self.simulation.step()
             if not self._guard.check_and_snapshot():
                 self._roll_back()
                 self.release_all()
@@ -382,6 +375,16 @@ class Session:
             dragger.arrive()
         if self.recorder.is_long and not self.capture.clip_is_on:
             self._restart_recording()
+
+    def measure_errors(self, on: bool) -> None:
+        """Start or stop measuring the error of frames. On failure the note says why."""
+        if self.meter is not None:
+            self.meter.close()
+        self.meter = None
+        try:
+            self.meter = FrameErrorMeter(self.simulation) if on else None
+        except UsageError as error:
+            self.note = Refusal(f"errors are not measured: {error}")
 
     def _roll_back(self) -> None:
         """Return to the last stable frame. The note says why."""

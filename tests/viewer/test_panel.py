@@ -12,7 +12,7 @@ import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
-from taichi_cloth.simulation.copies import FeatureTimes
+from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer.charts import CHART_SECONDS
 from taichi_cloth.viewer.input import ARROWS, MENU, PAGES, SHORTCUTS, Progress, Refusal
 from taichi_cloth.viewer.panel import (
@@ -26,6 +26,7 @@ from taichi_cloth.viewer.panel import (
     TITLE_HEIGHT,
     Panel,
     PanelRect,
+    error_line,
     error_text,
     help_lines,
     saved_panel_rect,
@@ -269,9 +270,23 @@ def test_statistics_have_times_and_charts_have_a_legend(drawn: Drawn) -> None:
     assert any(text.startswith("kinetic energy: ") and text.endswith(" J") for text in gui.texts)
 
 
+def test_the_error_of_a_frame_is_shown_if_it_is_measured(drawn: Drawn, tmp_path: Path) -> None:
+    session, gui, _ = drawn("drape15", "Statistics", **{"Measure errors": True})
+    assert "error of a frame: not measured (U)" in gui.texts
+    assert session.meter is not None
+    assert error_line(session.meter) == "error of a frame: being measured"
+    session.advance(2)
+    session.meter.result = FrameError(7, 0.00123, 0.01, 1e-6, np.zeros(225))
+    assert error_line(session.meter) == "error of frame 7: 1.2 mm, 12 % of its motion"
+    session.meter.result = FrameError(7, 0.0, 0.0, 0.0, np.zeros(225))
+    assert error_line(session.meter) == "error of frame 7: 0 mm"
+    session.meter._slow, session.meter.seconds = 2, 0.31
+    assert error_line(session.meter) == "error of a frame: not measured, its reference takes 310 ms"
+
+
 def test_the_error_of_the_setting_is_not_shown_as_one_of_now(drawn: Drawn) -> None:
     _, gui, _ = drawn("drape15")
-    assert not any("error" in text for text in gui.texts)
+    assert [text for text in gui.texts if "error" in text] == ["error of a frame: not measured (U)"]
     _, gui, _ = drawn("drape15", "Statistics")
     assert "this setting in the reference swing: error about 4.7" in gui.texts
 

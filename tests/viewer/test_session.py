@@ -18,6 +18,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
+from taichi_cloth.simulation import copies
 from taichi_cloth.simulation.copies import take_over
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
@@ -481,6 +482,40 @@ def test_feature_times_are_measured_on_copies(session: Session) -> None:
     assert len(session.recorder.rows) == before[2]
     session.act("solver")
     assert session.feature_times is None
+
+
+def test_errors_of_frames_are_measured_until_they_are_switched_off(
+    session: Session, three_scenes: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(copies, "SHARE_OF_FRAME", 100.0)
+    session.request("errors")
+    assert session.note.startswith("reference for errors: compiling")
+    session.run_deferred()
+    session.advance(5)
+    meter = session.meter
+    assert meter is not None
+    assert meter.result is not None
+    assert 0 < meter.result.frame <= 5
+    with Simulation(session.simulation.scene) as other:
+        other.step(5)
+        np.testing.assert_array_equal(session.simulation.positions(), other.positions())
+    session.act("solver")  # another meter, for another solver
+    assert session.meter not in (None, meter)
+    session.act("next_scene")
+    session.advance(3)
+    assert session.meter is not None
+    assert session.meter.result is not None
+    session.act("errors")
+    assert session.meter is None
+    session.advance(1)
+
+
+def test_a_scene_that_is_too_stiff_for_the_reference_is_not_measured() -> None:
+    with closing(Session(load_scene("curtain", warp=1e9, weft=1e9, width=0.4, area_density=0.001))) as session:
+        session.act("errors")
+        assert session.meter is None
+        assert session.note.startswith("errors are not measured: curtain: explicit needs")
+        assert isinstance(session.note, Refusal)
 
 
 def test_a_copy_has_the_state_of_the_running_cloth(session: Session) -> None:

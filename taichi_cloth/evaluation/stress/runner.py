@@ -72,7 +72,7 @@ def settings(name: str | None, tear: float | None) -> list[Setting]:
     return tearing
 
 
-# Cores that this process may use: a container or `taskset` may allow fewer than there are. macOS does not tell.
+# Cores that this process may use: a container may allow fewer than there are. macOS does not tell.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 Starts = Sequence[tuple[int, int]]  # number and seed of each start
