@@ -46,17 +46,27 @@ def test_two_solvers_side_by_side(
     errors = report["rms_error"]
     assert 0 < errors[1] < errors[0] / 10  # relative to the reference solution
     assert 0 < report["rms_distance"][-1] < 0.1
+    [rough], [fine] = (report[side]["frame_errors"] for side in "ab")  # of the tenth of twelve frames
+    assert 0 < fine < rough / 10
     left, right = image_halves(tmp_path / "o" / "frame_00000.png")
     np.testing.assert_array_equal(left, right)  # both start in the same state
     left, right = image_halves(tmp_path / "o" / "frame_00002.png")
     assert (left != right).any()
     out = capsys.readouterr().out
     assert "RMS error" in out
+    assert f"{1e3 * rough:.2g}" in out
     assert f"{report['rms_distance'][-1]:.2%} of the side" in out
     before = (tmp_path / "o" / "frame_00000.png").read_bytes()
     assert main(["compare", "curtain", *SMALL, "--out", str(tmp_path / "o"), "--b", "wind_z=9"]) == 2
     assert "--force" in capsys.readouterr().err
     assert (tmp_path / "o" / "frame_00000.png").read_bytes() == before
+
+
+def test_without_a_reference_frames_have_no_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stiff = ("--set", "warp=1e9", "--set", "weft=1e9", "--set", "width=0.4", "--set", "area_density=0.001")
+    report = run(tmp_path, *stiff, "--b", "wind_z=9")  # scenes that differ have no reference solution
+    assert report["a"]["frame_errors"] == report["b"]["frame_errors"] == []
+    assert report["rms_error"] == [None, None]
 
 
 def distances_of(tmp_path: Path, **other: object) -> list[float]:

@@ -159,12 +159,13 @@ def table(runs: list[Run], errors: list[float | None]) -> list[list[str]]:
     """Return the rows of the table as text, the header first."""
     import numpy as np
 
-    rows = [["", "setting", "ms", "p95", "max strain", "RMS error"]]
+    rows = [["", "setting", "ms", "p95", "max strain", "frame error [mm]", "RMS error"]]
     for letter, run, rms_error in zip("ab", runs, errors, strict=True):
         median, p95 = np.percentile(run.ms, (50, 95))
         error_text = "-" if rms_error is None else f"{rms_error:.3%}"
         method = run.simulation.method
-        rows.append([letter, method, f"{median:.2f}", f"{p95:.2f}", f"{max(run.strain):.1%}", error_text])
+        frame_error = f"{1e3 * np.median(run.frame_errors):.2g}" if run.frame_errors else "-"
+        rows.append([letter, method, f"{median:.2f}", f"{p95:.2f}", f"{max(run.strain):.1%}", frame_error, error_text])
     return rows
 
 

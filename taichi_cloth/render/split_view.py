@@ -15,6 +15,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..scene import Scene, scene_to_toml
+from ..simulation.copies import FrameErrorMeter
 from ..simulation.divergence import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, UsageError
@@ -96,6 +97,7 @@ def nearest_vertex_map(a: Simulation, b: Simulation) -> NDArray[np.int64]:
 # -- image sequence with report ----------------------------------------------------------------------------------------
 
 REPORT = "compare.json"  # in the output folder
+MEASURED_EVERY = 10  # frames for each whose error is measured
 
 
 @dataclass(eq=False)
@@ -109,16 +111,35 @@ class Run:
     """Largest strain after each frame."""
     positions: list[NDArray[np.float64]] = field(default_factory=list)
     """Positions [m] after each of the first frames, each (N, 3)."""
+    frame_errors: list[float] = field(default_factory=list)
+    """Error of every `MEASURED_EVERY`th frame [m]; empty if its reference would take too long."""
+
+    def __post_init__(self) -> None:
+        try:
+            self._meter: FrameErrorMeter | None = FrameErrorMeter(self.simulation)
+        except UsageError:  # too many substeps
+            self._meter = None
 
     def advance(self, kept: int) -> None:
         """Simulate and measure one frame. Positions are stored only for the first `kept` frames."""
+        if self._meter and not self._meter.is_too_slow and len(self.ms) % MEASURED_EVERY == MEASURED_EVERY - 1:
+            self.frame_errors.append(self._meter.measure_frame(self._step).error)
+        else:
+            self._step()
+        self.strain.append(self.simulation.metrics().max_strain)
+        if len(self.positions) < kept:
+            self.positions.append(self.simulation.positions())
+
+    def _step(self) -> None:
         start = time.perf_counter()
         self.simulation.step()
         ti.sync()
         self.ms.append(1e3 * (time.perf_counter() - start))
-        self.strain.append(self.simulation.metrics().max_strain)
-        if len(self.positions) < kept:
-            self.positions.append(self.simulation.positions())
+
+    def close(self) -> None:
+        """Release what measured the errors."""
+        if self._meter is not None:
+            self._meter.close()
 
 
 def render_both(
@@ -153,6 +174,8 @@ def render_both(
     finally:
         for draw_list in draw_lists:
             draw_list.close()
+        for run in runs:
+            run.close()
     return *runs, distances
 
 
@@ -160,7 +183,7 @@ def write_report(plan: RenderPlan, runs: tuple[Run, Run], distances: list[float]
     """Write `compare.json`: both scenes, the measurements of every frame, and `more`. Raises OSError."""
     sides = {
         name: {"scene": scene_to_toml(run.simulation.scene), "method": run.simulation.method}
-        | {"physics_ms": np.round(run.ms, 3).tolist(), "max_strain": run.strain}
+        | {"physics_ms": np.round(run.ms, 3).tolist(), "max_strain": run.strain, "frame_errors": run.frame_errors}
         for name, run in zip("ab", runs, strict=True)
     }
     with atomic_file(plan.out / REPORT) as file:

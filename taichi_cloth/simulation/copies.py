@@ -196,10 +196,10 @@ class FrameErrorMeter:
             self._continue(self._credit)
         self._credit -= time.perf_counter() - began
 
-    def measure_frame(self) -> FrameError:
-        """Run one frame and return its error, however long that takes."""
+    def measure_frame(self, step: Callable[[], object] | None = None) -> FrameError:
+        """Run one frame, by calling `step` if there is one, and return its error, however long that takes."""
         self._begin()
-        self._running.step()
+        (step or self._running.step)()
         self._end()
         self._continue(inf)
         assert self.result is not None

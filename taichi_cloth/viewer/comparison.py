@@ -25,7 +25,7 @@ from .panel import (
     PANEL_MARGIN,
     PANEL_WIDTH,
     PanelRect,
-    error_text,
+    error_line,
     has_changed,
     saved_panel_rect,
     wrap,
@@ -44,7 +44,9 @@ from .window import (
 )
 
 # Actions on both sides, and actions on the side under the cursor only, so that the sides may differ in more settings.
-SHARED_ACTIONS = ("freeze", "step", "reset", "wind", "view", "smaller_radius", "larger_radius", "restore_defaults")
+SHARED_ACTIONS = (
+    *("freeze", "step", "reset", "wind", "view", "smaller_radius", "larger_radius", "restore_defaults", "errors"),
+)
 SIDE_ACTIONS = ("solver", "fabric", "feature", "pin")
 
 
@@ -122,9 +124,10 @@ class Comparison:
 
     def request(self, action: str) -> None:
         """Run an action. If it may compile for seconds, first display a frame whose note says so (`run_deferred`)."""
-        if action in SIDE_ACTIONS:
-            self._active.request(action)
-        else:
+        sides = self.sides if action in SHARED_ACTIONS else (self._active,) if action in SIDE_ACTIONS else ()
+        for side in sides:
+            side.request(action)
+        if not sides:
             self.act(action)
 
     def run_deferred(self) -> None:
@@ -324,9 +327,8 @@ def side_statistics(name: str, side: Session) -> list[str]:
     simulation, metrics = side.simulation, side.metrics
     return [
         *wrap(f"{name}: {simulation.method}"),
-        f"  {side.physics_ms:.1f} ms, strain {100 * metrics.max_strain:.1f} %, swing: {error_text(simulation)}"[
-            :LINE_LENGTH
-        ],
+        f"  {side.physics_ms:.1f} ms, strain {100 * metrics.max_strain:.1f} %",
+        f"  {error_line(side.meter)}"[:LINE_LENGTH],
     ]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.viewer.comparison import Comparison
+from taichi_cloth.viewer.comparison import Comparison, statistics
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
@@ -59,6 +59,16 @@ def test_both_sides_show_the_requested_view(tmp_path: Path) -> None:
     with closing(Comparison(*scenes, ASPECT, tmp_path, view="strain")) as comparison:
         assert [side.view for side in comparison.sides] == ["strain", "strain"]
         assert comparison.view == "strain"
+
+
+def test_errors_are_measured_on_both_sides(comparison: Comparison) -> None:
+    comparison.request("errors")
+    assert comparison.note.startswith("reference for errors: compiling")
+    comparison.run_deferred()
+    assert all(side.meter for side in comparison.sides)
+    assert sum("error of a frame: being measured" in line for line in statistics(comparison, 1.0)) == 2
+    comparison.act("errors")
+    assert not any(side.meter for side in comparison.sides)
 
 
 def test_shared_actions_affect_both_sides_and_the_solver_changes_on_one(comparison: Comparison) -> None:
