@@ -60,6 +60,9 @@ def add_commands(command: Command) -> None:
     comparing.add_argument("--force", action="store_true", help="overwrite existing images")
 
 
+MAX_REFERENCE_STEPS = 5000  # in a frame; ten times those of the stiffest shipped scene
+
+
 def overrides(texts: list[str]) -> dict[str, object]:
     """Parse texts such as `solver=verlet,iterations=2`. Return values by key. Raises SceneError for invalid text."""
     return dict(parse_override(part) for text in texts for part in NEXT_KEY.split(text))
@@ -132,13 +135,17 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
 def converged(scenes: list[Scene], frames: int) -> np.ndarray | tuple[()]:
     """Return the positions of the reference solution, (frames, N, 3) [m], up to its horizon and at most `frames`.
 
-    Empty if the scenes differ in more than the solver, and if the reference solver does not support them.
+    Empty if the scenes differ in more than the solver, if the reference solver does not support them, and if it would
+    take more than `MAX_REFERENCE_STEPS`.
     """
     from .bench import scene_error
-    from .reference.solution import reason_unsupported
+    from .reference.solution import reason_unsupported, steps_per_frame
 
     a, b = (replace(scene, solver=scenes[0].solver, verlet=scenes[0].verlet) for scene in scenes)
     if a != b or reason_unsupported(a):
+        return ()
+    if (steps := steps_per_frame(a)) > MAX_REFERENCE_STEPS:
+        print(f"no reference solution: it would take {steps:,} steps a frame, more than {MAX_REFERENCE_STEPS:,}")
         return ()
     print("computing the reference solution …", flush=True)
     return scene_error.solution(a, min(frames, scene_error.FRAMES)).positions
