@@ -234,7 +234,7 @@ def test_released_particles_regain_their_mass_and_get_the_velocity_of_the_grab(s
             np.tile([1.2, 0, 0], (5, 1)), abs=1e-3
         )  # 0.02 m/frame
         before = simulation.positions()
-        assert run(simulation, 20)[released] == pytest.approx(before[released] + [0.4, 0, 0], abs=4e-3)
+        assert run(simulation, 20)[released] == pytest.approx(before[released] + [0.4, 0, 0], abs=3e-3)
     with Simulation(scene(solver), layout) as simulation:
         grab = simulation.grab(10)
         grab.move_to(simulation.positions()[10])
