@@ -136,15 +136,14 @@ class Reference(Simulation):
         grabs = running.grabs.items()
         self.set_grabs({k: Grab(g.particles, g.rest_positions, g.start, g.target, g.history) for k, g in grabs})
         self.depenetration.reduction = running.depenetration.reduction.copy()
-        self._start = self.positions(), self.velocities(), self.grabs, self.depenetration.reduction.copy()
+        self._start = self.positions(), self.velocities(), self.depenetration.reduction.copy()
 
     def slices(self, refinement: int) -> Iterator[Floats]:
         """Run the frame from its start, and yield the positions after each slice, (N, 3) [m]."""
         self.refinement = refinement
-        x, v, grabs, self.depenetration.reduction = self._start
+        x, v, self.depenetration.reduction = self._start
         self.place(x)
         self.solver.set_velocities(v, self.h)
-        self.set_grabs(grabs)
         frame, first, count = self._frame_input(), 0, 1
         while first < frame.substeps:
             began, last = time.perf_counter(), min(first + count, frame.substeps)

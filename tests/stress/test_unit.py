@@ -68,6 +68,19 @@ def test_the_digest_is_that_of_the_last_start() -> None:
         trial.simulation.set_state(x, trial.simulation.velocities())
 
     assert run_unit(unit_of(pushed), SWINGS.starts(1), None).digest != first.digest
+
+    def slowed(trial: Trial) -> None:
+        swings(trial)
+        v = trial.simulation.velocities()
+        v[-1, 2] = np.nextafter(np.float32(v[-1, 2]), np.float32(1))
+        trial.simulation.set_state(trial.simulation.positions(), v)
+
+    def kept(trial: Trial) -> None:
+        swings(trial)
+        trial.simulation.set_state(trial.simulation.positions(), trial.simulation.velocities())
+
+    ends = [run_unit(unit_of(run), SWINGS.starts(1), None).digest for run in (kept, kept, slowed)]
+    assert ends[0] == ends[1] != ends[2]
     assert run_unit(BREAKS, SWINGS.starts(1), None).digest != first.digest  # the same cloth, and a failure
 
 
