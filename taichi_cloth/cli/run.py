@@ -1,8 +1,12 @@
-"""The commands `run` and `render`: a scene in a window, as images, or as a video."""
+"""The commands `run`, `web` and `render`: a scene in a window, in a browser, as images, or as a video."""
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import secrets
+import socket
+import sys
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
@@ -18,9 +22,13 @@ if TYPE_CHECKING:
     from ..render.sequence import RenderPlan
     from ..simulation.simulation import Simulation
 
+PORT = 8080  # of the command `web`
+IFRAME_SIZE = 960, 540  # [pixels] size of the <iframe>
+MIN_TOKEN = 8  # [characters]
+
 
 def add_commands(command: Command) -> None:
-    """Add the commands `run` and `render`."""
+    """Add the commands `run`, `web` and `render`."""
     run = command("run", run_scene, "open a scene in a window, or render images if no window can open", "run table")
     scene_options(run, nargs="?")
     run.add_argument("--size", type=size, default="1280x720", metavar="WxH", help="window size [pixels]")
@@ -32,6 +40,25 @@ def add_commands(command: Command) -> None:
     )
     run.add_argument("--log", type=Path, metavar="FILE", help="log file with one JSON line per displayed frame")
     run.add_argument("--headless", action="store_true", help="render images to out/SCENE instead of opening a window")
+
+    web = command("web", run_web, "serve an interactive browser view of a scene", "web curtain")
+    scene_options(web, nargs="?")
+    web.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="address to listen on; all but loopback addresses need a token",
+    )
+    web.add_argument("--port", type=port, default=PORT, metavar="N", help="port to listen on; 0 picks a free port")
+    web.add_argument(
+        "--token",
+        type=token,
+        metavar="WORD",
+        help="access token (default: none on a loopback address, else a random one, which is printed)",
+    )
+    web.add_argument(
+        "--print-iframe", action="store_true", help="also print an <iframe> element for use in another page"
+    )
 
     render = command(
         "render",
@@ -153,3 +180,61 @@ def render_video(scene: Scene, plan: RenderPlan, args: argparse.Namespace) -> in
         if session.frozen:
             raise Diverged(f"{session.note}; {args.video} ends with that frame")
     return 0
+
+
+def port(text: str) -> int:
+    """Parse a port, 0 to 65535."""
+    if not text.isdecimal() or not int(text) <= 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port from 0 to 65535")
+    return int(text)
+
+
+def token(text: str) -> str:
+    """Parse a token: printable characters, too many to be guessed within a minute."""
+    if len(text) < MIN_TOKEN or not text.isprintable():
+        raise argparse.ArgumentTypeError(f"a token needs {MIN_TOKEN} or more printable characters")
+    return text
+
+
+def run_web(args: argparse.Namespace) -> int:
+    """Run the command `web` until it is interrupted."""
+    scene = chosen_scene(args)
+    if importlib.util.find_spec("websockets") is None:
+        raise UsageError("the browser view needs websockets: pip install 'taichi-cloth[web]'")
+    from ..render.webgl import fill_template
+    from ..system.console import spinner
+    from ..web.server import PAGE_FILE, AccessControl, WebServer, is_loopback
+
+    loopback = is_loopback(args.host)
+    access_token = args.token or ("" if loopback else secrets.token_urlsafe(16))
+    access = AccessControl(access_token, only_loopback=loopback)
+    with closing(
+        WebServer(args.host, args.port, access, fill_template(PAGE_FILE, scene.title or scene.name, {}).encode())
+    ) as server:
+        arch = runtime.start(args.arch)
+        from ..viewer.session import Session
+        from ..web.app import WebApp
+
+        with spinner(f"{scene.name}: compiling kernels (some seconds on the first run)"):
+            session = Session(scene, args.layout)
+        with closing(session):
+            print(summary(session.simulation, arch), flush=True)
+            name = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(args.host, args.host)
+            address = f"http://{f'[{name}]' if ':' in name else name}:{server.port}/{access.query}"
+            if not loopback:
+                print(f"taichi-cloth: anyone with this address can control the scene: {address}", file=sys.stderr)
+            print(f"open {address} in a browser; Ctrl-C stops the server", flush=True)
+            if args.print_iframe:
+                print(iframe(address), flush=True)
+            try:
+                WebApp(session, server).run()
+            except KeyboardInterrupt:
+                print("stopped", flush=True)
+    return 0
+
+
+def iframe(address: str) -> str:
+    """Return an `<iframe>` of the cloth alone, without the panel, for another page."""
+    width, height = IFRAME_SIZE
+    plain = address + ("&" if "?" in address else "?") + "plain"
+    return f'<iframe src="{plain.replace("&", "&amp;")}" width="{width}" height="{height}" style="border:0"></iframe>'

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from walks import CELLS, SETTING, STATIC, Walk, breaks, small, walk
 
-from taichi_cloth.evaluation.stress import case_catalog, changes, contact, extremes, layered_cloth, loads
+from taichi_cloth.evaluation.stress import case_catalog, changes, contact, extremes, layered_cloth, loads, refresh_rates
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import sheet
 from taichi_cloth.evaluation.stress.trial import Trial, close
@@ -469,21 +469,21 @@ def test_friction_on_a_loose_sheet_is_measured(times: float, broken: bool, monke
 
 def test_a_fast_clock_is_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:
     assert walk(VARIANTS[4, "240 Hz"]).broken == []
-    plain = extremes.FrameClock.due
-    monkeypatch.setattr(extremes.FrameClock, "due", lambda self, now: 2 * plain(self, now))
+    plain = refresh_rates.FrameClock.due
+    monkeypatch.setattr(refresh_rates.FrameClock, "due", lambda self, now: 2 * plain(self, now))
     assert "simulated time beside the wall's [s]" in walk(VARIANTS[4, "240 Hz"]).broken
 
 
 def test_the_sags_at_two_rates_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second sheet hangs 3 % lower."""
     run, opened = VARIANTS[4, "30 Hz"], []
-    plain = extremes.sheet
+    plain = refresh_rates.sheet
 
     def longer(cells: int) -> object:
         opened.append(cells)
         return plain(cells, size=(1.0, 1.0 if len(opened) == 1 else 1.06))
 
-    monkeypatch.setattr(extremes, "sheet", longer)
+    monkeypatch.setattr(refresh_rates, "sheet", longer)
     assert walk(run).broken == ["sag beside that at 60 a second, share"]
 
 
@@ -492,7 +492,7 @@ def run_paused() -> Trial:
     trial = Trial(replace(SETTING, solver=replace(SETTING.solver, substeps=20, iterations=4)), 0)
     trial.settle = lambda: None  # type: ignore[method-assign, misc, assignment]
     try:
-        extremes.paused(trial)
+        refresh_rates.paused(trial)
     finally:
         close()
     return trial
@@ -530,7 +530,7 @@ def test_frames_that_pass_while_paused_are_a_violation(monkeypatch: pytest.Monke
     monkeypatch.setattr(Session, "advance", advance)
     with pytest.raises(Violation, match="frames that passed while paused") as found:
         run_paused()
-    assert (found.value.value, found.value.bound) == (extremes.PAUSED_REFRESHES, 0)
+    assert (found.value.value, found.value.bound) == (refresh_rates.PAUSED_REFRESHES, 0)
 
 
 def test_a_later_change_by_a_pause_is_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:

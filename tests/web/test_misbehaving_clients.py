@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from taichi_cloth.__main__ import main
-from taichi_cloth.cli.serve import iframe
+from taichi_cloth.cli.run import iframe
 from taichi_cloth.web.protocol import MAX_BYTES
 
 TOKEN = "open sesame"
