@@ -15,7 +15,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..scene import Scene, scene_to_toml
-from ..simulation.copies import FrameErrorMeter
+from ..simulation.copies import MAX_SECONDS, FrameErrorMeter
 from ..simulation.divergence import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, UsageError
@@ -116,14 +116,19 @@ class Run:
 
     def __post_init__(self) -> None:
         try:
-            self._meter: FrameErrorMeter | None = FrameErrorMeter(self.simulation)
+            self._meter: FrameErrorMeter | None = FrameErrorMeter(
+                self.simulation.scene, self.simulation.requested_layout
+            )
         except UsageError:  # too many substeps
             self._meter = None
 
     def advance(self, kept: int) -> None:
         """Simulate and measure one frame. Positions are stored only for the first `kept` frames."""
-        if self._meter and not self._meter.is_too_slow and len(self.ms) % MEASURED_EVERY == MEASURED_EVERY - 1:
-            self.frame_errors.append(self._meter.measure_frame(self._step).error)
+        if self._meter and len(self.ms) % MEASURED_EVERY == MEASURED_EVERY - 1:
+            found = self._meter.measure_frame(self.simulation, self._step)
+            self.frame_errors.append(found.error)
+            if found.seconds > MAX_SECONDS:
+                self.close()
         else:
             self._step()
         self.strain.append(self.simulation.metrics().max_strain)
@@ -140,6 +145,7 @@ class Run:
         """Release what measured the errors."""
         if self._meter is not None:
             self._meter.close()
+        self._meter = None
 
 
 def render_both(

@@ -1,48 +1,113 @@
-"""Measurements on copies of a running cloth, which does not change: what each feature costs, and the error of a frame.
+"""Copies of a running cloth, which does not change: what each feature costs, and the error of a frame.
 
 Cost of a feature: all features of a frame run in one kernel, so no timer can separate them. A scene without a feature
 is another kernel, which is compiled first. Both scenes run on copies of the cloth, from the current frame.
 `taichi-cloth ablate` measures costs with the same function, `feature_cost`, from the end of a motion.
 `bench --features` times more than two scenes at once.
 
-Error of a frame: a copy takes over the state before the frame, with grabs, wind and colliders, and runs the same frame
-with `explicit`, which converges to the motion of the fabric's springs as the substeps get shorter. It runs it twice,
-the second time with twice the substeps. The error is the distance between the cloth after its own frame and after the
-second run; the distance between the two runs estimates the error of the reference. The solver `verlet` has stiffnesses
-without unit, so its error includes that of its model.
+Error of a frame (docs/frame_error.md): copies take over the state before the frame, with grabs, wind and colliders, and
+run the same frame
+
+- with `explicit`, which converges to the motion of the fabric's springs as the substeps get shorter. It runs twice, the
+  second time with twice the substeps. The error is the distance between the cloth after its own frame and after the
+  second run; the distance between the two runs estimates the error of the reference;
+- with the solver of the cloth and many more iterations. The distance of the cloth from this frame is what the
+  iterations lack, the residual; the distance of this frame from the reference is the error of substeps and model. The
+  solver `verlet` has stiffnesses without unit, so it has an error of its model.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import ceil, inf
+from math import ceil
 from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene import parameters_of
+from ..scene import Scene
 from ..scene.overrides import removable_sections, scene_without
-from ..scene.schema import FRAME_SECONDS
+from ..solvers import FrameInput
 from .grabbing import Grab
-from .running_cloth import time_frames
+from .running_cloth import RunningCloth, time_frames
 from .simulation import Simulation
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
-def take_over(copy: Simulation, running: Simulation, but: frozenset[str] = frozenset()) -> None:
-    """Copy the state of the running cloth with its parameters `but` some, pins and torn springs, but not its grabs."""
-    for index in np.flatnonzero(copy.topology.pinned != running.topology.pinned):
-        (copy.pin if running.topology.pinned[index] else copy.unpin)(int(index))
-    for name in parameters_of(copy.scene).keys() & parameters_of(running.scene).keys() - but:
-        copy.params[name] = running.params[name]
-    copy.untear(running.torn)
-    copy.params["wind"] = running.params["wind"]
-    copy.frame = running.frame
-    copy.set_state(running.positions(), running.velocities())
+@dataclass(frozen=True)
+class FrameStart:
+    """All that determines a frame of a scene. Copies of arrays: it can be sent to another process."""
+
+    frame: int
+    positions: Floats
+    velocities: Floats
+    params: dict[str, float]
+    wind_on: bool
+    pinned: Flags
+    torn: Flags
+    grabs: dict[int, Grab]
+    depenetration: Floats
+    """Depths from which colliders let the cloth out slowly (`Depenetration.reduction`)."""
+
+    @classmethod
+    def of(cls, running: RunningCloth) -> FrameStart:
+        """Return the start of the next frame of a running cloth."""
+        grabs = {k: Grab(g.particles, g.rest_positions, g.start, g.target, g.history) for k, g in running.grabs.items()}
+        return cls(
+            frame=running.frame,
+            positions=running.positions(),
+            velocities=running.velocities(),
+            params={name: float(running.params[name]) for name in running.params.known()},
+            wind_on=running.params.wind_on,
+            pinned=running.topology.pinned.copy(),
+            torn=running.torn,
+            grabs=grabs,
+            depenetration=running.depenetration.reduction.copy(),
+        )
+
+
+class Copy(Simulation):
+    """A copy of a running cloth, which may have another solver."""
+
+    refinement = 1
+    """Factor by which its substeps are more than its scene has."""
+    iteration_factor = 1
+    """Factor by which its iterations are more than its scene has."""
+
+    @property
+    def substeps(self) -> int:
+        return self.refinement * super().substeps
+
+    def _frame_input(self) -> FrameInput:
+        frame = super()._frame_input()
+        return replace(frame, iterations=self.iteration_factor * frame.iterations)
+
+    def start_from(self, start: FrameStart, but: frozenset[str] = frozenset()) -> None:
+        """Take over a state with its parameters, those that this scene has, `but` some."""
+        for index in np.flatnonzero(self.topology.pinned != start.pinned):
+            (self.pin if start.pinned[index] else self.unpin)(int(index))
+        known = self.params.known()
+        for name in start.params.keys() & known.keys() - but:
+            self.params[name] = int(start.params[name]) if known[name].is_int else start.params[name]
+        self.params["wind"] = start.wind_on
+        self.untear(start.torn)
+        self.frame = start.frame
+        self.set_state(start.positions, start.velocities)
+        self.set_grabs(
+            {k: Grab(g.particles, g.rest_positions, g.start, g.target, g.history) for k, g in start.grabs.items()}
+        )
+        if len(start.depenetration) == len(self.depenetration.reduction):  # else a collider was removed
+            self.depenetration.reduction = start.depenetration.copy()
+
+    def end_of_frame(self, start: FrameStart, but: frozenset[str] = frozenset()) -> Floats:
+        """Run one frame, and return the positions after it, (N, 3) [m]. Arguments as for `start_from`."""
+        self.start_from(start, but)
+        self.step()
+        return self.positions()
 
 
 # -- cost of features --------------------------------------------------------------------------------------------------
@@ -68,13 +133,14 @@ def feature_times(running: Simulation, layout: str | None = None) -> FeatureTime
     `layout`: the layout, as for `Simulation`. Raises UsageError if the scene cannot run without one of them.
     """
     cost_ms, all_ms = {}, []
-    with Simulation(running.scene, layout) as full:
+    start = replace(FrameStart.of(running), grabs={})
+    with Copy(running.scene, layout) as full:
         full.step()  # compiles
         for feature in removable_sections(running.scene):
-            with Simulation(scene_without(running.scene, [feature]), layout) as reduced:
+            with Copy(scene_without(running.scene, [feature]), layout) as reduced:
                 reduced.step()
-                for copy in (full, reduced):
-                    take_over(copy, running)
+                full.start_from(start)
+                reduced.start_from(start)
                 ms, cost_ms[feature] = feature_cost(full, reduced, FRAMES, SECONDS)
             all_ms.append(ms)
     return FeatureTimes(running.frame, median(all_ms) if all_ms else 0.0, cost_ms)
@@ -93,12 +159,11 @@ def feature_cost(full: Simulation, reduced: Simulation, frames: int, seconds: fl
 # -- error of a frame --------------------------------------------------------------------------------------------------
 
 MAX_REFINEMENT = 16  # of the reference: most substeps, in multiples of the fewest stable ones
-GOAL_SECONDS = 0.02  # time of a reference frame up to which it is refined
-MAX_SECONDS = 0.25  # time of a reference frame above which errors are not measured
-SLOW_TRIES = 2  # reference frames that must take longer than that: another program may have delayed one
-SHARE_OF_FRAME = 0.1  # of the time of a frame that measuring may take on average
+GOAL_SECONDS = 0.05  # time of a reference frame up to which it is refined
+MANY_ITERATIONS = 16  # factor of the iterations that count as converged
+MAX_SECONDS = 1.0  # time of a measurement above which errors are not measured
+HORIZON = 60  # frames of `FrameErrorMeter.growth`
 OF_SOLVER = frozenset({"substeps", "iterations"})  # parameters that the reference has of its own
-SLICE_SECONDS = 5e-4  # time of a slice of a reference frame, which is not interrupted
 
 
 @dataclass(frozen=True)
@@ -113,142 +178,95 @@ class FrameError:
     """Distance that the cloth moved in the frame [m]."""
     reference_error: float
     """Distance between the reference and one with half its substeps [m]."""
+    residual: float | None
+    """Distance from the same frame with converged iterations [m]; None for a solver that does not iterate."""
+    step_error: float
+    """Distance of the frame with converged iterations from the reference [m]: of substeps and model."""
     by_particle: Floats
     """Distance of each particle from the reference [m], (N,)."""
-
-
-class Reference(Simulation):
-    """A copy that runs single frames with `explicit`, with a multiple of the substeps that it needs to be stable."""
-
-    def __init__(self, running: Simulation) -> None:
-        self.refinement = 1
-        solver = replace(running.scene.solver, name="explicit", substeps=1, iterations=1)
-        super().__init__(replace(running.scene, solver=solver), running.requested_layout)
-        self.step()  # compiles
-
-    @property
-    def substeps(self) -> int:
-        return self.refinement * self.min_stable_substeps
-
-    def start_from(self, running: Simulation) -> None:
-        """Take over the state of the running cloth, with its grabs."""
-        take_over(self, running, OF_SOLVER)
-        grabs = running.grabs.items()
-        self.set_grabs({k: Grab(g.particles, g.rest_positions, g.start, g.target, g.history) for k, g in grabs})
-        self.depenetration.reduction = running.depenetration.reduction.copy()
-        self._start = self.positions(), self.velocities(), self.depenetration.reduction.copy()
-
-    def slices(self, refinement: int) -> Iterator[Floats]:
-        """Run the frame from its start, and yield the positions after each slice, (N, 3) [m]."""
-        self.refinement = refinement
-        x, v, self.depenetration.reduction = self._start
-        self.place(x)
-        self.solver.set_velocities(v, self.h)
-        frame, first, count = self._frame_input(), 0, 1
-        while first < frame.substeps:
-            began, last = time.perf_counter(), min(first + count, frame.substeps)
-            self.solver.step(replace(frame, span=(first, last)))
-            x = self.positions()
-            seconds = (time.perf_counter() - began) / (last - first)
-            first, count = last, max(int(SLICE_SECONDS / seconds), 1)
-            yield x
+    seconds: float
+    """Time of the measurement [s]."""
 
 
 class FrameErrorMeter:
-    """Measures the error of single frames of a running cloth, which makes the same bits as without.
+    """Measures the error of single frames of a scene on two copies, one with the reference and one with its solver."""
 
-    `run_frame` measures as many frames as a tenth of the time allows, each in slices after the following frames.
-    """
+    def __init__(self, scene: Scene, layout: str | None = None) -> None:
+        """Compile both. Raises UsageError if the fabric is too stiff for the reference."""
+        solver = replace(scene.solver, name="explicit", substeps=1, iterations=1)
+        self._reference = Copy(replace(scene, solver=solver), layout)
+        try:
+            self._same = Copy(scene, layout)
+        except BaseException:
+            self._reference.close()
+            raise
+        for copy in (self._reference, self._same):
+            copy.end_of_frame(FrameStart.of(copy))
 
-    def __init__(self, running: Simulation) -> None:
-        """Compile the reference. Raises UsageError if the fabric is too stiff for it."""
-        self._running = running
-        self._reference = Reference(running)
-        # At least four times the substeps of the running cloth, in the finer of the two runs.
-        self._refinement = max(1, ceil(2 * running.substeps / self._reference.min_stable_substeps))
-        self._work: Iterator[None] | None = None
-        self._slow = 0
-        self._credit = 0.0  # [s] that may be spent
-        self.result: FrameError | None = None
-        """The last error that was measured."""
-        self.seconds = 0.0
-        """Time of the last reference frame, both runs [s]."""
-
-    @property
-    def is_too_slow(self) -> bool:
-        """Whether a reference frame takes longer than `MAX_SECONDS`: no error is measured then."""
-        return self._slow >= SLOW_TRIES
-
-    def run_frame(self, step: Callable[[], object]) -> None:
-        """Run one frame by calling `step`, and measure within the allowed time."""
-        self._credit += SHARE_OF_FRAME * FRAME_SECONDS
-        began = time.perf_counter()
-        measured = self._work is None and self._credit > 0 and not self.is_too_slow
-        if measured:
-            self._begin()
-        self._credit -= time.perf_counter() - began
-        step()
-        began = time.perf_counter()
-        if measured:
-            self._end()
-        if self._work is not None and self._credit > 0:
-            self._continue(self._credit)
-        self._credit -= time.perf_counter() - began
-
-    def measure_frame(self, step: Callable[[], object] | None = None) -> FrameError:
-        """Run one frame, by calling `step` if there is one, and return its error, however long that takes."""
-        self._begin()
-        (step or self._running.step)()
-        self._end()
-        self._continue(inf)
-        assert self.result is not None
-        return self.result
-
-    def _begin(self) -> None:
-        self._reference.start_from(self._running)
-        self._before = self._running.positions()
-        self._work = self._measure()
-
-    def _end(self) -> None:
-        self._after, self._frame = self._running.positions(), self._running.frame
-
-    def _continue(self, seconds: float) -> None:
-        """Continue with the reference frame for about this time [s]."""
-        end = time.perf_counter() + seconds
-        for _ in self._work or ():
-            if time.perf_counter() >= end:
-                return
-        self._work = None
-
-    def _measure(self) -> Iterator[None]:
-        """Run the reference frame twice, and store the result. Yields after each slice."""
-        runs, self.seconds = [], 0.0
-        for refinement in (self._refinement, 2 * self._refinement):
-            slices, x = self._reference.slices(refinement), self._before
-            while True:
-                began = time.perf_counter()
-                following = next(slices, None)
-                self.seconds += time.perf_counter() - began
-                if following is None:
-                    break
-                x = following
-                yield
-            runs.append(x)
-        distances = np.linalg.norm(self._after - runs[1], axis=1)
-        self.result = FrameError(
-            self._frame,
-            rms(distances),
-            rms(np.linalg.norm(self._after - self._before, axis=1)),
-            rms(np.linalg.norm(runs[1] - runs[0], axis=1)),
-            distances,
+    def measure(self, start: FrameStart, after: Floats) -> FrameError:
+        """Return the error of the frame that led from `start` to the positions `after`, (N, 3) [m]."""
+        began, same, reference = time.perf_counter(), self._same, self._reference
+        converged = after
+        if iterates := not same.solver.info.is_explicit:
+            same.iteration_factor = MANY_ITERATIONS
+            converged = same.end_of_frame(start)
+        runs, refinement = [], self._refinement(start)
+        began_reference = time.perf_counter()
+        for reference.refinement in (refinement, 2 * refinement):
+            runs.append(reference.end_of_frame(start, OF_SOLVER))
+        if 2 * (time.perf_counter() - began_reference) < GOAL_SECONDS and 4 * refinement <= MAX_REFINEMENT:
+            self._least_refinement = 2 * refinement
+        distances = np.linalg.norm(after - runs[1], axis=1)
+        return FrameError(
+            frame=start.frame + 1,
+            error=rms(distances),
+            motion=rms_distance(after, start.positions),
+            reference_error=rms_distance(*runs),
+            residual=rms_distance(after, converged) if iterates else None,
+            step_error=rms_distance(converged, runs[1]),
+            by_particle=distances,
+            seconds=time.perf_counter() - began,
         )
-        self._slow = self._slow + 1 if self.seconds > MAX_SECONDS else 0
-        if 2 * self.seconds < GOAL_SECONDS and 4 * self._refinement <= MAX_REFINEMENT:
-            self._refinement *= 2
+
+    _least_refinement = 1
+
+    def _refinement(self, start: FrameStart) -> int:
+        """Return the refinement of the coarser reference.
+
+        The finer one has at least four times the substeps of the cloth.
+        """
+        substeps = max(int(start.params["substeps"]), self._same.min_stable_substeps)
+        return max(self._least_refinement, ceil(2 * substeps / self._reference.min_stable_substeps))
+
+    def measure_frame(self, running: Simulation, step: Callable[[], object] | None = None) -> FrameError:
+        """Run one frame of a simulation of the scene, by calling `step` if there is one, and return its error."""
+        start = FrameStart.of(running)
+        (step or running.step)()
+        return self.measure(start, running.positions())
+
+    def growth(self, start: FrameStart) -> float:
+        """Return the distance of the cloth from the reference after `HORIZON` frames, root mean square [m].
+
+        Grabs stay where they are. An estimate of what the errors of frames become: the cloth may do something else.
+        """
+        self._same.iteration_factor, self._reference.refinement = 1, 2 * self._refinement(start)
+        held = {k: Grab(g.particles, g.rest_positions, g.start, g.start, [g.start]) for k, g in start.grabs.items()}
+        ends = []
+        for copy, but in ((self._same, frozenset[str]()), (self._reference, OF_SOLVER)):
+            copy.start_from(replace(start, grabs=held), but)
+            copy.step(HORIZON)
+            ends.append(copy.positions())
+        return rms_distance(*ends)
 
     def close(self) -> None:
-        """Release the copy."""
+        """Release the copies."""
         self._reference.close()
+        self._same.close()
+
+
+def rms_distance(a: Floats, b: Floats) -> float:
+    """Return the root mean square of the distances between two sets of positions, (N, 3) each."""
+    return rms(np.linalg.norm(a - b, axis=1))
 
 
 def rms(distances: Floats) -> float:

@@ -7,6 +7,7 @@ from base64 import b64encode
 from collections.abc import Callable
 from functools import partial
 from os import PathLike
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,7 +55,7 @@ class Simulation(RunningCloth):
         self.listeners: list[Listener] = []
         super().__init__(check_scene(scene), layout, partial(_set_param, weakref.ref(self)))
 
-    def __enter__(self) -> Simulation:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:

@@ -25,7 +25,7 @@ from .panel import (
     PANEL_MARGIN,
     PANEL_WIDTH,
     PanelRect,
-    error_line,
+    error_lines,
     has_changed,
     saved_panel_rect,
     wrap,
@@ -328,7 +328,7 @@ def side_statistics(name: str, side: Session) -> list[str]:
     return [
         *wrap(f"{name}: {simulation.method}"),
         f"  {side.physics_ms:.1f} ms, strain {100 * metrics.max_strain:.1f} %",
-        f"  {error_line(side.meter)}"[:LINE_LENGTH],
+        *(f"  {line}"[:LINE_LENGTH] for line in error_lines(side.meter)),
     ]
 
 

@@ -190,7 +190,7 @@ PAGES = ("Sliders", "Scenes", "Solvers", "Fabrics", "Views", "Features", "Statis
 GRAB_RADIUS_FACTOR = 1.25  # factor between two grab radii
 
 # Other actions that may have to compile kernels, and what the user reads meanwhile.
-COMPILING_ACTIONS = {"feature": "features", "time_features": "feature times", "errors": "reference for errors"}
+COMPILING_ACTIONS = {"feature": "features", "time_features": "feature times"}
 
 
 def freeze(session: Session) -> None:

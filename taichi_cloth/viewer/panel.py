@@ -16,10 +16,11 @@ import taichi as ti
 
 from ..scene.parameters import Parameter, parameters_of
 from ..scene.schema import FRAME_SECONDS
-from ..simulation.copies import FeatureTimes, FrameErrorMeter
+from ..simulation.copies import FeatureTimes
 from ..simulation.error_estimate import estimate
 from ..simulation.simulation import Simulation
 from . import charts
+from .error_process import ErrorProcess
 from .input import ARROWS, MENU, MOUSE, PAGES, SHORTCUTS, Progress, Refusal, chosen, display_name, names
 from .session import Session
 
@@ -76,7 +77,7 @@ LINE_LENGTH = (
 ) // 7  # characters in a line: the toolkit's padding is 8 pixels, a character is 7 pixels wide
 KEY_COLUMN = 25  # [characters] width of the first column of the key help
 MIN_SHOWN_ERROR = 1e-4  # fraction of the cloth's side: smaller errors are reported as below it
-SUMMARY_LINES = 5  # lines of the statistics that most pages show; all show the first
+SUMMARY_LINES = 7  # lines of the statistics that most pages show; all show the first
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
 FIRST_HELP = "Drag the cloth; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
@@ -296,7 +297,7 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         f"frame {simulation.frame} · {fps:.0f} fps",
         f"physics {physics} + {drawing} {drawn} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
-        error_line(session.meter),
+        *error_lines(session.meter),
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
         f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
         f"this setting in the reference swing: {error_text(simulation)}",
@@ -308,17 +309,20 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
     return "\n".join(lines)
 
 
-def error_line(meter: FrameErrorMeter | None) -> str:
-    """Return the last error of a frame that was measured, or why none was."""
+def error_lines(meter: ErrorProcess | None) -> list[str]:
+    """Return the last error of a frame that was measured, with its parts, or one line that says why none was."""
     if meter is None:
-        return "error of a frame: not measured (U)"
-    if meter.is_too_slow:
-        return f"error of a frame: not measured, its reference takes {1e3 * meter.seconds:.0f} ms"
-    if meter.result is None:
-        return "error of a frame: being measured"
-    found = meter.result
+        return ["error of a frame: not measured (U)"]
+    if meter.answer is None:
+        return ["error of a frame: being measured"]
+    found, growth = meter.answer.error, meter.answer.growth
+    if found is None or meter.answer.refusal:
+        return [f"error of a frame: not measured: {meter.answer.refusal}"]
     share = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
-    return f"error of frame {found.frame}: {1e3 * found.error:.2g} mm{share}"
+    steps = f"substeps and model {1e3 * found.step_error:.2g} mm"
+    parts = steps if found.residual is None else f"iterations {1e3 * found.residual:.2g} mm, {steps}"
+    estimate = [] if growth is None else [f"  estimate for 1 s without input: {1e3 * growth:.2g} mm"]
+    return [f"error of frame {found.frame}: {1e3 * found.error:.2g} mm{share}", f"  {parts}", *estimate]
 
 
 def error_text(s: Simulation) -> str:

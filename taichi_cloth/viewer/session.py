@@ -22,7 +22,7 @@ from ..render.camera import OrbitCamera
 from ..render.draw_list import VIEWS, DrawList
 from ..scene import Scene, SceneError, scene_names
 from ..scene.overrides import removable_sections, scene_without
-from ..simulation.copies import FeatureTimes, FrameErrorMeter, feature_times
+from ..simulation.copies import FeatureTimes, feature_times
 from ..simulation.divergence import DivergenceGuard
 from ..simulation.events import Event
 from ..simulation.recording import Recorder
@@ -31,6 +31,7 @@ from ..system.errors import UsageError
 from .capture import Capture, Exporter
 from .charts import History
 from .dragging import Dragger, Mouse, Pointer, pick_under_cursor
+from .error_process import ErrorProcess
 from .input import (
     ACTIONS,
     COMPILING_ACTIONS,
@@ -80,7 +81,7 @@ class Session:
         self.size = (1280, 720)
         """Size of the last image [pixels]."""
         self.pointer = Pointer()
-        self.meter: FrameErrorMeter | None = None  # if errors of frames are measured
+        self.meter: ErrorProcess | None = None  # if errors of frames are measured
         self.deferred = Deferred()  # until the next frame was displayed
         self.capture = Capture(out)
         self._initial_scene = scene
@@ -117,7 +118,6 @@ class Session:
     def refresh(self) -> None:
         """Update the draw list and the divergence guard after the simulation was rebuilt."""
         self.feature_times = None
-        self.measure_errors(self.meter is not None)
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
         self._guard = DivergenceGuard(self.simulation)
@@ -139,10 +139,10 @@ class Session:
     def close(self) -> None:
         """Release all resources. Clips that are still being rendered are dropped; `finish` waits for them."""
         self.capture.close()
+        self.measure_errors(False)
         self._close_scene()
 
     def _close_scene(self) -> None:
-        self.measure_errors(False)
         self.draw_list.close()
         self.simulation.close()
 
@@ -214,11 +214,10 @@ class Session:
         scene = self._initial_scene if name == self._initial_scene.name else load_scene(name)
         self.release_all()
         self._end_clip()
-        note, measures = self.note, self.meter is not None
+        note = self.note
         self._close_scene()
         self._open(scene)
         self.note = note
-        self.measure_errors(measures)
 
     def _restart_recording(self) -> None:
         self.recorder.restart()
@@ -363,7 +362,7 @@ class Session:
         for k in range(frames):
             for dragger in self.draggers.values():
                 dragger.interpolate((k + 1) / frames)
-            self.meter.run_frame(self.simulation.step) if self.meter else self.simulation.step()
+            self._step()
             if not self._guard.check_and_snapshot():
                 self._roll_back()
                 self.release_all()
@@ -377,14 +376,16 @@ class Session:
             self._restart_recording()
 
     def measure_errors(self, on: bool) -> None:
-        """Start or stop measuring the error of frames. On failure the note says why."""
+        """Start or stop measuring the error of frames."""
         if self.meter is not None:
             self.meter.close()
-        self.meter = None
-        try:
-            self.meter = FrameErrorMeter(self.simulation) if on else None
-        except UsageError as error:
-            self.note = Refusal(f"errors are not measured: {error}")
+        self.meter = ErrorProcess() if on else None
+
+    def _step(self) -> None:
+        if self.meter is None:
+            self.simulation.step()
+        else:
+            self.meter.run_frame(self.simulation, self.simulation.step)
 
     def _roll_back(self) -> None:
         """Return to the last stable frame. The note says why."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer.charts import CHART_SECONDS
+from taichi_cloth.viewer.error_process import Answer
 from taichi_cloth.viewer.input import ARROWS, MENU, PAGES, SHORTCUTS, Progress, Refusal
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
@@ -26,7 +28,7 @@ from taichi_cloth.viewer.panel import (
     TITLE_HEIGHT,
     Panel,
     PanelRect,
-    error_line,
+    error_lines,
     error_text,
     help_lines,
     saved_panel_rect,
@@ -270,18 +272,22 @@ def test_statistics_have_times_and_charts_have_a_legend(drawn: Drawn) -> None:
     assert any(text.startswith("kinetic energy: ") and text.endswith(" J") for text in gui.texts)
 
 
-def test_the_error_of_a_frame_is_shown_if_it_is_measured(drawn: Drawn, tmp_path: Path) -> None:
+def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     session, gui, _ = drawn("drape15", "Statistics", **{"Measure errors": True})
     assert "error of a frame: not measured (U)" in gui.texts
     assert session.meter is not None
-    assert error_line(session.meter) == "error of a frame: being measured"
-    session.advance(2)
-    session.meter.result = FrameError(7, 0.00123, 0.01, 1e-6, np.zeros(225))
-    assert error_line(session.meter) == "error of frame 7: 1.2 mm, 12 % of its motion"
-    session.meter.result = FrameError(7, 0.0, 0.0, 0.0, np.zeros(225))
-    assert error_line(session.meter) == "error of frame 7: 0 mm"
-    session.meter._slow, session.meter.seconds = 2, 0.31
-    assert error_line(session.meter) == "error of a frame: not measured, its reference takes 310 ms"
+    assert error_lines(session.meter) == ["error of a frame: being measured"]
+    found = FrameError(7, 0.00123, 0.01, 1e-6, 0.0005, 0.0008, np.zeros(225), 0.01)
+    session.meter.answer = Answer(found, 0.02)
+    assert error_lines(session.meter) == [
+        "error of frame 7: 1.2 mm, 12 % of its motion",
+        "  iterations 0.5 mm, substeps and model 0.8 mm",
+        "  estimate for 1 s without input: 20 mm",
+    ]
+    session.meter.answer = Answer(replace(found, error=0.0, motion=0.0, residual=None, step_error=0.0))
+    assert error_lines(session.meter) == ["error of frame 7: 0 mm", "  substeps and model 0 mm"]
+    session.meter.answer = Answer(found, None, "its reference takes 3.1 s")
+    assert error_lines(session.meter) == ["error of a frame: not measured: its reference takes 3.1 s"]
 
 
 def test_the_error_of_the_setting_is_not_shown_as_one_of_now(drawn: Drawn) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -18,12 +18,12 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
-from taichi_cloth.simulation import copies
-from taichi_cloth.simulation.copies import take_over
+from taichi_cloth.simulation.copies import Copy, FrameStart
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer.capture import Capture
 from taichi_cloth.viewer.dragging import Target
+from taichi_cloth.viewer.error_process import ErrorProcess
 from taichi_cloth.viewer.input import HELD_KEY_RATES, SHORTCUTS, Refusal
 from taichi_cloth.viewer.session import Session
 
@@ -487,35 +487,23 @@ def test_feature_times_are_measured_on_copies(session: Session) -> None:
 def test_errors_of_frames_are_measured_until_they_are_switched_off(
     session: Session, three_scenes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(copies, "SHARE_OF_FRAME", 100.0)
+    measured: list[str] = []
+
+    def run_frame(self: ErrorProcess, simulation: Simulation, step: Callable[[], object]) -> None:
+        measured.append(simulation.scene.name)
+        step()
+
+    monkeypatch.setattr(ErrorProcess, "run_frame", run_frame)
     session.request("errors")
-    assert session.note.startswith("reference for errors: compiling")
-    session.run_deferred()
-    session.advance(5)
-    meter = session.meter
-    assert meter is not None
-    assert meter.result is not None
-    assert 0 < meter.result.frame <= 5
-    with Simulation(session.simulation.scene) as other:
-        other.step(5)
-        np.testing.assert_array_equal(session.simulation.positions(), other.positions())
-    session.act("solver")  # another meter, for another solver
-    assert session.meter not in (None, meter)
+    session.advance(2)
     session.act("next_scene")
-    session.advance(3)
-    assert session.meter is not None
-    assert session.meter.result is not None
+    session.advance(1)
+    assert measured == [three_scenes[0], three_scenes[0], three_scenes[1]]
     session.act("errors")
     assert session.meter is None
     session.advance(1)
-
-
-def test_a_scene_that_is_too_stiff_for_the_reference_is_not_measured() -> None:
-    with closing(Session(load_scene("curtain", warp=1e9, weft=1e9, width=0.4, area_density=0.001))) as session:
-        session.act("errors")
-        assert session.meter is None
-        assert session.note.startswith("errors are not measured: curtain: explicit needs")
-        assert isinstance(session.note, Refusal)
+    assert len(measured) == 3
+    assert session.simulation.frame == 2
 
 
 def test_a_copy_has_the_state_of_the_running_cloth(session: Session) -> None:
@@ -524,8 +512,8 @@ def test_a_copy_has_the_state_of_the_running_cloth(session: Session) -> None:
     running.pin(PARTICLE)
     running.unpin(0)
     session.advance(5)
-    with Simulation(running.scene) as copy:
-        take_over(copy, running)
+    with Copy(running.scene) as copy:
+        copy.start_from(FrameStart.of(running))
         for one in (copy, running):
             one.step()
         np.testing.assert_allclose(copy.positions(), running.positions(), atol=1e-6)

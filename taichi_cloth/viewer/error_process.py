@@ -1,0 +1,184 @@
+"""Errors of frames while a scene runs, measured by another process.
+
+The process has a Taichi of its own, so neither compiling its copies nor a slow reference delays the display. It runs at
+low priority, and for at most a tenth of the time.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import connection, get_context
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene import Scene
+from ..simulation.copies import HORIZON, MAX_SECONDS, FrameError, FrameErrorMeter, FrameStart
+from ..simulation.simulation import Simulation
+from ..system import taichi_runtime as runtime
+from ..system.errors import UsageError
+
+if TYPE_CHECKING:
+    from multiprocessing.context import SpawnProcess
+
+SHARE_OF_TIME = 0.1  # of one core, which measuring may take
+FRAMES_BEFORE = 60  # frames that a scene runs before the process starts: the first second of a window is its own
+MAX_GROWTH_SECONDS = 3.0  # time up to which the growth of the error is measured
+NICENESS = 10  # of the process, where the system has priorities
+
+
+@dataclass(frozen=True)
+class Job:
+    """One frame to measure."""
+
+    scene: Scene
+    layout: str | None
+    start: FrameStart
+    after: NDArray[np.float64]
+    """Positions after the frame [m], (N, 3)."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was measured of a job, or why nothing was."""
+
+    error: FrameError | None = None
+    growth: float | None = None
+    """Distance from the reference `HORIZON` frames later [m] (`FrameErrorMeter.growth`), if there was time."""
+    refusal: str = ""
+    seconds: float = 0.0
+    """Time that it took, without compiling [s]."""
+
+
+class ErrorProcess:
+    """Measures frames of a running cloth one after another. The cloth makes the same bits as without."""
+
+    def __init__(self) -> None:
+        self.answer: Answer | None = None
+        """The last measurement of the scene that runs."""
+        self._frames = 0
+        self._scene: Scene | None = None
+        self._sent: Scene | None = None  # scene of the job that the process works on
+        self._next = 0.0  # wall time of the next job [s]
+        self._process: SpawnProcess | None = None
+        self._pipe: connection.Connection | None = None
+
+    def run_frame(self, simulation: Simulation, step: Callable[[], object]) -> None:
+        """Run one frame by calling `step`, and have it measured if the process is free and has time left."""
+        self._frames += 1
+        if simulation.scene is not self._scene:
+            self._scene, self.answer = simulation.scene, None
+        self._receive()
+        if not self._is_free():
+            step()
+            return
+        start = FrameStart.of(simulation)
+        step()
+        if simulation.scene is self._scene:
+            self._send(Job(self._scene, simulation.requested_layout, start, simulation.positions()))
+
+    def _is_free(self) -> bool:
+        is_refused = self.answer is not None and bool(self.answer.refusal)
+        waits = self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next
+        return not (is_refused or waits or self._sent)
+
+    def _send(self, job: Job) -> None:
+        try:
+            if self._pipe is None:
+                self._start()
+            assert self._pipe is not None
+            self._pipe.send(job)
+            self._sent = job.scene
+        except OSError as error:
+            self.answer = Answer(refusal=f"the process that measures it has ended ({error})")
+
+    def _start(self) -> None:
+        context = get_context("spawn")
+        self._pipe, other = context.Pipe()
+        self._process = context.Process(target=serve, args=(other,), daemon=True, name="taichi_cloth errors")
+        self._process.start()
+        other.close()
+
+    def _receive(self) -> None:
+        """Take over the answer to the last job, if it has come."""
+        if self._sent is None or self._pipe is None:
+            return
+        try:
+            if not self._pipe.poll():
+                return
+            answer: Answer = self._pipe.recv()
+        except (EOFError, OSError):
+            answer = Answer(refusal="the process that measures it has ended")
+        if self._sent is self._scene:
+            self.answer = answer
+        self._sent = None
+        self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
+
+    def close(self) -> None:
+        """End the process."""
+        if self._pipe is not None and self._process is not None:
+            self._pipe.close()
+            self._process.terminate()
+            self._process.join(1.0)
+        self._pipe = self._process = None
+
+
+# -- the process -------------------------------------------------------------------------------------------------------
+
+
+def serve(pipe: connection.Connection) -> None:
+    """Answer jobs until the other end of the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    runtime.start("cpu", cpu_max_num_threads=1)
+    measurer = Measurer()
+    with suppress(EOFError, OSError):
+        while True:
+            pipe.send(measurer.answer(pipe.recv()))
+
+
+class Measurer:
+    """Answers jobs with copies of the scene, which are compiled when the scene changes."""
+
+    def __init__(self) -> None:
+        self._scene: Scene | None = None
+        self._meter: FrameErrorMeter | None = None
+        self._refusal = ""
+
+    def answer(self, job: Job) -> Answer:
+        """Measure a frame, and then the growth of its error if it does not take too long."""
+        try:
+            self._open(job)
+        except UsageError as refused:
+            self._refusal = str(refused)
+        if self._meter is None or self._refusal:
+            return Answer(refusal=self._refusal)
+        began = time.perf_counter()
+        error, growth = self._meter.measure(job.start, job.after), None
+        if error.seconds > MAX_SECONDS:
+            self._refusal = f"its reference takes {error.seconds:.1f} s"
+        elif not np.isfinite(error.error):
+            self._refusal = "its reference diverges"
+        elif HORIZON * error.seconds / 3 < MAX_GROWTH_SECONDS:  # the reference ran three times the coarser substeps
+            growth = self._meter.growth(job.start)
+        return Answer(error, growth, self._refusal, time.perf_counter() - began)
+
+    def _open(self, job: Job) -> None:
+        if job.scene == self._scene:
+            return
+        self.close()
+        self._scene, self._refusal = job.scene, ""
+        self._meter = FrameErrorMeter(job.scene, job.layout)
+
+    def close(self) -> None:
+        """Release the copies."""
+        if self._meter is not None:
+            self._meter.close()
+        self._meter = None

@@ -1,0 +1,183 @@
+"""Errors of frames measured by another process: it follows the running scene, and a failure delays nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.scene import Scene
+from taichi_cloth.simulation.copies import FrameErrorMeter, FrameStart
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.viewer import error_process
+from taichi_cloth.viewer.error_process import Answer, ErrorProcess, Job, Measurer
+
+pytestmark = pytest.mark.usefixtures("serial_layout")
+
+MAX_FRAMES = 20_000  # until an answer must have come; a frame waits for 10 ms
+
+
+def scene(**changes: Any) -> Scene:
+    return load_scene("drape15", **({"rows": 6, "columns": 7} | changes))
+
+
+@pytest.fixture
+def process(monkeypatch: pytest.MonkeyPatch) -> Iterator[ErrorProcess]:
+    monkeypatch.setattr(error_process, "FRAMES_BEFORE", 2)
+    process = ErrorProcess()
+    yield process
+    process.close()
+
+
+def run_until_answered(process: ErrorProcess, simulation: Simulation) -> Answer:
+    for _ in range(MAX_FRAMES):
+        process.run_frame(simulation, simulation.step)
+        if process.answer is not None:
+            return process.answer
+        time.sleep(0.01)
+    pytest.fail("no answer")
+
+
+def job_of(simulation: Simulation) -> Job:
+    start = FrameStart.of(simulation)
+    simulation.step()
+    return Job(simulation.scene, "serial", start, simulation.positions())
+
+
+def test_another_process_measures_the_errors_of_the_scenes_that_run(process: ErrorProcess) -> None:
+    for running in (scene(), scene(substeps=20)):
+        with (
+            Simulation(running) as simulation,
+            Simulation(running) as alone,
+            closing(FrameErrorMeter(running)) as meter,
+        ):
+            answer = run_until_answered(process, simulation)
+            assert answer.error is not None
+            alone.step(answer.error.frame - 1)
+            assert answer.error.error == pytest.approx(meter.measure_frame(alone).error, rel=1e-3)
+            alone.step(simulation.frame - alone.frame)
+            np.testing.assert_array_equal(simulation.positions(), alone.positions())
+
+
+def test_a_scene_that_is_too_stiff_for_the_reference_is_refused_until_the_scene_changes() -> None:
+    measurer = Measurer()
+    try:
+        with Simulation(scene(warp=1e9, weft=1e9, width=0.4, area_density=0.001)) as simulation:
+            refused = measurer.answer(job_of(simulation))
+        assert refused.error is None
+        assert refused.refusal.startswith("drape15: explicit needs")
+        with Simulation(scene()) as simulation:
+            assert measurer.answer(job_of(simulation)).refusal == ""
+    finally:
+        measurer.close()
+
+
+def test_a_reference_that_is_too_slow_or_diverges_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    measurer = Measurer()
+    try:
+        with Simulation(scene()) as simulation:
+            job = job_of(simulation)
+            assert measurer.answer(replace(job, after=np.full_like(job.after, np.inf))).refusal.endswith("diverges")
+            monkeypatch.setattr(error_process, "MAX_SECONDS", 0.0)
+            measurer.close()
+            measurer = Measurer()
+            slow = measurer.answer(job)
+        assert slow.refusal.startswith("its reference takes 0.")
+        assert slow.growth is None
+    finally:
+        measurer.close()
+
+
+def test_growth_is_measured_if_there_is_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    measurer = Measurer()
+    try:
+        with Simulation(scene()) as simulation:
+            job = job_of(simulation)
+            monkeypatch.setattr(error_process, "MAX_GROWTH_SECONDS", 1e9)
+            whole = measurer.answer(job)
+            assert whole.error is not None
+            assert whole.growth is not None
+            assert whole.growth > whole.error.error
+            assert whole.seconds > whole.error.seconds
+            monkeypatch.setattr(error_process, "MAX_GROWTH_SECONDS", 0.0)
+            assert measurer.answer(job).growth is None
+    finally:
+        measurer.close()
+
+
+def test_a_refused_scene_is_not_sent_again(process: ErrorProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[Job] = []
+    monkeypatch.setattr(process, "_send", sent.append)
+    with Simulation(scene()) as simulation:
+        for _ in range(4):
+            process.run_frame(simulation, simulation.step)
+        assert len(sent) == 2  # FRAMES_BEFORE are not
+        process.answer = Answer(refusal="too stiff")
+        process.run_frame(simulation, simulation.step)
+        assert len(sent) == 2
+    with Simulation(scene()) as simulation:
+        process.run_frame(simulation, simulation.step)
+        assert process.answer is None
+        assert len(sent) == 3
+
+
+def test_measuring_takes_a_tenth_of_the_time(process: ErrorProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(error_process.time, "perf_counter", lambda: now[0])
+
+    class Pipe:
+        sent = 0
+
+        def poll(self) -> bool:
+            return True
+
+        def recv(self) -> Answer:
+            return Answer(seconds=0.2)
+
+        def send(self, job: Job) -> None:
+            self.sent += 1
+
+        def close(self) -> None:
+            pass
+
+    pipe = Pipe()
+    monkeypatch.setattr(process, "_pipe", pipe)
+    with Simulation(scene()) as simulation:
+        for _ in range(100):
+            process.run_frame(simulation, simulation.step)
+            now[0] += 0.1
+    assert pipe.sent == 5  # every 2 s: an answer comes a frame after its job, and the next job 1.8 s later
+
+
+def test_a_process_that_has_died_is_reported_and_delays_nothing(process: ErrorProcess) -> None:
+    with Simulation(scene()) as simulation:
+        run_until_answered(process, simulation)
+        assert process._process is not None
+        process._process.kill()
+        process._process.join()
+        process.answer, process._next = None, 0.0
+        answer = run_until_answered(process, simulation)
+        assert answer.refusal.startswith("the process that measures it has ended")
+        frame = simulation.frame
+        process.run_frame(simulation, simulation.step)
+        assert simulation.frame == frame + 1
+
+
+def test_closing_ends_the_process() -> None:
+    process = ErrorProcess()
+    process.close()
+    with Simulation(scene()) as simulation:
+        process._frames = error_process.FRAMES_BEFORE
+        process.run_frame(simulation, simulation.step)
+        child = process._process
+        assert child is not None
+        assert child.is_alive()
+        process.close()
+        child.join(10)
+        assert not child.is_alive()
