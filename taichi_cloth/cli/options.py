@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 DEFAULT_SCENE = "curtain"
 DEFAULT_FRAMES = 240
-VIEWS = ("shaded", "strain", "wireframe", "particles")
+VIEWS = ("shaded", "strain", "error", "wireframe", "particles")
 
 
 class Action(Protocol):
@@ -64,6 +64,13 @@ def strain(text: str) -> float:
     if not 0.01 <= value <= 100:
         raise argparse.ArgumentTypeError(f"{text!r} is not a strain from 0.01 to 100, such as 0.5 for 50 % longer")
     return value
+
+
+def no_errors_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--no-errors` to a command that shows a running scene."""
+    parser.add_argument(
+        "--no-errors", action="store_true", help="do not measure the errors of frames; U starts it while the scene runs"
+    )
 
 
 def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:

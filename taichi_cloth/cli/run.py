@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING
 from ..scene import Scene
 from ..system import taichi_runtime as runtime
 from ..system.errors import Diverged, UsageError
-from .options import DEFAULT_FRAMES, VIEWS, Command, chosen_scene, count, scene_options, size, summary
+from .options import DEFAULT_FRAMES, VIEWS, Command, chosen_scene, count, no_errors_option, scene_options, size, summary
 from .replaying import check_video, write_video
 
 if TYPE_CHECKING:
     from ..render.sequence import RenderPlan
     from ..simulation.simulation import Simulation
+    from ..viewer.capture import Exporter
+    from ..viewer.session import Session
 
 PORT = 8080  # of the command `web`
 IFRAME_SIZE = 960, 540  # [pixels] size of the <iframe>
@@ -39,6 +41,7 @@ def add_commands(command: Command) -> None:
         help="number of displayed frames before the window closes (default: no limit)",
     )
     run.add_argument("--log", type=Path, metavar="FILE", help="log file with one JSON line per displayed frame")
+    no_errors_option(run)
     run.add_argument("--headless", action="store_true", help="render images to out/SCENE instead of opening a window")
 
     web = command("web", run_web, "serve an interactive browser view of a scene", "web curtain")
@@ -56,6 +59,7 @@ def add_commands(command: Command) -> None:
         metavar="WORD",
         help="access token (default: none on a loopback address, else a random one, which is printed)",
     )
+    no_errors_option(web)
     web.add_argument(
         "--print-iframe", action="store_true", help="also print an <iframe> element for use in another page"
     )
@@ -96,7 +100,6 @@ def run_scene(args: argparse.Namespace) -> int:
 
         arch = runtime.start(args.arch)
         from ..export.clip import export_snapshot
-        from ..viewer.session import Session
 
         with ExitStack() as until_open:
             until_open.enter_context(spinner(f"{scene.name}: compiling kernels (some seconds on the first run)"))
@@ -106,7 +109,7 @@ def run_scene(args: argparse.Namespace) -> int:
                 print(summary(simulation, arch), flush=True)
 
             window.run(
-                partial(Session, scene, args.layout, export=export_snapshot),
+                partial(open_session, scene, args, export_snapshot),
                 size=args.size,
                 frames=args.frames,
                 log=args.log,
@@ -120,6 +123,15 @@ def run_scene(args: argparse.Namespace) -> int:
     )
     plan = RenderPlan(Path("out") / scene.name, args.frames or DEFAULT_FRAMES, contact_sheet=True)
     return render_images(scene, plan, args, force=True)
+
+
+def open_session(scene: Scene, args: argparse.Namespace, export: Exporter | None = None) -> Session:
+    """Return a session that measures the errors of frames unless `--no-errors` is set."""
+    from ..viewer.session import Session
+
+    session = Session(scene, args.layout, export=export)
+    session.measure_errors(not args.no_errors)
+    return session
 
 
 def render_scene(args: argparse.Namespace) -> int:
@@ -212,11 +224,10 @@ def run_web(args: argparse.Namespace) -> int:
         WebServer(args.host, args.port, access, fill_template(PAGE_FILE, scene.title or scene.name, {}).encode())
     ) as server:
         arch = runtime.start(args.arch)
-        from ..viewer.session import Session
         from ..web.app import WebApp
 
         with spinner(f"{scene.name}: compiling kernels (some seconds on the first run)"):
-            session = Session(scene, args.layout)
+            session = open_session(scene, args)
         with closing(session):
             print(summary(session.simulation, arch), flush=True)
             name = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(args.host, args.host)

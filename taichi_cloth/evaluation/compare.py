@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..cli.options import DEFAULT_FRAMES, VIEWS, Command, count, size
+from ..cli.options import DEFAULT_FRAMES, VIEWS, Command, count, no_errors_option, size
 from ..scene import Scene, parse_override
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
@@ -51,6 +51,7 @@ def add_commands(command: Command) -> None:
         help="size of window or image, both sides together [pixels]",
     )
     comparing.add_argument("--log", type=Path, metavar="FILE", help="log file with one JSON line per displayed frame")
+    no_errors_option(comparing)
     comparing.add_argument("--headless", action="store_true", help="render images instead of opening a window")
     comparing.add_argument("--view", choices=VIEWS, default="shaded", help="view of the cloth")
     comparing.add_argument("--every", type=count, default=1, metavar="K", help="number of frames per image")
@@ -88,7 +89,7 @@ def compare(args: argparse.Namespace) -> int:
         runtime.start(args.arch)
         left, right = scenes
         comparison.run(
-            lambda: Comparison(left, right, comparison.aspect_of(args.size), view=args.view),
+            lambda: Comparison(left, right, comparison.aspect_of(args.size), view=args.view, errors=not args.no_errors),
             size=args.size,
             frames=args.frames,
             log=args.log,

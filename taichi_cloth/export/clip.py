@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 
 from ..scene.schema import FRAME_SECONDS
-from ..simulation.divergence import DivergenceGuard
+from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged
 from ..system.files import next_free_path

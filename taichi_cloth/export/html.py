@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..render.patterns import pattern_colors
+from ..render.colors import pattern_colors
 from ..render.webgl import Solids, air, fill_template, merge_vertices, quantize, remaining_triangles, script_safe
 from ..simulation.simulation import Simulation
 from ..system.files import atomic_file

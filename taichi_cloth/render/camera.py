@@ -60,6 +60,11 @@ class OrbitCamera:
         self.azimuth = self._initial_azimuth
         self.elevation = self._initial_elevation
 
+    @property
+    def zoom_level(self) -> float:
+        """Zoom steps from the initial distance, positive if the eye is closer."""
+        return log(self._initial_distance / self.distance) / ZOOM_STEP
+
     # -- motion: by amounts, not by time, so that the speed does not depend on the frame rate --------------------------
 
     def orbit(self, right: float, up: float) -> None:
@@ -103,6 +108,10 @@ class OrbitCamera:
         """Point in the image center at the distance of the target [m]; equal to the target if `shift` is 0."""
         x, y, z = self.eye - self.distance * self._axes()[2]
         return float(x), float(y), float(z)
+
+    def on_screen(self, length: float, depth: float) -> float:
+        """Return a length [m] at a distance along the view axis [m], as a fraction of the image's height."""
+        return length / (2 * depth * tan(self.fov / 2))
 
     def _image_height(self) -> float:
         """Return the height of the visible area at the distance of the target [m]."""

@@ -18,9 +18,9 @@ from ..geometry.topology import Topology
 from ..scene.collider_schema import Ground
 from ..scene.schema import Scene
 from ..simulation.simulation import Simulation
-from ..state.field_pool import Pool
+from ..state.field_pool import Pool, upload
 from . import fill, lighting
-from .patterns import pattern_colors, rgb
+from .colors import STRAIN_SCALE, Scale, distance_scale, pattern_colors, rgb, rounded_up
 
 Floats = NDArray[np.float32]
 TriangleSoup = tuple[Floats, Floats, Floats]  # positions, normals and colors of the corners, each (3·T, 3)
@@ -99,7 +99,8 @@ class DrawMesh:
     """First corner of the cloth."""
 
 
-VIEWS = ("shaded", "strain", "wireframe", "particles")
+VIEWS = ("shaded", "strain", "error", "wireframe", "particles")
+COLORED_VIEWS = ("strain", "error")  # those that color the cloth by a value of each particle
 
 FLOOR_COLOR, GRID_LINE_COLOR = (0.925, 0.92, 0.91), (0.845, 0.84, 0.83)  # colors of the floor and of its grid lines
 # Lengths relative to the distance from the eye to the target of the scene's camera.
@@ -120,7 +121,7 @@ class ParticleData:
     normal: Any
     """Unit normal, vec3."""
     strain: Any
-    """Strain of largest magnitude among the springs of the particle."""
+    """Strain that gives its color: in the view `strain` that of largest magnitude among its springs."""
 
 
 def _allocate_mesh(corners: int) -> DrawMesh:
@@ -144,6 +145,8 @@ class DrawList:
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
+        self.errors: NDArray[np.float64] | None = None
+        """Error of each particle [m], (N,), for the view `error`; None if it was not measured."""
         scene, topology = simulation.scene, simulation.topology
         distance = float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
         self._sphere, self._marker = (closed_surface.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
@@ -196,6 +199,9 @@ class DrawList:
             springs = self._structural_count or simulation.topology.spring_count
             fill.particle_strains(cloth, self._look.strain, springs)
             fill.fill_strain(cloth, mesh, self._look.normal, self._look.strain, first)
+        elif view == "error":
+            self._fill_errors()
+            fill.fill_strain(cloth, mesh, self._look.normal, self._look.strain, first)
         elif view == "wireframe":
             width = 0.06 * self._spring_length
             fill.fill_springs(
@@ -207,6 +213,24 @@ class DrawList:
         self._light(view, ti.math.vec3(*eye))
         return mesh
 
+    def scale(self, view: str) -> Scale | None:
+        """Return the color scale of a view, or None if it has none, or if no error was measured."""
+        if view == "strain":
+            return STRAIN_SCALE
+        return distance_scale(self._full_error) if view == "error" and self._full_error else None
+
+    @property
+    def _full_error(self) -> float:
+        """The error with the full color [m]; 0 if none was measured."""
+        largest = 0.0 if self.errors is None else float(self.errors.max(initial=0.0))
+        return rounded_up(largest) if largest > 0 and np.isfinite(largest) else 0.0
+
+    def _fill_errors(self) -> None:
+        """Write the error of each particle as the strain that has its color."""
+        full, count = self._full_error, self.simulation.topology.particle_count
+        shares = self.errors / full if full and self.errors is not None else np.zeros(count)
+        upload(self._look.strain, fill.FULL_STRAIN * shares)
+
     def _light(self, view: str, eye: object) -> None:
         """Render the shadow map, and light every corner."""
         mesh, shadow_map, frame = self.mesh, self._shadow_map, self._shadow_frame
@@ -215,7 +239,7 @@ class DrawList:
         center = ti.math.vec3(*self._floor_center())
         lighting.shade_floor(mesh, self._first_solid, shadow_map, frame, center, self._floor_extent)
         lighting.shade_solids(mesh, self._first_solid, self._first_cloth, GLOSS, eye, shadow_map, frame)
-        if view in ("shaded", "strain"):
+        if view in ("shaded", *COLORED_VIEWS):
             gloss, contrast = (
                 (self.simulation.scene.look.sheen, 1.0) if view == "shaded" else (0.0, STRAIN_VIEW_CONTRAST)
             )
@@ -286,7 +310,7 @@ class DrawList:
         self._spring_colors = self._family_colors()
         self._cloth_corners = {
             "shaded": 3 * topology.triangle_count,
-            "strain": 3 * topology.triangle_count,
+            **dict.fromkeys(COLORED_VIEWS, 3 * topology.triangle_count),
             "wireframe": 6 * self._drawn_spring_count,
             "particles": 24 * topology.particle_count,
         }

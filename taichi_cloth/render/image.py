@@ -10,14 +10,14 @@ from typing import Any
 
 from ..simulation.simulation import Simulation
 from .camera import OrbitCamera
+from .colors import draw_legend
 from .draw_list import VIEWS, DrawList
 from .image_files import Pixels, encode_png, write_png
-from .legend import draw_legend
 from .rasterizer import Rasterizer
 
 
 def render_pixels(raster: Rasterizer, draw_list: DrawList, camera: OrbitCamera, view: str) -> Pixels:
-    """Return an image of the current frame, uint8 (height, width, 3); in the view `strain` with its color scale.
+    """Return an image of the current frame, uint8 (height, width, 3); with the color scale of the view if it has one.
 
     The target is in the center: `camera.view_shift`, which makes room for a panel, is ignored.
     """
@@ -25,7 +25,8 @@ def render_pixels(raster: Rasterizer, draw_list: DrawList, camera: OrbitCamera, 
     camera.view_shift = 0.0
     mesh = draw_list.update(view, camera.eye)
     pixels = raster.draw(mesh, camera.view_projection(raster.width / raster.height))
-    return draw_legend(pixels) if view == "strain" else pixels
+    scale = draw_list.scale(view)
+    return draw_legend(pixels, scale) if scale else pixels
 
 
 @dataclass(frozen=True, eq=False)

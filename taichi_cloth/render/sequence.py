@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..scene import scene_to_toml
-from ..simulation.divergence import DivergenceGuard
+from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, OutputConflict, error_text
 from ..system.files import atomic_file, folder_lock

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..scene import Scene, scene_to_toml
 from ..simulation.copies import MAX_SECONDS, FrameErrorMeter
-from ..simulation.divergence import DivergenceGuard
+from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, UsageError
 from ..system.files import atomic_file

@@ -18,7 +18,7 @@ FRAME_SECONDS = 1 / 60  # [s] duration of a frame
 
 
 SOLVER_NAMES = tuple(SOLVER_CATALOG)
-PATTERN_NAMES = ("plain", "check", "stripe", "gingham", "twill", "ring")  # render/patterns.py
+PATTERN_NAMES = ("plain", "check", "stripe", "gingham", "twill", "ring")  # render/colors.py
 PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
 
 

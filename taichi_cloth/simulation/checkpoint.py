@@ -68,19 +68,27 @@ def read_checkpoint(simulation: Simulation, source: str | PathLike[str] | bytes)
     name = "checkpoint" if isinstance(source, bytes) else str(source)
     arrays = _read(name, source, scene_to_toml(simulation.scene), state_arrays(simulation))
     try:
-        known = simulation.params.known().values()
-        numbers = zip(known, arrays["params"].tolist(), strict=True)
-        values = {
-            parameter.name: check_parameter(parameter, int(v) if parameter.is_int and v == int(v) else v)
-            for parameter, v in numbers
-        }
-        grabs = grabs_from_arrays(arrays, simulation.topology.particle_count)
-        for key in ("x", "x_prev", "velocity", "grabbed_at", "grab_paths"):
-            check_vectors(arrays[key], key, arrays[key].shape)
-        if arrays["frame"] < 0:
-            raise ValueError(f"frame is {arrays['frame']}")
+        restore(simulation, arrays)
     except ValueError as error:
         raise ValueError(f"{name}: damaged: {error}") from None
+
+
+def restore(simulation: Simulation, arrays: Arrays) -> None:
+    """Set the simulation's state to one of its own scene, as `state_arrays` returned it.
+
+    Raises ValueError, and changes nothing, for numbers that do not belong there.
+    """
+    known = simulation.params.known().values()
+    numbers = zip(known, arrays["params"].tolist(), strict=True)
+    values = {
+        parameter.name: check_parameter(parameter, int(v) if parameter.is_int and v == int(v) else v)
+        for parameter, v in numbers
+    }
+    grabs = grabs_from_arrays(arrays, simulation.topology.particle_count)
+    for key in ("x", "x_prev", "velocity", "grabbed_at", "grab_paths"):
+        check_vectors(arrays[key], key, arrays[key].shape)
+    if arrays["frame"] < 0:
+        raise ValueError(f"frame is {arrays['frame']}")
     simulation.set_pins(arrays["pinned"])
     simulation.params.values_by_name = values
     simulation.params.wind_on = bool(arrays["wind_on"])

@@ -139,6 +139,14 @@ def pin(simulation: Simulation, particle: int, on: bool) -> None:
     simulation.set_pins(pinned)
 
 
+def pin_within(simulation: Simulation, particle: int, radius: float, on: bool) -> None:
+    """Pin or unpin a particle and all within a radius [m] of it on the sheet."""
+    pinned, flat = simulation.topology.pinned.copy(), simulation.topology.flat
+    others = pinned != on
+    pinned[vertices_in_radius(flat, others, simulation.check_particle(particle), check_radius(radius))] = on
+    simulation.set_pins(pinned)
+
+
 def load(simulation: Simulation, content: str) -> None:
     read_checkpoint(simulation, b64decode(content))
 
@@ -165,6 +173,7 @@ EVENTS: dict[str, EventKind] = {
     "move_grab": EventKind(move_grab, ((int,), (float,), (float,), (float,))),  # number, target [m]
     "release": EventKind(release, ((int,),)),
     "pin": EventKind(pin, ((int,), (bool,))),
+    "pin_within": EventKind(pin_within, ((int,), (float,), (bool,))),  # particle, radius [m]
     "reset": EventKind(reset),
     "set_state": EventKind(set_state, ((list,), (list,))),  # positions [m], velocities [m/s]
     "load": EventKind(load, ((str,),)),  # a checkpoint in base64

@@ -20,8 +20,8 @@ from ..system.errors import UsageError, short_repr
 from ..system.files import atomic_file
 from ..system.taichi_runtime import cpu_model, machine
 from .checkpoint import checkpoint_bytes
-from .divergence import DivergenceGuard
 from .events import EVENTS, Event
+from .rollback import DivergenceGuard
 from .simulation import Simulation
 
 FORMAT = 3
@@ -37,7 +37,7 @@ VIEW_EVENTS: dict[str, tuple[tuple[type, ...], ...]] = {
 }
 
 # Events that may rebuild the cloth.
-REBUILDING = {"switch_solver", "switch_fabric", "switch_scene", "pin", "load", "reset"}
+REBUILDING = {"switch_solver", "switch_fabric", "switch_scene", "pin", "pin_within", "load", "reset"}
 
 TITLE = "# A recording of a cloth. To replay it: taichi-cloth replay FILE"
 

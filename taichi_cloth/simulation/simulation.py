@@ -140,13 +140,23 @@ class Simulation(RunningCloth):
         """Handles of all grabs, also of those that `load` has restored."""
         return [GrabHandle(self, number) for number in self.grabs]
 
-    def pin(self, particle: int) -> None:
-        """Pin a particle where it is; one of an attachment that was unpinned is attached again. Raises ValueError."""
-        self.apply(Event("pin", (self.check_particle(particle), True)))
+    def pin(self, particle: int, radius: float = 0.0) -> None:
+        """Pin a particle, and all within `radius` [m] on the sheet, where they are.
 
-    def unpin(self, particle: int) -> None:
-        """Unpin a particle, also one of the scene's own, which `reset` restores. Raises ValueError."""
-        self.apply(Event("pin", (self.check_particle(particle), False)))
+        One of an attachment that was unpinned is attached again. Raises ValueError.
+        """
+        self._pin(particle, radius, True)
+
+    def unpin(self, particle: int, radius: float = 0.0) -> None:
+        """Unpin a particle, and all within `radius` [m] on the sheet, also of the scene's own. Raises ValueError.
+
+        `reset` restores the pins of the scene.
+        """
+        self._pin(particle, radius, False)
+
+    def _pin(self, particle: int, radius: float, on: bool) -> None:
+        particle, radius = self.check_particle(particle), check_radius(radius)
+        self.apply(Event("pin_within", (particle, radius, on)) if radius else Event("pin", (particle, on)))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write a checkpoint (.npz). Raises OSError; a partial file never remains."""

@@ -18,7 +18,7 @@ import taichi as ti
 from ..render.draw_list import VIEWS, DrawList
 from ..render.split_view import SplitRenderer, camera_for_both, nearest_vertex_map, rms_distance
 from ..scene import Scene, parameters_of
-from .input import SHORTCUTS
+from .input import HELD_KEY_RATES, SHORTCUTS
 from .panel import (
     LINE_LENGTH,
     NOTE_COLORS,
@@ -53,8 +53,20 @@ SIDE_ACTIONS = ("solver", "fabric", "feature", "pin")
 class Comparison:
     """The left and the right session. Screen points run from (0, 0) at the bottom left of both images to (1, 1)."""
 
-    def __init__(self, left: Scene, right: Scene, aspect: float, out: Path = Path("out"), view: str = VIEWS[0]) -> None:
-        """`aspect`: width over height of one half when the window opens. `view`: of both sides."""
+    def __init__(
+        self,
+        left: Scene,
+        right: Scene,
+        aspect: float,
+        out: Path = Path("out"),
+        *,
+        view: str = VIEWS[0],
+        errors: bool = False,
+    ) -> None:
+        """`aspect`: width over height of one half when the window opens. `view`: of both sides.
+
+        `errors`: whether to measure the errors of frames.
+        """
         with ExitStack() as opened:
             sessions = []
             for scene in (left, right):
@@ -63,6 +75,8 @@ class Comparison:
             opened.pop_all()
         self.left, self.right = sessions
         self.left.view = self.right.view = view
+        for side in self.sides:
+            side.measure_errors(errors)
         self.left.camera = self.right.camera = camera_for_both(left, aspect)
         self.hidden = False
         """Whether the panel is hidden."""
@@ -137,7 +151,8 @@ class Comparison:
 
     def on_key_held(self, action: str, seconds: float) -> None:
         """Continue the action of a key that is held down, for that much wall time [s]."""
-        self.left.on_key_held(action, seconds)
+        if action in HELD_KEY_RATES:  # the sides share the camera
+            self.left.on_key_held(action, seconds)
 
     def set_parameter(self, name: str, value: float) -> None:
         """Set a runtime parameter on each side that has it."""
@@ -165,7 +180,7 @@ class Comparison:
         u = 2 * cursor[0] - (active is self.right)
         half = size[0] // 2, size[1]
         active.on_pointer((u, cursor[1]), buttons, half, on_panel=on_panel, widget_changed=widget_changed)
-        other.mirror_grab(active, self._partners[id(active)])
+        other.dragger.mirror(active.dragger, self._partners[id(active)], active.grab_radius)
 
     def advance(self, frames: int) -> None:
         """Advance both sides by a number of frames, unless they are frozen. If one diverges, both freeze."""

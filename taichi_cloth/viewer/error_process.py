@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import connection, get_context
@@ -69,19 +68,18 @@ class ErrorProcess:
         self._process: SpawnProcess | None = None
         self._pipe: connection.Connection | None = None
 
-    def run_frame(self, simulation: Simulation, step: Callable[[], object]) -> None:
-        """Run one frame by calling `step`, and have it measured if the process is free and has time left."""
+    def run_frame(self, simulation: Simulation) -> None:
+        """Run one frame, and have it measured if the process is free and has time left."""
         self._frames += 1
         if simulation.scene is not self._scene:
             self._scene, self.answer = simulation.scene, None
         self._receive()
         if not self._is_free():
-            step()
+            simulation.step()
             return
         start = FrameStart.of(simulation)
-        step()
-        if simulation.scene is self._scene:
-            self._send(Job(self._scene, simulation.requested_layout, start, simulation.positions()))
+        simulation.step()
+        self._send(Job(simulation.scene, simulation.requested_layout, start, simulation.positions()))
 
     def _is_free(self) -> bool:
         is_refused = self.answer is not None and bool(self.answer.refusal)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 from ..render.draw_list import VIEWS
 from ..scene import parameters_of
 from ..scene.schema import PRESET_NAMES, SOLVER_NAMES
+from ..simulation.copies import feature_times
+from ..system.errors import UsageError
 
 if TYPE_CHECKING:
     from .session import Session
@@ -39,12 +41,15 @@ SHORTCUTS = (
     Shortcut(" ", "Space", "freeze", "freeze/resume"),
     Shortcut("n", "N", "step", "step one frame"),
     Shortcut("r", "R", "reset", "reset"),
+    Shortcut("z", "Z", "undo", "undo pull or pin"),
+    Shortcut("q", "Q", "rewind", "rewind", held=True),
+    Shortcut("w", "W", "forward", "forward again", held=True),
     Shortcut("g", "G", "wind", "wind on/off"),
     Shortcut("v", "V", "view", "next view"),
     Shortcut("t", "T", "solver", "next solver"),
     Shortcut("y", "Y", "fabric", "next fabric"),
     Shortcut("x", "X", "feature", "next feature off"),
-    Shortcut("p", "P", "pin", "pin/unpin particle"),
+    Shortcut("p", "P", "pin", "pin/unpin within radius"),
     Shortcut("j", "J", "smaller_radius", "shrink grab radius"),
     Shortcut("l", "L", "larger_radius", "grow grab radius"),
     Shortcut("d", "D", "restore_defaults", "restore defaults"),
@@ -55,6 +60,7 @@ SHORTCUTS = (
     Shortcut("e", "E", "export", "export OBJ file"),
     Shortcut("f", "F", "first_view", "reset camera"),
     Shortcut("Tab", "Tab", "page", "next panel page"),
+    Shortcut("a", "A", "help", "help"),
     Shortcut("h", "H", "hide", "show/hide panel"),
     Shortcut("s", "S", "screenshot", "take screenshot"),
     Shortcut("c", "C", "clip", "start/stop clip"),
@@ -98,6 +104,10 @@ HELD_KEY_RATES = {
     "pan_down": (0.0, 0.0, -PAN_RATE),
     "pan_up": (0.0, 0.0, PAN_RATE),
 }
+
+
+# Actions of keys that are held down: seconds further back in each second.
+REWIND_RATES = {"rewind": 1.0, "forward": -1.0}
 
 
 class Deferred:
@@ -186,7 +196,8 @@ def change_to_neighbor(session: Session, action: str) -> None:
 # -- actions -----------------------------------------------------------------------------------------------------------
 
 MENU = "Menu"  # the page that lists the others
-PAGES = ("Sliders", "Scenes", "Solvers", "Fabrics", "Views", "Features", "Statistics", "Keys")
+HELP = "Help"  # the page that lies over the picture
+PAGES = ("Sliders", "Scenes", "Solvers", "Fabrics", "Views", "Features", "Statistics", HELP)
 GRAB_RADIUS_FACTOR = 1.25  # factor between two grab radii
 
 # Other actions that may have to compile kernels, and what the user reads meanwhile.
@@ -235,7 +246,14 @@ def feature(session: Session) -> None:
 
 
 def time_features(session: Session) -> None:
-    session.time_features()
+    try:
+        session.feature_times = feature_times(session.simulation, session.layout)
+    except UsageError as error:
+        session.note = Refusal(error)
+
+
+def undo(session: Session) -> None:
+    session.undo()
 
 
 def pin(session: Session) -> None:
@@ -274,6 +292,11 @@ def menu(session: Session) -> None:
     session.page = MENU
 
 
+def help(session: Session) -> None:
+    """Show the help, or the first page if it is shown."""
+    session.page = PAGES[0] if session.page == HELP else HELP
+
+
 def previous_scene(session: Session) -> None:
     change_to_neighbor(session, "previous_scene")
 
@@ -283,7 +306,9 @@ def next_scene(session: Session) -> None:
 
 
 def export(session: Session) -> None:
-    session.export_mesh()
+    """Write the mesh of the cloth as it is now."""
+    write = session.export
+    session.note = session.capture.mesh(write, session.simulation) if write else Refusal("no mesh export here")
 
 
 def first_view(session: Session) -> None:
@@ -291,11 +316,19 @@ def first_view(session: Session) -> None:
 
 
 def screenshot(session: Session) -> None:
-    session.screenshot()
+    """Save an image of the current frame, with a recording."""
+    session.record_view()
+    image = session.draw_list, session.camera, session.view, session.size
+    session.note = session.capture.screenshot(session.recorder, *image)
 
 
 def clip(session: Session) -> None:
-    session.begin_or_end_clip()
+    """Begin a clip, or end and render the one that is on."""
+    if session.capture.clip_is_on:
+        session.end_clip()
+    else:
+        session.restart_recording()
+        session.note = session.capture.begin_clip()
 
 
 def hide(session: Session) -> None:
@@ -326,7 +359,7 @@ ACTIONS: dict[str, Callable[[Session], None]] = {
     action.__name__: action
     for action in (
         *(freeze, step, reset, wind, view, solver, fabric, feature, time_features, pin, smaller_radius, larger_radius),
-        *(restore_defaults, charts, errors, page, menu, previous_scene, next_scene, export, first_view),
-        *(screenshot, clip, hide, quit),
+        *(restore_defaults, charts, errors, page, menu, help, previous_scene, next_scene, export, first_view),
+        *(screenshot, clip, hide, quit, undo),
     )
 }

@@ -21,7 +21,7 @@ from ..simulation.error_estimate import estimate
 from ..simulation.simulation import Simulation
 from . import charts
 from .error_process import ErrorProcess
-from .input import ARROWS, MENU, MOUSE, PAGES, SHORTCUTS, Progress, Refusal, chosen, display_name, names
+from .input import ARROWS, HELP, MENU, MOUSE, PAGES, SHORTCUTS, Progress, Refusal, chosen, display_name, names
 from .session import Session
 
 # -- position of the panel ---------------------------------------------------------------------------------------------
@@ -75,11 +75,17 @@ PANEL_HEIGHT = 700  # [pixels] room for the longest page
 LINE_LENGTH = (
     PANEL_WIDTH - 2 * 8
 ) // 7  # characters in a line: the toolkit's padding is 8 pixels, a character is 7 pixels wide
-KEY_COLUMN = 25  # [characters] width of the first column of the key help
+KEY_COLUMN = 34  # [characters] width of the first column of the help
+HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 68 characters
 MIN_SHOWN_ERROR = 1e-4  # fraction of the cloth's side: smaller errors are reported as below it
-SUMMARY_LINES = 7  # lines of the statistics that most pages show; all show the first
+SUMMARY_LINES = 5  # lines of the statistics that most pages show; all show the first
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
+MAX_ZOOM_LEVEL = 15.0  # end of the zoom slider [steps], in both directions
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
+FIRST_STEPS = (
+    "Pull the cloth with the left button; the ring shows what is grabbed. Drag beside it to look around. Sliders change"
+    " the scene while it runs; Menu lists scenes, solvers, fabrics and views."
+)
 FIRST_HELP = "Drag the cloth; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
 GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
 LIST_PAGES = {"Scenes": "scene", "Solvers": "solver", "Fabrics": "fabric", "Views": "view"}  # kind of list of each page
@@ -126,13 +132,17 @@ class Panel:
             changed |= apply_changes(gui, session, buttons=[("menu", "Menu")])
             if session.page not in LIST_PAGES:
                 freeze = ("freeze", "Freeze", session.frozen)
-                changed |= apply_changes(gui, session, [freeze], [("step", "Step"), ("reset", "Reset")])
+                buttons = [("reset", "Reset"), ("undo", "Undo pull or pin")]
+                changed |= apply_changes(gui, session, [freeze], buttons)
+                if session.frozen:
+                    changed |= apply_changes(gui, session, buttons=[("step", "Step")])
+                    changed |= draw_rewind(gui, session)
             pages = {
                 MENU: self._menu_page,
                 "Sliders": self._sliders_page,
                 "Features": self._features_page,
                 "Statistics": self._statistics_page,
-                "Keys": self._keys_page,
+                HELP: self._help_page,
             }
             changed |= pages.get(session.page, self._list_page)(gui, session, statistics)
             for line in wrap(session.note):
@@ -176,6 +186,11 @@ class Panel:
         if has_changed(radius, session.grab_radius):
             session.grab_radius = min(max(radius, 0.0), session.max_grab_radius)
             changed, self._moved = True, GRAB_RADIUS
+        level = session.camera.zoom_level
+        zoom = gui.slider_float("Zoom [10 %]", level, -MAX_ZOOM_LEVEL, MAX_ZOOM_LEVEL)
+        if has_changed(zoom, level):
+            session.camera.zoom(zoom - level)
+            changed = True
         changed |= apply_changes(gui, session, buttons=[("restore_defaults", "Restore defaults")])
         for line in wrap(help_for(self._moved, keys)):
             gui.text(line)
@@ -204,11 +219,25 @@ class Panel:
         errors = ("errors", "Measure errors", session.meter is not None)
         return apply_changes(gui, session, switches=[("charts", "Charts", session.charts), errors])
 
-    def _keys_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
-        """Help on keys and mouse."""
-        for line in help_lines():
+    def _help_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
+        """Where the help is."""
+        for line in wrap("The help lies over the picture. A or Close help closes it."):
             gui.text(line)
-        return False
+        return apply_changes(gui, session, buttons=[("help", "Close help")])
+
+    def draw_help(self, gui: ti.ui.Gui) -> None:
+        """Draw the help on keys and mouse over the picture."""
+        place, (width, height) = self.help_place, self.window_size
+        with gui.sub_window(HELP, place.left / width, place.top / height, place.width / width, place.height / height):
+            for line in help_lines():
+                gui.text(line)
+
+    @property
+    def help_place(self) -> PanelRect:
+        """The rectangle of the help, in the middle of the area beside the panel."""
+        width, height = self.window_size
+        left = (self._initial_place.right + width - HELP_SIZE[0]) // 2
+        return PanelRect(left, (height - HELP_SIZE[1]) // 2, *HELP_SIZE)
 
 
 # -- widgets -----------------------------------------------------------------------------------------------------------
@@ -252,6 +281,15 @@ def draw_slider(gui: ti.ui.Gui, session: Session, key: Parameter) -> bool:
     if not has_changed(after, before):
         return False
     session.simulation.params[key.name] = min(max(after, key.slider_min), key.slider_max)
+    return True
+
+
+def draw_rewind(gui: ti.ui.Gui, session: Session) -> bool:
+    """Declare the slider that goes back in time. Return whether the user moved it."""
+    back = gui.slider_float("Rewind [s]", session.past.back, 0.0, session.past.seconds)
+    if not has_changed(back, session.past.back):
+        return False
+    session.go_back(min(max(back, 0.0), session.past.seconds))
     return True
 
 
@@ -340,8 +378,9 @@ def error_text(s: Simulation) -> str:
 
 
 def help_lines() -> list[str]:
-    """Return the help on keys and mouse, two entries to a line."""
+    """Return the help: how to begin, then keys and mouse, two entries to a line."""
     entries = [f"{key.label:5} {key.help}" for key in SHORTCUTS if key.code not in ARROWS] + ["arrows: pan camera"]
     entries += [f"{drag}: {help}" for drag, help in MOUSE]
     half = (len(entries) + 1) // 2
-    return [f"{a:{KEY_COLUMN}} {b}" for a, b in zip(entries[:half], [*entries[half:], ""], strict=False)]
+    columns = zip(entries[:half], [*entries[half:], ""], strict=False)
+    return [*textwrap.wrap(FIRST_STEPS, 2 * KEY_COLUMN), *(f"{a:{KEY_COLUMN}} {b}" for a, b in columns)]

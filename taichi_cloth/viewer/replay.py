@@ -18,6 +18,7 @@ from ..simulation.events import Event
 from ..simulation.recording import REBUILDING, Recording, apply_recorded, hash_of
 from ..system.errors import UsageError
 from .capture import Exporter
+from .input import Refusal
 from .session import Session
 
 
@@ -128,7 +129,7 @@ class ReplaySession(Session):
     def _apply(self, event: Event) -> None:
         match event.name:
             case "roll_back":
-                self._roll_back()
+                self.note = Refusal(self._guard.roll_back())
             case "view":
                 self._set_view(*event.arguments)
             case "camera":

@@ -12,9 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import taichi as ti
-from numpy.typing import NDArray
 
 from ..geometry.scene_loader import load_scene
 from ..geometry.topology import ClothMetrics
@@ -22,10 +20,9 @@ from ..render.camera import OrbitCamera
 from ..render.draw_list import VIEWS, DrawList
 from ..scene import Scene, SceneError, scene_names
 from ..scene.overrides import removable_sections, scene_without
-from ..simulation.copies import FeatureTimes, feature_times
-from ..simulation.divergence import DivergenceGuard
-from ..simulation.events import Event
+from ..simulation.copies import FeatureTimes, FrameError
 from ..simulation.recording import Recorder
+from ..simulation.rollback import DivergenceGuard, Past
 from ..simulation.simulation import Simulation
 from ..system.errors import UsageError
 from .capture import Capture, Exporter
@@ -38,6 +35,7 @@ from .input import (
     HELD_KEY_RATES,
     NEIGHBORS,
     PAGES,
+    REWIND_RATES,
     Deferred,
     Progress,
     Refusal,
@@ -85,16 +83,17 @@ class Session:
         self.deferred = Deferred()  # until the next frame was displayed
         self.capture = Capture(out)
         self._initial_scene = scene
-        self._layout, self._export = layout, export
+        self.layout, self.export = layout, export
         self._open(scene)
 
     def _open(self, scene: Scene) -> None:
-        self.simulation = Simulation(scene, self._layout)
+        self.simulation = Simulation(scene, self.layout)
         self.recorder = Recorder(self.simulation)
         self._full_scene = scene  # with all its features
         self.fabric = ""
         """Name of a shipped fabric, or an empty string for the scene's own."""
         self.history = History()
+        self.past = Past(self.simulation)
         self.feature_times: FeatureTimes | None = None
         self._cursor: tuple[tuple[float, float], tuple[int, int]] | None = None
         try:
@@ -191,6 +190,9 @@ class Session:
 
     def on_key_held(self, action: str, seconds: float) -> None:
         """Continue the action of a key that is held down, for that much wall time [s]."""
+        if action in REWIND_RATES:
+            self.go_back(self.past.back + REWIND_RATES[action] * seconds)
+            return
         zoom, right, up = HELD_KEY_RATES[action]
         self.camera.zoom(zoom * seconds)
         self.camera.pan(right * seconds, up * seconds)
@@ -213,37 +215,22 @@ class Session:
         """Close the scene and open a shipped scene, or the session's initial scene, by name."""
         scene = self._initial_scene if name == self._initial_scene.name else load_scene(name)
         self.release_all()
-        self._end_clip()
+        self.end_clip()
         note = self.note
         self._close_scene()
         self._open(scene)
         self.note = note
 
-    def _restart_recording(self) -> None:
+    def restart_recording(self) -> None:
+        """Forget what was recorded. The recording begins with the present state."""
         self.recorder.restart()
         self._guard = DivergenceGuard(self.simulation)  # a replay cannot roll back to a frame before this one
 
-    def screenshot(self) -> None:
-        """Save an image of the current frame, with a recording. The note says where."""
-        self._record_view()
-        self.note = self.capture.screenshot(self.recorder, self.draw_list, self.camera, self.view, self.size)
-
-    def begin_or_end_clip(self) -> None:
-        """Begin a clip, or end and render the one that is on."""
-        if self.capture.clip_is_on:
-            self._end_clip()
-        else:
-            self._restart_recording()
-            self.note = self.capture.begin_clip()
-
-    def export_mesh(self) -> None:
-        """Write the mesh of the cloth as it is now. The note says where."""
-        self.note = self.capture.mesh(self._export, self.simulation) if self._export else Refusal("no mesh export here")
-
-    def _end_clip(self) -> None:
+    def end_clip(self) -> None:
+        """End the clip, if there is one, and start rendering it. The note says where."""
         self.note = self.capture.end_clip(self.recorder, self.size)
 
-    def _record_view(self) -> None:
+    def record_view(self) -> None:
         """Record the current view and camera."""
         camera, recorder = self.camera, self.recorder
         recorder.record_view("view", self.view)
@@ -276,13 +263,6 @@ class Session:
         sections: dict[str, Any] = {name: getattr(reduced, name) for name in features}
         self.rebuild(lambda: self.simulation.switch_scene(replace(self.simulation.scene, **sections)))
 
-    def time_features(self) -> None:
-        """Measure what each feature adds to a frame. On failure the note says why."""
-        try:
-            self.feature_times = feature_times(self.simulation, self._layout)
-        except UsageError as error:
-            self.note = Refusal(error)
-
     # -- mouse ---------------------------------------------------------------------------------------------------------
 
     def on_pointer(
@@ -313,7 +293,9 @@ class Session:
         self.dragger.follow(self.camera, cursor, size)
 
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
-        if not self.dragger.begin(self.camera, cursor, size, self.grab_radius):
+        if self.dragger.begin(self.camera, cursor, size, self.grab_radius):
+            self.past.mark()
+        else:
             self.pointer.orbit_instead()
 
     def pin_under_cursor(self) -> None:
@@ -324,16 +306,13 @@ class Session:
         self.pin(index)
 
     def pin(self, index: int | None) -> None:
-        """Pin a particle, or unpin it if it is pinned. None: no particle was picked, and the note says so."""
+        """Pin a particle and those within the grab radius, or unpin them if it is pinned. None: the note says why."""
         if index is None:
             self.note = Refusal("nothing to pin: no cloth under the cursor")
             return
+        self.past.mark()
         pinned = self.simulation.topology.pinned[index]
-        self.rebuild(partial(self.simulation.unpin if pinned else self.simulation.pin, index))
-
-    def mirror_grab(self, other: Session, partner: NDArray[np.int64]) -> None:
-        """Drag what another session drags. `partner`: our particle for each of the other's, (N,)."""
-        self.dragger.mirror(other.dragger, partner, other.grab_radius)
+        self.rebuild(partial(self.simulation.unpin if pinned else self.simulation.pin, index, self.grab_radius))
 
     def dragger_of(self, number: int) -> Dragger:
         """Return the dragger of a cursor by number. It is created at its first use in a scene."""
@@ -352,19 +331,21 @@ class Session:
         self.note = self.capture.status() or self.note
         if not self.frozen:
             self.simulate(frames)
+        self.draw_list.errors = self.frame_error.by_particle if self.frame_error else None
 
     def simulate(self, frames: int) -> None:
         """Advance the cloth by a number of frames, also if it is frozen."""
         if frames == 0:
             return
-        self._record_view()
+        self.record_view()
         start = time.perf_counter()
         for k in range(frames):
             for dragger in self.draggers.values():
                 dragger.interpolate((k + 1) / frames)
-            self._step()
+            self.meter.run_frame(self.simulation) if self.meter else self.simulation.step()
+            self.past.add()
             if not self._guard.check_and_snapshot():
-                self._roll_back()
+                self.note = Refusal(self._guard.roll_back())
                 self.release_all()
                 self.frozen = True
                 break
@@ -373,24 +354,41 @@ class Session:
         for dragger in self.draggers.values():
             dragger.arrive()
         if self.recorder.is_long and not self.capture.clip_is_on:
-            self._restart_recording()
+            self.restart_recording()
+
+    @property
+    def frame_error(self) -> FrameError | None:
+        """The last error of a frame that was measured."""
+        return self.meter.answer.error if self.meter and self.meter.answer else None
+
+    def go_back(self, seconds: float) -> None:
+        """Freeze, and restore the state nearest to `seconds` [s] before the newest one."""
+        if seconds != self.past.back:
+            self._restore(lambda: self.past.go_back(seconds))
+
+    def undo(self) -> None:
+        """Restore the state before the last pull or change of pins. The note says if there is none."""
+        self._restore(self.past.undo)
+
+    def _restore(self, restore: Callable[[], bool]) -> None:
+        if self.capture.clip_is_on:
+            self.note = Refusal("no way back while a clip is recorded: press C first")
+            return
+        self.release_all()
+        pins = self.simulation.topology.pinned
+        if not restore():
+            self.note = Refusal("nothing to undo")
+            return
+        self.frozen, self.note = True, ""
+        if (self.simulation.topology.pinned != pins).any():
+            self.refresh()
+        self.restart_recording()
 
     def measure_errors(self, on: bool) -> None:
         """Start or stop measuring the error of frames."""
         if self.meter is not None:
             self.meter.close()
         self.meter = ErrorProcess() if on else None
-
-    def _step(self) -> None:
-        if self.meter is None:
-            self.simulation.step()
-        else:
-            self.meter.run_frame(self.simulation, self.simulation.step)
-
-    def _roll_back(self) -> None:
-        """Return to the last stable frame. The note says why."""
-        self.note = Refusal(self._guard.roll_back())
-        self.simulation.notify(Event("roll_back"))
 
     def measure(self) -> ClothMetrics:
         """Update the metrics of the cloth, and add them to the charts. Return them."""

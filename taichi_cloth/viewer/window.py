@@ -16,17 +16,19 @@ from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Protocol, TextIO, TypeVar
 
+import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
 from ..render.camera import OrbitCamera
+from ..render.colors import WindowLegend
 from ..render.draw_list import DrawMesh
-from ..render.legend import WindowLegend
 from ..render.lighting import BACKGROUND
 from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.simulation import Simulation
 from .charts import CurveDrawing, top
-from .input import SHORTCUTS
+from .input import HELP, SHORTCUTS
 from .panel import Panel, statistics
 from .session import Session
 
@@ -90,6 +92,7 @@ def line_of(
         "target": camera.target.tolist(),
         "wind": simulation.params["wind"],
         "parameters": {name: simulation.params[name] for name in parameters_of(simulation.scene)},
+        "frame_error": session.frame_error and session.frame_error.error,
     }
 
 
@@ -171,6 +174,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     """Process input, simulate and draw, once for every displayed frame."""
     canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
     clock, charts, legend = FrameClock(time.perf_counter()), CurveDrawing(), WindowLegend()
+    grab_ring = GrabRing()
     draw_ms, displayed = 0.0, 0
     # Text of the statistics; time [s] and number of displayed frames at its last update.
     text, updated, displayed_before = "", 0.0, 0
@@ -188,9 +192,12 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
 
         press_keys(window, session, min(clock.elapsed, MAX_HOLD_SECONDS))
         widget_used = not session.hidden and panel.draw(gui, session, text)
+        if session.page == HELP:
+            panel.draw_help(gui)
         session.camera.zoom(scroll_steps(window))
         session.camera.view_shift = 0.0 if session.hidden else panel.shift(size)
         on_panel = not session.hidden and panel.place.contains(cursor, size)
+        on_panel |= session.page == HELP and panel.help_place.contains(cursor, size)
         session.on_pointer(cursor, held_buttons(window), size, on_panel=on_panel, widget_changed=widget_used)
         session.advance(due)
         if session.charts or frame_log:  # charts and log need the metrics of every displayed frame
@@ -198,8 +205,10 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
 
         start = time.perf_counter()
         draw(canvas, scene, lens, session)
-        if session.view == "strain":
-            legend.show(canvas, size, top() if session.charts else 0.0)
+        if scale := session.draw_list.scale(session.view):
+            legend.show(canvas, scale, size, top() if session.charts else 0.0)
+        if not on_panel:
+            grab_ring.draw(canvas, session, cursor, size)
         if session.charts:
             charts.draw(canvas, session.history, size[0] / size[1])
         draw_ms = 1e3 * (time.perf_counter() - start)
@@ -268,6 +277,37 @@ def draw(canvas: ti.ui.Canvas, scene: ti.ui.Scene, lens: ti.ui.Camera, session: 
     canvas.set_background_color(BACKGROUND)
     submit(scene, mesh)
     canvas.scene(scene)
+
+
+RING_SEGMENTS = 48
+MIN_RING_RADIUS = 4.0  # [pixels] a smaller ring is not drawn: one particle is grabbed
+RING_WIDTH = 0.0015  # [window heights]
+RING_COLOR, GRABBING_RING_COLOR = (0.35, 0.36, 0.38), (0.95, 0.70, 0.10)
+
+
+class GrabRing:
+    """A ring at the cursor with the grab radius, as far away as the grabbed particle, or else the camera's target."""
+
+    def __init__(self) -> None:
+        self._ends = ti.Vector.field(2, ti.f32, 2 * RING_SEGMENTS)
+
+    def draw(self, canvas: ti.ui.Canvas, session: Session, cursor: tuple[float, float], size: tuple[int, int]) -> None:
+        """Draw the ring around `cursor` on a canvas of `size` [pixels], unless it is tiny."""
+        camera, grabbed = session.camera, session.dragger.particle
+        depth = camera.distance
+        if grabbed is not None:
+            depth = float(camera.to_screen(session.simulation.positions()[grabbed], 1.0)[1][0])
+        radius = camera.on_screen(session.grab_radius, depth)  # [image heights]
+        if radius * size[1] >= MIN_RING_RADIUS:
+            self._ends.from_numpy(ring(cursor, radius, size[0] / size[1]))
+            canvas.lines(self._ends, RING_WIDTH, color=RING_COLOR if grabbed is None else GRABBING_RING_COLOR)
+
+
+def ring(center: tuple[float, float], radius: float, aspect: float) -> NDArray[np.float32]:
+    """Return the ends of the lines of a ring as screen points, (2·`RING_SEGMENTS`, 2). `radius` [image heights]."""
+    angles = 2 * np.pi / RING_SEGMENTS * ((np.arange(2 * RING_SEGMENTS) + 1) // 2)
+    points = np.array(center) + radius * np.stack([np.cos(angles) / aspect, np.sin(angles)], axis=1)
+    return points.astype(np.float32)
 
 
 def set_camera(lens: ti.ui.Camera, camera: OrbitCamera) -> None:

@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 
 from ..geometry import closed_surface
 from ..render.camera import NEAR, OrbitCamera
+from ..render.colors import pattern_colors
 from ..render.draw_list import GRABBED_COLOR, PINNED_COLOR, marker_radius, with_color
 from ..render.fill import FULL_STRAIN, strain_colors
-from ..render.patterns import pattern_colors
 from ..render.webgl import Solids, air, merge_vertices, quantize, remaining_triangles
 from ..scene.parameters import Parameter
 from ..scene.schema import PRESET_NAMES, SOLVER_NAMES
 from ..system.errors import short_repr
-from ..viewer.input import MOUSE, SHORTCUTS
+from ..viewer.input import HELD_KEY_RATES, MOUSE, REWIND_RATES, SHORTCUTS
 from ..viewer.panel import GRAB_RADIUS, GRAB_RADIUS_HELP, acting_parameters, statistics, with_cost, wrapped_lines
 from ..viewer.session import Session
 
@@ -38,8 +38,8 @@ MAX_PIXELS = 16384  # limit of an image's width and height
 MAX_NAME = 64  # length limit of a name [characters]
 
 # Actions that a page performs itself, and actions that write files or end the server.
-PAGE_ACTIONS = ("view", "charts", "hide", "first_view", "pin", *(key.action for key in SHORTCUTS if key.held))
-FORBIDDEN_ACTIONS = ("export", "screenshot", "clip", "page", "quit")
+PAGE_ACTIONS = ("view", "charts", "hide", "first_view", "pin", *HELD_KEY_RATES)
+FORBIDDEN_ACTIONS = ("export", "screenshot", "clip", "page", "quit", *REWIND_RATES)
 ACTIONS = (
     "time_features",
     *(key.action for key in SHORTCUTS if key.action not in (*PAGE_ACTIONS, *FORBIDDEN_ACTIONS)),

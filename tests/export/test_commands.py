@@ -15,7 +15,7 @@ from taichi_cloth.__main__ import main
 from taichi_cloth.export.clip import export
 from taichi_cloth.export.output import Output
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.simulation.divergence import DivergenceGuard
+from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import Diverged
 

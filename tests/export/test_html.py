@@ -24,9 +24,9 @@ from taichi_cloth.export.html import page
 from taichi_cloth.export.output import Output
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
+from taichi_cloth.render.colors import pattern_colors
 from taichi_cloth.render.draw_list import DrawList
 from taichi_cloth.render.image import render_pixels
-from taichi_cloth.render.patterns import pattern_colors
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.render.webgl import RENDERER_SCRIPT, quantize
 from taichi_cloth.scene.collider_schema import Box, Capsule, Ground, Mesh, Plane, Sphere

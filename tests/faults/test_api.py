@@ -16,9 +16,9 @@ from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import Scene, SceneError, parameters_of
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
 from taichi_cloth.scene.schema import Cloth, VerletSprings, Wind
-from taichi_cloth.simulation.divergence import DivergenceGuard
 from taichi_cloth.simulation.events import GrabHandle
 from taichi_cloth.simulation.parameter_values import MAX_COORDINATE
+from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 

@@ -15,8 +15,8 @@ from taichi_cloth import __main__ as cli
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render import image_files as video
 from taichi_cloth.render.image_files import open_video
-from taichi_cloth.simulation.divergence import DivergenceGuard
 from taichi_cloth.simulation.recording import Recorder
+from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("running")

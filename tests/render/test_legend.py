@@ -1,23 +1,27 @@
-"""The color scale of the view `strain`: its labels and its position."""
+"""The color scales of the views `strain` and `error`: labels and position."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 
-from taichi_cloth.render.fill import FULL_STRAIN
-from taichi_cloth.render.legend import (
+from taichi_cloth.render.colors import (
     BAR_WIDTH,
     GLYPH_WIDTH,
     GLYPHS,
     MARGIN,
+    MAX_RECTANGLES,
+    STRAIN_SCALE,
     TEXT_COLOR,
     WindowLegend,
+    distance_scale,
     draw_legend,
     legend_rectangles,
+    rounded_up,
     text_rectangles,
     text_width,
 )
+from taichi_cloth.render.fill import FULL_STRAIN
 from taichi_cloth.viewer.charts import top
 
 
@@ -38,7 +42,7 @@ def test_text_is_drawn_as_glyphs_side_by_side() -> None:
 @pytest.mark.parametrize("size", [(180, 320), (540, 960), (40, 30)])
 def test_the_bar_runs_from_red_through_pale_to_blue(size: tuple[int, int]) -> None:
     plain = np.full((*size, 3), 200, np.uint8)
-    image = draw_legend(plain.copy())
+    image = draw_legend(plain.copy(), STRAIN_SCALE)
     unit = max(1, round(size[0] / 216))
     column = image[:, -unit * MARGIN - unit * BAR_WIDTH // 2]
     if size[0] < 100:  # smaller than the legend, which is cut off without an error
@@ -52,7 +56,7 @@ def test_the_bar_runs_from_red_through_pale_to_blue(size: tuple[int, int]) -> No
 
 
 def test_labels_are_beside_the_bar() -> None:
-    rectangles, colors = legend_rectangles()
+    rectangles, colors = legend_rectangles(STRAIN_SCALE)
     ink = (colors == TEXT_COLOR).all(axis=1)
     assert rectangles[ink][:, 0].max() < -MARGIN - BAR_WIDTH
     assert FULL_STRAIN == 0.1  # half of it is a whole number of percent
@@ -69,9 +73,36 @@ class Canvas:
 
 def test_the_window_legend_is_centered_or_above_the_charts() -> None:
     legend, canvas = WindowLegend(), Canvas()
-    legend.show(canvas, (1280, 720))
+    legend.show(canvas, STRAIN_SCALE, (1280, 720))
     assert (canvas.low + canvas.high) / 2 == pytest.approx(0.5, abs=1e-3)
     assert canvas.low < top()
-    legend.show(canvas, (1280, 720), top())
+    legend.show(canvas, STRAIN_SCALE, (1280, 720), top())
     assert canvas.low >= top() - 1e-6
     assert canvas.high < 1
+
+
+@pytest.mark.parametrize(
+    ("largest", "texts"),
+    [(0.005, ["0", "2.5mm", "5mm"]), (1e-3, ["0", "0.5mm", "1mm"]), (2e-5, ["0", "10um", "20um"])],
+)
+def test_a_scale_of_distances_starts_at_zero(largest: float, texts: list[str]) -> None:
+    scale = distance_scale(largest)
+    assert list(scale.labels.values()) == texts
+    rectangles, colors = legend_rectangles(scale)
+    assert colors[0] == pytest.approx(legend_rectangles(STRAIN_SCALE)[1][0])  # red on top
+    assert colors[39].min() > 0.85  # pale at the bottom
+    assert len(rectangles) <= MAX_RECTANGLES
+
+
+@pytest.mark.parametrize(("value", "rounded"), [(0.3, 0.5), (1.0, 1.0), (1.01, 2.0), (0.0021, 0.005), (7e-6, 1e-5)])
+def test_full_scales_are_round_numbers(value: float, rounded: float) -> None:
+    assert rounded_up(value) == pytest.approx(rounded)
+
+
+def test_the_window_legend_changes_with_the_scale() -> None:
+    legend, canvas = WindowLegend(), Canvas()
+    legend.show(canvas, STRAIN_SCALE, (1280, 720))
+    strain = legend._color.to_numpy()
+    legend.show(canvas, distance_scale(0.002), (1280, 720))
+    assert not np.array_equal(legend._color.to_numpy(), strain)
+    assert len(legend_rectangles(STRAIN_SCALE)[0]) <= MAX_RECTANGLES

@@ -9,7 +9,7 @@ import pytest
 
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.render.patterns import HALF_DYED_FRACTION, PATTERNS, TWILL_VALLEY_FRACTION, pattern_colors
+from taichi_cloth.render.colors import HALF_DYED_FRACTION, PATTERNS, TWILL_VALLEY_FRACTION, pattern_colors
 from taichi_cloth.scene.schema import PATTERN_NAMES, PRESET_NAMES, Cloth, Look, Scene
 
 BLACK_WHITE = Look(color="#000000", second_color="#ffffff", pattern_scale=1)

@@ -37,7 +37,7 @@ def process(monkeypatch: pytest.MonkeyPatch) -> Iterator[ErrorProcess]:
 
 def run_until_answered(process: ErrorProcess, simulation: Simulation) -> Answer:
     for _ in range(MAX_FRAMES):
-        process.run_frame(simulation, simulation.step)
+        process.run_frame(simulation)
         if process.answer is not None:
             return process.answer
         time.sleep(0.01)
@@ -116,13 +116,13 @@ def test_a_refused_scene_is_not_sent_again(process: ErrorProcess, monkeypatch: p
     monkeypatch.setattr(process, "_send", sent.append)
     with Simulation(scene()) as simulation:
         for _ in range(4):
-            process.run_frame(simulation, simulation.step)
+            process.run_frame(simulation)
         assert len(sent) == 2  # FRAMES_BEFORE are not
         process.answer = Answer(refusal="too stiff")
-        process.run_frame(simulation, simulation.step)
+        process.run_frame(simulation)
         assert len(sent) == 2
     with Simulation(scene()) as simulation:
-        process.run_frame(simulation, simulation.step)
+        process.run_frame(simulation)
         assert process.answer is None
         assert len(sent) == 3
 
@@ -150,7 +150,7 @@ def test_measuring_takes_a_tenth_of_the_time(process: ErrorProcess, monkeypatch:
     monkeypatch.setattr(process, "_pipe", pipe)
     with Simulation(scene()) as simulation:
         for _ in range(100):
-            process.run_frame(simulation, simulation.step)
+            process.run_frame(simulation)
             now[0] += 0.1
     assert pipe.sent == 5  # every 2 s: an answer comes a frame after its job, and the next job 1.8 s later
 
@@ -165,7 +165,7 @@ def test_a_process_that_has_died_is_reported_and_delays_nothing(process: ErrorPr
         answer = run_until_answered(process, simulation)
         assert answer.refusal.startswith("the process that measures it has ended")
         frame = simulation.frame
-        process.run_frame(simulation, simulation.step)
+        process.run_frame(simulation)
         assert simulation.frame == frame + 1
 
 
@@ -174,7 +174,7 @@ def test_closing_ends_the_process() -> None:
     process.close()
     with Simulation(scene()) as simulation:
         process._frames = error_process.FRAMES_BEFORE
-        process.run_frame(simulation, simulation.step)
+        process.run_frame(simulation)
         child = process._process
         assert child is not None
         assert child.is_alive()

@@ -16,7 +16,7 @@ from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer.charts import CHART_SECONDS
 from taichi_cloth.viewer.error_process import Answer
-from taichi_cloth.viewer.input import ARROWS, MENU, PAGES, SHORTCUTS, Progress, Refusal
+from taichi_cloth.viewer.input import ARROWS, HELP, MENU, PAGES, SHORTCUTS, Progress, Refusal
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
     KEY_COLUMN,
@@ -125,8 +125,10 @@ def test_labels_are_unique_and_every_page_fits_the_panel(scene: str, tmp_path: P
 
 
 def test_the_key_help_has_two_separate_columns() -> None:
-    assert all(line[KEY_COLUMN - 1 : KEY_COLUMN + 1].strip() == "" for line in help_lines())
     text = "\n".join(help_lines())
+    table = help_lines()[[line.startswith("Space") for line in help_lines()].index(True) :]
+    assert len(table) > 10
+    assert all(line[KEY_COLUMN - 1 : KEY_COLUMN + 1].strip() == "" for line in table)
     assert [key.label for key in SHORTCUTS if f"{key.label:5} {key.help}" not in text] == [
         key.label for key in SHORTCUTS if key.code in ARROWS
     ]
@@ -138,9 +140,9 @@ def test_every_page_has_a_button_for_the_menu_which_has_one_for_every_page(drawn
         session, _, used = drawn("drape15", page, Menu=True)
         assert used
         assert session.page == MENU
-    session, gui, _ = drawn("drape15", MENU, Keys=True)
+    session, gui, _ = drawn("drape15", MENU, Help=True)
     assert set(PAGES) <= set(gui.labels)
-    assert session.page == "Keys"
+    assert session.page == HELP
     session.act("page")
     assert session.page == PAGES[0]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -16,15 +16,16 @@ from taichi_cloth.export.clip import export_snapshot
 from taichi_cloth.geometry.obj_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
+from taichi_cloth.render.colors import rounded_up
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
-from taichi_cloth.simulation.copies import Copy, FrameStart
+from taichi_cloth.simulation.copies import Copy, FrameErrorMeter, FrameStart
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer.capture import Capture
 from taichi_cloth.viewer.dragging import Target
-from taichi_cloth.viewer.error_process import ErrorProcess
-from taichi_cloth.viewer.input import HELD_KEY_RATES, SHORTCUTS, Refusal
+from taichi_cloth.viewer.error_process import Answer, ErrorProcess
+from taichi_cloth.viewer.input import HELD_KEY_RATES, REWIND_RATES, SHORTCUTS, Refusal
 from taichi_cloth.viewer.session import Session
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -216,7 +217,7 @@ def test_every_key_has_an_action(session: Session, tmp_path: Path) -> None:
     session.capture = Capture(tmp_path)
     for key in SHORTCUTS:
         session.on_key_held(key.action, 0.1) if key.held else session.act(key.action)
-    assert {key.action for key in SHORTCUTS if key.held} == set(HELD_KEY_RATES)
+    assert {key.action for key in SHORTCUTS if key.held} == {*HELD_KEY_RATES, *REWIND_RATES}
     assert not session.running
     with pytest.raises(ValueError, match="dance"):
         session.act("dance")
@@ -489,9 +490,9 @@ def test_errors_of_frames_are_measured_until_they_are_switched_off(
 ) -> None:
     measured: list[str] = []
 
-    def run_frame(self: ErrorProcess, simulation: Simulation, step: Callable[[], object]) -> None:
+    def run_frame(self: ErrorProcess, simulation: Simulation) -> None:
         measured.append(simulation.scene.name)
-        step()
+        simulation.step()
 
     monkeypatch.setattr(ErrorProcess, "run_frame", run_frame)
     session.request("errors")
@@ -527,3 +528,78 @@ def test_switching_features_is_deferred(session: Session) -> None:
     assert session.note.startswith("features: compiling")
     session.run_deferred()
     assert "ground" not in session.simulation.features
+
+
+def test_a_pull_and_a_pin_can_be_undone(session: Session) -> None:
+    session.advance(3)
+    point(session, cursor_on(session, PARTICLE), "left")
+    for k in range(5):
+        point(session, (0.5 + 0.02 * k, 0.5), "left")
+        session.advance(1)
+    point(session, (0.6, 0.5))
+    session.advance(4)
+    session.request("undo")
+    assert (session.simulation.frame, session.frozen) == (3, True)
+    session.act("freeze")
+    session.pin(PARTICLE)
+    assert session.simulation.added_pins.tolist() == [PARTICLE]
+    session.advance(2)
+    session.act("undo")
+    assert session.simulation.added_pins.tolist() == []
+    session.act("undo")
+    assert session.note == "nothing to undo"
+    assert isinstance(session.note, Refusal)
+    assert session.recorder.frames == 0  # a replay begins here
+
+
+def test_holding_a_key_goes_back_in_time_and_forward_again(session: Session) -> None:
+    session.advance(60)
+    end = session.simulation.positions()
+    for _ in range(3):
+        session.on_key_held("rewind", 0.1)
+    assert session.frozen
+    assert session.simulation.frame == 42
+    for _ in range(5):
+        session.on_key_held("forward", 0.1)
+    np.testing.assert_array_equal(session.simulation.positions(), end)
+    session.act("clip")
+    session.on_key_held("rewind", 0.5)
+    assert session.simulation.frame == 60
+    assert session.note.startswith("no way back while a clip is recorded")
+    session.capture.clip_is_on = False
+
+
+def test_pins_within_the_grab_radius_change_together(session: Session) -> None:
+    flat = session.simulation.topology.flat
+    distances = np.linalg.norm(flat - flat[PARTICLE], axis=1)
+    session.grab_radius = 1.5 * np.sort(distances)[1]
+    session.pin(PARTICLE)
+    pins = session.simulation.added_pins
+    near = np.flatnonzero(distances <= session.grab_radius)
+    assert len(pins) > 3
+    np.testing.assert_array_equal(pins, near)
+    session.pin(PARTICLE)
+    assert session.simulation.added_pins.tolist() == []
+
+
+def test_the_view_error_shows_what_was_measured(session: Session) -> None:
+    session.view = "error"
+    session.draw_list.update("error", session.camera.eye)
+    assert session.draw_list.scale("error") is None
+    with closing(FrameErrorMeter(session.simulation.scene)) as meter:
+        found = meter.measure_frame(session.simulation)
+    session.act("errors")
+    assert session.meter is not None
+    session.meter.answer = Answer(found)
+    session.frozen = True
+    session.advance(1)
+    scale = session.draw_list.scale("error")
+    assert scale is not None
+    largest = max(found.by_particle)
+    assert scale.labels[1.0] == f"{1e3 * rounded_up(largest):g}mm"
+    session.draw_list.update("error", session.camera.eye)
+    color = session.draw_list.mesh.color.to_numpy()[session.draw_list.mesh.cloth_from : session.draw_list.mesh.corners]
+    corners = session.simulation.topology.triangles.reshape(-1)
+    redness = color[:, 0] - color[:, 2]
+    worst, least = found.by_particle[corners].argmax(), found.by_particle[corners].argmin()
+    assert redness[worst] > redness[least] + 0.2

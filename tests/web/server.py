@@ -16,7 +16,7 @@ class Server:
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "taichi_cloth", "web", *arguments, "--port", "0"],
+            [sys.executable, "-m", "taichi_cloth", "web", *arguments, "--port", "0", "--no-errors"],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -50,7 +50,9 @@ class ClientMessage(ctypes.Structure):
 class AppWindow:
     """The program in its window, with mouse and keyboard. Screen points run from the bottom left, 0…1."""
 
-    def __init__(self, screen: Screen, folder: Path, *arguments: str, command: str = "run") -> None:
+    def __init__(
+        self, screen: Screen, folder: Path, *arguments: str, command: str = "run", errors: bool = False
+    ) -> None:
         self.screen = screen
         self.working_folder = folder / "working"
         self.working_folder.mkdir()
@@ -65,13 +67,14 @@ class AppWindow:
         }
         self._read = 0
         self.last_entry: Entry = {}
-        with self._errors.open("w") as errors:
+        options = [] if errors or command == "replay" else ["--no-errors"]  # a second process for each window
+        with self._errors.open("w") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "taichi_cloth", command, *arguments, "--log", self._log],
+                [sys.executable, "-m", "taichi_cloth", command, *arguments, *options, "--log", self._log],
                 cwd=self.working_folder,
                 env=self._environment,
-                stdout=errors,
-                stderr=errors,
+                stdout=output,
+                stderr=output,
             )
         self.wait_until(lambda line: True, "the first displayed frame")
         geometry = self.xdotool("search", "--name", "^taichi_cloth", "getwindowgeometry", "--shell")
@@ -202,8 +205,8 @@ def open_window(screen: Screen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         no_window(obstacle)
     with contextlib.ExitStack() as stack:
 
-        def start(*arguments: str, command: str = "run") -> AppWindow:
-            app = AppWindow(screen, tmp_path, *arguments, command=command)
+        def start(*arguments: str, **how: Any) -> AppWindow:
+            app = AppWindow(screen, tmp_path, *arguments, **how)
             stack.callback(app.close)
             return app
 

@@ -20,7 +20,7 @@ from taichi_cloth.render.draw_list import VIEWS
 from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.simulation.recording import Recorder, read_recording
 from taichi_cloth.simulation.simulation import Simulation
-from taichi_cloth.viewer.input import MENU, PAGES
+from taichi_cloth.viewer.input import HELP, MENU, PAGES
 from taichi_cloth.viewer.panel import PANEL_HEIGHT, PANEL_MARGIN, PANEL_NAME, PANEL_WIDTH, saved_panel_rect
 
 Start = Callable[..., Any]
@@ -37,7 +37,7 @@ SLIDERS = (
     "substeps",
     "grab_radius",
 )
-BUTTONS = ("menu", "freeze", "step", "reset")  # above the sliders
+BUTTONS = ("menu", "freeze", "reset", "undo")  # above the sliders while the cloth moves
 
 
 def red_cloth(image: np.ndarray) -> np.ndarray:
@@ -208,7 +208,7 @@ def test_pages_change_and_widgets_of_other_pages_work(open_window: Start) -> Non
     app = open_window("curtain")
     app.press_key("k")
     app.wait_until(lambda line: line["charts"], "the charts")
-    for page in ("Views", "Features", "Solvers", "Keys"):
+    for page in ("Views", "Features", "Solvers", HELP):
         press_button(app, "menu")
         app.wait_until(lambda line: line["page"] == MENU, "the menu")
         press_row(app, len(BUTTONS) + PAGES.index(page))
@@ -463,3 +463,51 @@ def test_a_recording_is_replayed_in_the_window_and_then_the_user_controls_it(
     app.press_key("Escape")
     assert app.exit_code() == 0
     assert app.output() == [f"{tmp_path / 'recorded.toml'}: 20 frames replayed: final positions are bit-identical"]
+
+
+def test_the_error_of_a_frame_is_measured_and_shown(open_window: Start) -> None:
+    app = open_window("curtain", "--size", "640x480", "--layout", "serial", errors=True)
+    measured = app.wait_until(lambda line: line["frame_error"], "a measured error")
+    assert 1e-6 < measured["frame_error"] < 0.1  # [m]
+    app.press_key("v")
+    app.press_key("v")
+    app.wait_until(lambda line: line["view"] == "error", "the view error")
+    assert red_cloth(app.screenshot()).any()
+    app.press_key("t")
+    app.wait_until(lambda line: line["solver"] != "verlet" and line["frame_error"] is None, "another solver")
+    app.wait_until(lambda line: line["frame_error"], "its error")
+    app.press_key("u")
+    app.wait_until(lambda line: line["frame_error"] is None, "no measurement")
+    app.press_key("Escape")
+    assert app.exit_code() == 0
+
+
+def test_time_goes_back_while_a_key_is_held_and_a_pull_is_undone(open_window: Start) -> None:
+    app = open_window("curtain", "--size", "640x480", "--layout", "serial")
+    start = point_on_cloth(app)
+    app.move_mouse(*start)
+    assert app.press_mouse("left")["mouse"] == "cloth"
+    grabbed_at = app.latest_entry()["frame"]
+    app.move_mouse(start[0] + 0.1, start[1] + 0.1)
+    app.wait_until(lambda line: line["frame"] > grabbed_at + 60, "a second of pulling")
+    app.release_mouse("left")
+    app.press_key("z")
+    undone = app.wait_until(lambda line: line["frozen"], "the undone pull")
+    assert undone["frame"] <= grabbed_at
+    assert undone["grabbed"] is None
+    with app.hold_key("q"):
+        app.wait_until(lambda line: line["frame"] < undone["frame"] - 5, "an earlier frame")
+
+
+def test_the_help_lies_over_the_picture(open_window: Start) -> None:
+    app = open_window("curtain", "--size", "1280x720", "--layout", "serial")
+    app.press_key("space")
+    app.wait_until(lambda line: line["frozen"], "a frozen cloth")
+    before = app.screenshot().astype(int)
+    app.press_key("a")
+    app.wait_until(lambda line: line["page"] == HELP, "the help")
+    app.latest_entry()
+    changed = (np.abs(app.screenshot() - before).max(axis=2) > 20)[:, PANEL_MARGIN + PANEL_WIDTH :]
+    assert 0.2 < changed.mean() < 0.6
+    app.press_key("a")
+    app.wait_until(lambda line: line["page"] == PAGES[0], "the first page")

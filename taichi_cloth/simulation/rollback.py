@@ -1,0 +1,171 @@
+"""Return to earlier frames: to the last stable one after divergence, and to those of the last seconds."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from ..kernels.integration import roll_back as restore_snapshot
+from ..kernels.integration import snapshot
+from ..scene import parameters_of
+from ..scene.schema import FRAME_SECONDS
+from ..state.solver_data import snapshots_of
+from .checkpoint import Arrays, restore, state_arrays
+from .events import Event
+from .simulation import Simulation
+
+# [m/s] A faster particle means divergence. It is ten times the speed of a grab that moves 15 m in one frame. Divergence
+# grows exponentially with the substeps, and exceeds this speed a few frames before the numbers overflow.
+MAX_SPEED = 1e4
+
+
+class DivergenceGuard:
+    """Detects divergence of a simulation. Call `check_and_snapshot` after every frame (60 µs for 720 particles)."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        cloth = simulation.cloth
+        self._simulation = simulation
+        self._snapshots = list(snapshots_of(cloth))
+        self._frame, self._torn = simulation.frame, simulation.torn
+        self.check_and_snapshot()
+
+    def check_and_snapshot(self) -> bool:
+        """Return whether the cloth is stable. If so, the snapshot to roll back to becomes this frame.
+
+        Stable means that all positions are finite and no speed exceeds `MAX_SPEED`.
+        """
+        simulation = self._simulation
+        solver, h = simulation.solver, FRAME_SECONDS / simulation.substeps
+        last_stable, spare = self._snapshots
+        stable = bool(snapshot(solver.cloth, solver.features, spare, solver.layout.is_parallel, h, MAX_SPEED))
+        if stable:
+            self._snapshots, self._frame, self._torn = [spare, last_stable], simulation.frame, simulation.torn
+        return stable
+
+    def roll_back(self) -> str:
+        """Restore the last stable frame and release all grabs. Return a line for the user with the cause and advice.
+
+        Listeners receive the event `roll_back`.
+        """
+        simulation = self._simulation
+        line = f"the cloth blew up in frame {simulation.frame}: {self._advice()}"
+        for number in list(simulation.grabs):
+            simulation.apply(Event("release", (number,)))
+        simulation.untear(self._torn)
+        restore_snapshot(simulation.cloth, self._snapshots[0])
+        simulation.frame = self._frame
+        simulation.notify(Event("roll_back"))
+        return line
+
+    def _advice(self) -> str:
+        """Return what to change: a runtime parameter that differs from the scene, else the substeps."""
+        simulation = self._simulation
+        for name, key in parameters_of(simulation.scene).items():
+            value = simulation.params[name]
+            if value != key.value and name not in ("substeps", "iterations"):
+                unit = f" {key.unit}" if key.unit else ""
+                return f"{name.replace('_', ' ')} is {value:g}{unit}, the scene's value is {key.value:g}"
+        used, minimum = simulation.substeps, simulation.min_stable_substeps
+        limit = f" (small motions need at least {minimum})" if minimum > 1 else ""
+        return f"try {2 * used} substeps instead of {used}{limit}, or less wind, gravity or stiffness"
+
+
+# -- the last seconds --------------------------------------------------------------------------------------------------
+
+PAST_SECONDS = 10.0  # [s] of simulated time
+PAST_EVERY = 6  # frames between two states
+PAST_BYTES = 1 << 26  # memory of all states; of a large cloth the last states only
+
+
+@dataclass(frozen=True)
+class PastState:
+    """A state of the simulation."""
+
+    seconds: float
+    """Simulated time since the first state [s]. It does not go back with the frame number."""
+    arrays: Arrays
+    can_undo: bool
+    """Whether it is the state before a change that the user can undo."""
+
+    @property
+    def size(self) -> int:
+        """Memory [bytes]."""
+        return sum(array.nbytes for array in self.arrays.values())
+
+
+class Past:
+    """States of the last seconds of a simulation. Going back releases all grabs; later states remain until it moves on.
+
+    Call `add` after every frame. A new scene, solver or fabric clears it.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._clear()
+
+    def _clear(self) -> None:
+        self._scene = self._simulation.scene
+        self._states: deque[PastState] = deque()
+        self._size = 0
+        self._clock = 0.0  # [s]
+        self._back = 0  # states between the present one and the newest
+        self.mark(can_undo=False)
+
+    @property
+    def seconds(self) -> float:
+        """How far back it can go from the newest state [s]."""
+        return self._states[-1].seconds - self._states[0].seconds
+
+    @property
+    def back(self) -> float:
+        """How far back the present state is [s]."""
+        return self._states[-1].seconds - self._states[-1 - self._back].seconds
+
+    def add(self) -> None:
+        """Store the state after a frame if it is due."""
+        if self._simulation.scene is not self._scene:
+            self._clear()
+        self._drop_later()
+        self._clock += FRAME_SECONDS
+        if round(self._clock / FRAME_SECONDS) % PAST_EVERY == 0:
+            self.mark(can_undo=False)
+
+    def mark(self, *, can_undo: bool = True) -> None:
+        """Store the present state, before a change that the user can undo."""
+        if self._simulation.scene is not self._scene:
+            self._clear()
+        self._drop_later()
+        state = PastState(self._clock, state_arrays(self._simulation), can_undo)
+        self._states.append(state)
+        self._size += state.size
+        while len(self._states) > 1 and (self._size > PAST_BYTES or self.seconds > PAST_SECONDS):
+            self._size -= self._states.popleft().size
+
+    def go_back(self, seconds: float) -> bool:
+        """Restore the state that is nearest to `seconds` [s] before the newest. Return True."""
+        newest = self._states[-1].seconds
+        gaps = [abs(newest - state.seconds - seconds) for state in self._states]
+        self._restore(len(gaps) - 1 - gaps.index(min(gaps)))
+        return True
+
+    def undo(self) -> bool:
+        """Restore the state before the last change that can be undone. Return False if there is none."""
+        for back, state in enumerate(reversed(self._states)):
+            if state.can_undo and back >= self._back:
+                self._restore(back)
+                self._drop_later()
+                last = self._states.pop()
+                self._states.append(PastState(last.seconds, last.arrays, can_undo=False))
+                return True
+        return False
+
+    def _restore(self, back: int) -> None:
+        self._back = back
+        restore(self._simulation, self._states[-1 - back].arrays)
+        self._simulation.set_grabs({})
+
+    def _drop_later(self) -> None:
+        if self._back > 0:
+            for _ in range(self._back):
+                self._size -= self._states.pop().size
+            self._back, self._clock = 0, self._states[-1].seconds
