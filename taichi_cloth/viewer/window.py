@@ -173,8 +173,7 @@ def run(
 def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | None, frame_log: FrameLog | None) -> None:
     """Process input, simulate and draw, once for every displayed frame."""
     canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
-    clock, charts, legend = FrameClock(time.perf_counter()), CurveDrawing(), WindowLegend()
-    grab_ring = GrabRing()
+    clock, overlays = FrameClock(time.perf_counter()), Overlays()
     draw_ms, displayed = 0.0, 0
     # Text of the statistics; time [s] and number of displayed frames at its last update.
     text, updated, displayed_before = "", 0.0, 0
@@ -205,12 +204,8 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
 
         start = time.perf_counter()
         draw(canvas, scene, lens, session)
-        if scale := session.draw_list.scale(session.view):
-            legend.show(canvas, scale, size, top() if session.charts else 0.0)
-        if not on_panel:
-            grab_ring.draw(canvas, session, cursor, size)
-        if session.charts:
-            charts.draw(canvas, session.history, size[0] / size[1])
+        if displayed > 0:  # Taichi 1.7.4 may never draw the scene if lines are drawn over its first frame
+            overlays.draw(canvas, session, size, None if on_panel else cursor)
         draw_ms = 1e3 * (time.perf_counter() - start)
         if frame_log:
             frame_log.write(line_of(session, displayed, cursor, size[0] / size[1], draw_ms))
@@ -277,6 +272,24 @@ def draw(canvas: ti.ui.Canvas, scene: ti.ui.Scene, lens: ti.ui.Camera, session: 
     canvas.set_background_color(BACKGROUND)
     submit(scene, mesh)
     canvas.scene(scene)
+
+
+class Overlays:
+    """What is drawn over the picture: color scale, grab ring and charts."""
+
+    def __init__(self) -> None:
+        self._charts, self._legend, self._ring = CurveDrawing(), WindowLegend(), GrabRing()
+
+    def draw(
+        self, canvas: ti.ui.Canvas, session: Session, size: tuple[int, int], cursor: tuple[float, float] | None
+    ) -> None:
+        """Draw on a canvas of `size` [pixels]. `cursor`: a screen point, or None over the panel."""
+        if scale := session.draw_list.scale(session.view):
+            self._legend.show(canvas, scale, size, top() if session.charts else 0.0)
+        if cursor is not None:
+            self._ring.draw(canvas, session, cursor, size)
+        if session.charts:
+            self._charts.draw(canvas, session.history, size[0] / size[1])
 
 
 RING_SEGMENTS = 48

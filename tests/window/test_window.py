@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,16 +14,19 @@ import pytest
 from imageio_ffmpeg import count_frames_and_secs
 from numpy.typing import ArrayLike
 from PIL import Image
+from screen import Screen
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.obj_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.draw_list import VIEWS
+from taichi_cloth.render.lighting import BACKGROUND
 from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.simulation.recording import Recorder, read_recording
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.viewer.input import HELP, MENU, PAGES
 from taichi_cloth.viewer.panel import PANEL_HEIGHT, PANEL_MARGIN, PANEL_NAME, PANEL_WIDTH, saved_panel_rect
+from taichi_cloth.viewer.window import WINDOW_POSITION
 
 Start = Callable[..., Any]
 
@@ -511,3 +516,32 @@ def test_the_help_lies_over_the_picture(open_window: Start) -> None:
     assert 0.2 < changed.mean() < 0.6
     app.press_key("a")
     app.wait_until(lambda line: line["page"] == PAGES[0], "the first page")
+
+
+def test_the_cursor_may_be_anywhere_when_the_window_opens(open_window: Start, screen: Screen) -> None:
+    """With the cursor outside, Taichi never draws the scene if the grab ring is drawn over its first frame."""
+    corner = [str(position - 20) for position in WINDOW_POSITION]
+    subprocess.run(["xdotool", "mousemove", *corner], env=os.environ | {"DISPLAY": screen.display}, check=True)
+    app = open_window("curtain", "--size", "640x480", "--layout", "serial")
+    app.press_key("h")
+    app.wait_until(lambda line: not line["panel"], "no panel")
+    app.latest_entry()
+    assert red_cloth(app.screenshot()).any()
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_a_recording_that_begins_in_any_view_shows_the_cloth(open_window: Start, tmp_path: Path, view: str) -> None:
+    with Simulation(load_scene("drape15", rows=9, columns=9), "serial") as simulation:
+        recorder = Recorder(simulation)
+        recorder.record_view("view", view)
+        simulation.step(2)
+        recorder.save(tmp_path / "recorded.toml", (640, 480))
+    app = open_window(str(tmp_path / "recorded.toml"), command="replay")
+    end = app.wait_until(lambda line: line["frame"] == 2 and line["frozen"], "the end")
+    assert end["view"] == view
+    app.press_key("h")
+    app.wait_until(lambda line: not line["panel"], "no panel")
+    app.latest_entry()
+    image = app.screenshot()[:, :-100].astype(int)  # without the color scale
+    sky = 255 * np.array(BACKGROUND)
+    assert (np.abs(image - sky).max(axis=2) > 12).mean() > 0.1, "only sky"
