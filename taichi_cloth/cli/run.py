@@ -83,6 +83,9 @@ def add_commands(command: Command) -> None:
     render.add_argument(
         "--contact-sheet", action="store_true", help="also write contact_sheet.png with twelve of the images"
     )
+    render.add_argument(
+        "--errors", action="store_true", help="measure the error of every tenth frame, and write it to run.json"
+    )
     existing = render.add_mutually_exclusive_group()
     existing.add_argument("--force", action="store_true", help="overwrite existing images or video")
     existing.add_argument("--resume", action="store_true", help="continue an interrupted render")
@@ -148,6 +151,7 @@ def render_scene(args: argparse.Namespace) -> int:
         every=args.every,
         samples=args.samples,
         contact_sheet=args.contact_sheet,
+        errors=args.errors,
     )
     if args.video:
         return render_video(scene, plan, args)
@@ -169,7 +173,9 @@ def render_images(
     ):
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
-            sequence.render(simulation, plan, advance)
+            report = sequence.render(simulation, plan, advance)
+    if report.median_error is not None:
+        print(f"error of a frame: median {1e3 * report.median_error:.2g} mm")
     print(
         f"{count_noun(plan.image_count, 'image')} in {plan.out}"
         + (", and contact_sheet.png" if plan.contact_sheet else "")
@@ -183,6 +189,8 @@ def render_video(scene: Scene, plan: RenderPlan, args: argparse.Namespace) -> in
 
     if args.out or args.resume or args.contact_sheet:
         raise UsageError("--video writes one file: it cannot be combined with --out, --resume or --contact-sheet")
+    if args.errors or args.view == "error":
+        raise UsageError("errors are measured for images only: leave out --video")
     check_video(args.video, force=args.force)
     arch = runtime.start(args.arch)
     with closing(Session(scene, args.layout)) as session:

@@ -9,11 +9,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 
 from ..scene import scene_to_toml
+from ..simulation.copies import FrameErrorMeter, FrameStart
 from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, OutputConflict, error_text
@@ -26,6 +28,7 @@ from .image_files import Pixels, contact_sheet, write_png
 from .rasterizer import Rasterizer
 
 SHEET_IMAGES, SHEET_COLUMNS = 12, 4
+MEASURED_EVERY = 10  # frames for each whose error is measured
 LAST_GOOD = "last_good.npz"  # checkpoint in the output folder, if the simulation diverged
 
 
@@ -45,6 +48,8 @@ class RenderPlan:
     """Samples per pixel, 1 or 4."""
     contact_sheet: bool = False
     """Also write a contact sheet of twelve images, evenly spaced in time."""
+    errors: bool = False
+    """Measure the error of every `MEASURED_EVERY`th frame, or of all images in the view `error`."""
 
     @property
     def image_count(self) -> int:
@@ -55,9 +60,15 @@ class RenderPlan:
         """Return the path of image number `image`."""
         return self.out / f"frame_{image:05d}.png"
 
+    def is_measured(self, frame: int) -> bool:
+        """Return whether the error of a frame is measured; frame k leads to the image of k + 1."""
+        if self.view == "error":
+            return (frame + 1) % self.every == 0
+        return self.errors and (frame + 1) % MEASURED_EVERY == 0
+
     def settings(self) -> dict[str, object]:
         """Return the settings that determine the images; a run can only be resumed with the same."""
-        return {k: v for k, v in asdict(self).items() if k not in ("out", "frames", "contact_sheet")}
+        return {k: v for k, v in asdict(self).items() if k not in ("out", "frames", "contact_sheet", "errors")}
 
 
 @dataclass
@@ -70,9 +81,16 @@ class RenderReport:
     """The complete scene as TOML. Together with `settings` it determines the images."""
     settings: dict[str, object]
     machine: dict[str, str]
-    frames: list[dict[str, object]] = field(default_factory=list)
-    """One entry per simulated frame: `_frame_entry`, `physics_ms` and, if an image was rendered, `draw_ms`."""
+    frames: list[dict[str, Any]] = field(default_factory=list)
+    """One entry per simulated frame: `_frame_entry`, `physics_ms`, `draw_ms` if an image was rendered, and
+    `frame_error` [m] if it was measured (`FrameError.parts`)."""
     complete: bool = False
+
+    @property
+    def median_error(self) -> float | None:
+        """The median error of the frames that were measured [m], or None."""
+        errors = [entry["frame_error"]["error"] for entry in self.frames if "frame_error" in entry]
+        return median(errors) if errors else None
 
     def write(self, out: Path) -> None:
         """Write `run.json` to the folder `out`. Raises OSError; a partial file never remains."""
@@ -152,6 +170,8 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
         set(np.linspace(0, plan.image_count - 1, SHEET_IMAGES).round().astype(int)) if plan.contact_sheet else set()
     )
     sheet_images: list[Pixels] = []
+    measures = plan.errors or plan.view == "error"
+    meter = FrameErrorMeter(scene, simulation.requested_layout) if measures else None
     report.write(plan.out)
     try:
         with background_writer() as write:
@@ -165,11 +185,15 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
                     if image in in_sheet:
                         sheet_images.append(pixels)
                     write(plan.path(image), pixels)
+                began_with = FrameStart.of(simulation) if meter and plan.is_measured(k) else None
                 start = time.perf_counter()
                 simulation.step()
                 if not guard.check_and_snapshot():
                     raise Diverged(save_last_good(simulation, guard, plan))
                 entry["physics_ms"] = round(1e3 * (time.perf_counter() - start), 3)
+                if meter and began_with:
+                    found = meter.measure(began_with, simulation.positions())
+                    entry["frame_error"], draw_list.errors = found.parts, found.by_particle
                 report.frames.append(entry)
                 on_frame(k)
         if sheet_images:
@@ -182,6 +206,8 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
         raise
     finally:
         draw_list.close()
+        if meter:
+            meter.close()
     report.write(plan.out)
     return report
 

@@ -26,7 +26,7 @@ from .draw_list import DrawList
 from .image import render_pixels
 from .image_files import Pixels
 from .rasterizer import Rasterizer
-from .sequence import RenderPlan, background_writer
+from .sequence import MEASURED_EVERY, RenderPlan, background_writer
 
 # -- images ------------------------------------------------------------------------------------------------------------
 
@@ -97,7 +97,6 @@ def nearest_vertex_map(a: Simulation, b: Simulation) -> NDArray[np.int64]:
 # -- image sequence with report ----------------------------------------------------------------------------------------
 
 REPORT = "compare.json"  # in the output folder
-MEASURED_EVERY = 10  # frames for each whose error is measured
 
 
 @dataclass(eq=False)

@@ -187,6 +187,12 @@ class FrameError:
     seconds: float
     """Time of the measurement [s]."""
 
+    @property
+    def parts(self) -> dict[str, float | None]:
+        """Its distances [m], by name."""
+        names = ("error", "motion", "reference_error", "residual", "step_error")
+        return {name: getattr(self, name) for name in names}
+
 
 class FrameErrorMeter:
     """Measures the error of single frames of a scene on two copies, one with the reference and one with its solver."""

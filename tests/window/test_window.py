@@ -519,7 +519,7 @@ def test_the_help_lies_over_the_picture(open_window: Start) -> None:
 
 
 def test_the_cursor_may_be_anywhere_when_the_window_opens(open_window: Start, screen: Screen) -> None:
-    """With the cursor outside, Taichi never draws the scene if the grab ring is drawn over its first frame."""
+    """Taichi does not draw the scene in half of the starts if the grab ring is drawn over its first frame."""
     corner = [str(position - 20) for position in WINDOW_POSITION]
     subprocess.run(["xdotool", "mousemove", *corner], env=os.environ | {"DISPLAY": screen.display}, check=True)
     app = open_window("curtain", "--size", "640x480", "--layout", "serial")
