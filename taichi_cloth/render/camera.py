@@ -19,6 +19,7 @@ NEAR, FAR = 0.1, 1000.0  # [m] clip planes, those of GGUI
 MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is undefined
 ZOOM_STEP = 0.1  # change of log(distance) per step
 MAX_ZOOM = 20.0  # zooming changes the initial distance by at most this factor, in both directions
+INCLUDE_MARGIN = 1.1  # factor of the distance at which `include` just sees all points
 FLOOR_CLEARANCE = 0.02  # smallest height of eye and target above the floor, as a fraction of the initial distance
 
 Floats = NDArray[np.float64]
@@ -64,6 +65,22 @@ class OrbitCamera:
     def zoom_level(self) -> float:
         """Zoom steps from the initial distance, positive if the eye is closer."""
         return log(self._initial_distance / self.distance) / ZOOM_STEP
+
+    def include(self, points: ArrayLike, aspect: float) -> None:
+        """Move the target to the middle of `points`, (N, 3) [m], and the eye back, if not all are in the picture.
+
+        `aspect`: width over height of the picture.
+        """
+        points = np.asarray(points, np.float64)
+        uv, _ = self.to_screen(points, aspect)
+        if ((uv >= 0) & (uv <= 1)).all():  # NaN behind the eye
+            return
+        self.target = (points.min(axis=0) + points.max(axis=0)) / 2
+        right, up, back = ((points - self.target) @ axis for axis in self._axes())
+        half = tan(self.fov / 2)
+        needed = np.maximum(np.abs(up), np.abs(right) / aspect) / half + back
+        self.distance = max(INCLUDE_MARGIN * float(needed.max()), NEAR)
+        self._stay_above_floor()
 
     # -- motion: by amounts, not by time, so that the speed does not depend on the frame rate --------------------------
 

@@ -58,7 +58,7 @@ SHORTCUTS = (
     Shortcut("b", "B", "previous_scene", "previous scene"),
     Shortcut("m", "M", "next_scene", "next scene"),
     Shortcut("e", "E", "export", "export OBJ file"),
-    Shortcut("f", "F", "first_view", "reset camera"),
+    Shortcut("f", "F", "first_view", "frame cloth"),
     Shortcut("Tab", "Tab", "page", "next panel page"),
     Shortcut("a", "A", "help", "help"),
     Shortcut("h", "H", "hide", "show/hide panel"),
@@ -312,7 +312,9 @@ def export(session: Session) -> None:
 
 
 def first_view(session: Session) -> None:
+    """Return to the scene's view, from farther away if the cloth is not in the picture."""
     session.camera.reset()
+    session.camera.include(session.simulation.positions(), session.size[0] / session.size[1])
 
 
 def screenshot(session: Session) -> None:

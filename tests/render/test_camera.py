@@ -193,3 +193,19 @@ def test_view_shift_moves_the_target_on_the_screen_and_centers_look_at(
     uv, depth = camera.to_screen(np.array([camera.target, camera.look_at]), aspect)
     assert uv == pytest.approx(np.array([(0.5 + shift / aspect, 0.5), (0.5, 0.5)]), abs=1e-6)
     assert depth == pytest.approx([camera.distance, camera.distance])
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 1.8])
+def test_points_outside_the_picture_are_included(aspect: float) -> None:
+    camera = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0, floor=0.0)
+    inside = np.array([[0.0, 1.0, 0.0], [0.1, 1.1, 0.0]])
+    before = camera.eye
+    camera.include(inside, aspect)
+    assert camera.eye == before
+    outside = np.random.default_rng(0).uniform((-4, 1, -9), (2, 5, 6), (50, 3))  # some behind the eye
+    camera.include(outside, aspect)
+    uv, _ = camera.to_screen(outside, aspect)
+    assert ((uv >= 0) & (uv <= 1)).all()
+    assert np.ptp(uv, axis=0).max() > 0.4, "too far away"
+    camera.reset()
+    assert camera.eye == pytest.approx(before)

@@ -603,3 +603,13 @@ def test_the_view_error_shows_what_was_measured(session: Session) -> None:
     redness = color[:, 0] - color[:, 2]
     worst, least = found.by_particle[corners].argmax(), found.by_particle[corners].argmin()
     assert redness[worst] > redness[least] + 0.2
+
+
+def test_the_cloth_is_framed_where_it_is(session: Session) -> None:
+    session.simulation.set_state(session.simulation.positions() + [20.0, 0.0, 0.0])
+    session.act("first_view")
+    uv, _ = session.camera.to_screen(session.simulation.positions(), ASPECT)
+    assert ((uv >= 0) & (uv <= 1)).all()
+    session.act("reset")
+    session.act("first_view")
+    assert session.camera.eye == pytest.approx(OrbitCamera.from_scene(session.simulation.scene).eye)

@@ -54,6 +54,8 @@ class Row:
     """Largest strain after the last frame."""
     stretch: float | None = None
     """Artificial stretch: `max_strain` less the largest strain of the cloth at rest."""
+    frame_error: float | None = None
+    """Error of the frame after the last one [m] (`FrameError.error`)."""
     error: str | None = None
     """Why the measurement failed; None if it did not."""
 
@@ -111,12 +113,13 @@ def cells(row: Row) -> list[str]:
         number(row.state_mb, ".1f"),
         number(row.max_strain, ".1%"),
         number(row.stretch, ".1%"),
+        number(None if row.frame_error is None else 1e3 * row.frame_error, ".2g"),
     ]
 
 
 HEADINGS = (
     *("scene", "solver", "layout", "grid", "n×m"),
-    *("ms", "p95", "fps", "ns", "÷ C", "JS ÷", "cold s", "warm s", "MB", "state", "strain", "stretch"),
+    *("ms", "p95", "fps", "ns", "÷ C", "JS ÷", "cold s", "warm s", "MB", "state", "strain", "stretch", "error"),
 )
 LEGEND = (
     "n×m: substeps × iterations · ms, p95: frame time, median and 95th percentile · fps: frame rate that p95 allows"
@@ -124,7 +127,7 @@ LEGEND = (
     "ns: time of a spring in an iteration, or in a substep of an explicit solver · ÷ C: our time over that of C · JS ÷:"
     " JavaScript's over ours · cold, warm: compile time, cache empty and filled\n"
     "MB: peak memory of the process · state: its fields, MB · strain: the largest · stretch: the part of it that the"
-    " weight of the cloth does not explain · -: not measured"
+    " weight of the cloth does not explain · error: of a frame, mm · -: not measured"
 )
 
 

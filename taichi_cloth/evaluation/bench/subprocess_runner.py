@@ -246,6 +246,7 @@ class Bench:
             state_mb=outcome["state_bytes"] / 1e6,
             max_strain=outcome["max_strain"],
             stretch=None if np.isnan(stretch) else stretch,
+            frame_error=outcome["frame_error"],
         )
 
     def _time_features(self, cases: Sequence[Case], features_compiled: Compiled) -> list[FeatureRow]:

@@ -5,7 +5,8 @@
     {"cases": [...], "cache": folder}  → of each case: compile time [s], layout, substeps, number of springs
     {"frames": n, "seconds": s}        → time of each frame of each case [ms]: n frames, or fewer after s seconds
     {"depth_of": n}                    → largest penetration of each case in its first n frames [m]
-    end of input                       → strain and size of the fields of each case, and peak memory
+    end of input                       → strain and size of the fields of each case, and peak memory; of one case also
+                                         the error of a frame
 """
 
 from __future__ import annotations
@@ -14,11 +15,14 @@ import dataclasses
 import json
 import os
 import sys
+from contextlib import closing
 from math import prod
 
+from ...simulation.copies import FrameErrorMeter
 from ...simulation.running_cloth import time_frames, timed_frame
 from ...simulation.simulation import Simulation
 from ...system import taichi_runtime as runtime
+from ...system.errors import UsageError
 from ...system.taichi_runtime import peak_bytes
 from .cases import Case, scene_of, static_strain
 
@@ -67,6 +71,16 @@ def outcome(simulation: Simulation) -> dict[str, object]:
     }
 
 
+def error_of_a_frame(simulation: Simulation) -> float | None:
+    """Return the error of the next frame [m] (`FrameErrorMeter`), or None if the fabric is too stiff to measure it."""
+    try:
+        meter = FrameErrorMeter(simulation.scene, simulation.requested_layout)
+    except UsageError:
+        return None
+    with closing(meter):
+        return meter.measure_frame(simulation).error
+
+
 def main() -> None:
     """Serve requests until the end of input."""
     responses = os.fdopen(os.dup(1), "w")
@@ -92,7 +106,11 @@ def main() -> None:
             respond([deepest(simulation, request["depth_of"]) for simulation in simulations])
         else:
             respond(time_frames(simulations, request["frames"], request["seconds"]))
-    respond({"cases": [outcome(simulation) for simulation in simulations], "peak_bytes": peak_bytes()})
+    peak = peak_bytes()  # without the copies that measure the error
+    outcomes = [outcome(simulation) for simulation in simulations]
+    if len(simulations) == 1:
+        outcomes[0]["frame_error"] = error_of_a_frame(simulations[0])
+    respond({"cases": outcomes, "peak_bytes": peak})
     for simulation in simulations:
         simulation.close()
     runtime.stop()  # writes the cache
