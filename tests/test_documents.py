@@ -14,9 +14,10 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from chromium import Browser, chromium
 
 import taichi_cloth as tc
-from taichi_cloth.cli import exporting, replaying, run, scenes, serve
+from taichi_cloth.cli import exporting, replaying, run, scenes
 from taichi_cloth.cli.main import build_parser
 from taichi_cloth.evaluation import commands as evaluation_commands
 from taichi_cloth.evaluation import compare
@@ -30,7 +31,7 @@ DOCUMENTS = [*TOP.glob("*.md"), *DOCS.rglob("*.md")]
 LINK = re.compile(r"\]\(([^)#]+)[^)]*\)")
 ANCHOR = re.compile(r"\]\(([^)#]*)#([^)]+)\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
-MODULES = (run, serve, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
+MODULES = (run, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
 
 
 def text_of(document: Path) -> str:
@@ -353,17 +354,45 @@ def test_names_of_solvers_fabrics_and_scenes_exist(document: Path) -> None:
 # -- site --------------------------------------------------------------------------------------------------------------
 
 
-def test_the_site_builds_without_warnings_and_loads_nothing_from_the_network(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the built site."""
     pytest.importorskip("material", reason="needs the extra docs")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, encoding="utf-8")
     assert done.returncode == 0, done.stdout + done.stderr
-    pages = list(tmp_path.rglob("*.html"))
+    return folder
+
+
+def test_the_site_loads_nothing_from_the_network(site: Path) -> None:
+    pages = list(site.rglob("*.html"))
     assert len(pages) > 20
     for page in pages:
         fetched = re.findall(
             r"<(?:script|img|iframe|link)\b[^>]* (?:src|href)=\"?https?:[^>]+", page.read_text("utf-8")
         )
         assert fetched == [], page.name
-    assert (tmp_path / "files" / "screenshots" / "hero.webp").stat().st_size > 100_000
-    assert not list(tmp_path.rglob("*.pyc"))
+    assert (site / "files" / "screenshots" / "hero.webp").stat().st_size > 100_000
+    assert not list(site.rglob("*.pyc"))
+
+
+@pytest.mark.parametrize(("page", "word"), [("index.html", "wind"), ("solvers/xpbd.html", "simulation")])
+def test_the_search_works_in_a_site_that_is_opened_from_a_folder(
+    site: Path, page: str, word: str, tmp_path: Path
+) -> None:
+    pipe = chromium(tmp_path)
+    try:
+        browser = Browser(pipe, (1280, 800))
+        browser.open(site / page, ready="document.readyState === 'complete'")
+        x, y = browser.value(
+            "(({x, y}) => [x + 9, y + 9])(document.querySelector('.md-search__input').getClientRects()[0])"
+        )
+        browser.drag((x, y), (x, y))
+        browser.call("Input.insertText", text=word)
+        browser.key("End", "End")
+        found = "document.querySelector('.md-search-result__meta').textContent"
+        browser.until(f"/\\d+ matching/.test({found})")
+        assert [request for request in browser.requests if request.startswith("http")] == browser.errors == []
+    finally:
+        pipe.close()

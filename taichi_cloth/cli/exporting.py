@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 from pathlib import Path
 from typing import NamedTuple
 
-from ..export.output import FORMATS, UP_AXES, Output, default_path, format_of
+from ..export.output import FORMATS, UP_AXES, Output, check_format, default_path, format_of
 from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError
 from .options import DEFAULT_FRAMES, Command, chosen_scene, count, scene_options, summary
@@ -66,11 +65,8 @@ def run_export(args: argparse.Namespace) -> int:
         raise UsageError(f"--every applies to clips only: use --frames 0:{args.frames.end}")
     format = format_of(args.out, args.format, clip=clip)
     path = args.out or default_path(scene.name, format, clip=clip)
-    if format == "html" and args.up_axis != "y":
-        raise UsageError("--up-axis does not apply to HTML pages")
+    check_format(format, args.up_axis)
     output = Output(path, format, args.frames.end, args.up_axis, clip, args.frames.first or 0, args.every or 1)
-    if format == "usd" and importlib.util.find_spec("pxr") is None:
-        raise UsageError("USD files need usd-core: pip install 'taichi-cloth[usd]'")
     check_output(output, force=args.force)
     from ..export.clip import export
     from ..simulation.simulation import Simulation

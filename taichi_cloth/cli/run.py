@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from ..scene import Scene
 from ..system import taichi_runtime as runtime
-from ..system.errors import Diverged, UsageError
+from ..system.errors import Diverged, UsageError, install_command
 from .options import DEFAULT_FRAMES, VIEWS, Command, chosen_scene, count, no_errors_option, scene_options, size, summary
 from .replaying import check_video, write_video
 
@@ -220,7 +220,7 @@ def run_web(args: argparse.Namespace) -> int:
     """Run the command `web` until it is interrupted."""
     scene = chosen_scene(args)
     if importlib.util.find_spec("websockets") is None:
-        raise UsageError("the browser view needs websockets: pip install 'taichi-cloth[web]'")
+        raise UsageError(f"the browser view needs websockets: {install_command('web')}")
     from ..render.webgl import fill_template
     from ..system.console import spinner
     from ..web.server import PAGE_FILE, AccessControl, WebServer, is_loopback

@@ -4,17 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import count
+from itertools import count, starmap
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
+
+from ..collision.colliders import PosedCollider
+from ..collision.shapes.plane import polygons
+from ..render.draw_list import TriangleSoup, collider_color, pole_mesh
+from ..render.webgl import local_mesh, merge_corners, pose_matrix
+from ..scene.collider_schema import Ground
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged
 from ..system.files import next_free_path
-from .mesh_files import ExportMesh, export_mesh_of, pc2_clip, rotate_to_up, vertex_normals, write_obj, write_ply
-from .output import Output, format_of
+from .mesh_files import (
+    ExportMesh,
+    Floats,
+    Solid,
+    collider_name,
+    export_mesh_of,
+    glb_clip,
+    pc2_clip,
+    rotate_to_up,
+    vertex_normals,
+    write_obj,
+    write_ply,
+)
+from .output import Output, check_format, format_of
 
 Add = Callable[[], None]  # adds a sample to a clip: the cloth and the colliders as they are now
 
@@ -38,12 +57,15 @@ def export(simulation: Simulation, output: Output, on_frame: Callable[[int], Non
 
 
 def write_frame(path: Path, format: str, simulation: Simulation, up: str = "y") -> None:
-    """Write the cloth as it is now, without torn triangles, to an OBJ, PLY or USD file. Raises OSError."""
+    """Write the cloth as it is now, without torn triangles, to an OBJ, PLY, USD or glTF file. Raises OSError."""
     sheet, x = _sheet(simulation), simulation.positions()
     if format == "usd":
         from .usd import write_usd
 
-        write_usd(path, sheet, x, simulation.colliders(), up)
+        write_usd(path, sheet, x, simulation.colliders(), up, _pole(simulation))
+    elif format == "glb":
+        with glb_clip(path, sheet, _solids(simulation), 1, 1.0) as add:
+            add(x, _poses(simulation))
     else:
         write = {"obj": write_obj, "ply": write_ply}[format]
         x = rotate_to_up(x, up)
@@ -51,11 +73,14 @@ def write_frame(path: Path, format: str, simulation: Simulation, up: str = "y") 
 
 
 def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y") -> None:
-    """Write the cloth as it is now to an OBJ, PLY or USD file, by the suffix of `path`. `up`: "y" or "z".
+    """Write the cloth as it is now to an OBJ, PLY, USD or glTF file, by the suffix of `path`. `up`: "y" or "z".
 
-    Raises UsageError for another suffix, and OSError; a partial file never remains.
+    Raises UsageError for another suffix, for another axis, and for z in a glTF file, and OSError; a partial file never
+    remains.
     """
-    write_frame(Path(path), format_of(Path(path), None, clip=False), simulation, up)
+    format = format_of(Path(path), None, clip=False)
+    check_format(format, up)
+    write_frame(Path(path), format, simulation, up)
 
 
 def export_snapshot(simulation: Simulation, folder: Path) -> Path:
@@ -67,7 +92,42 @@ def export_snapshot(simulation: Simulation, folder: Path) -> Path:
 
 
 def _sheet(simulation: Simulation) -> ExportMesh:
-    return export_mesh_of(simulation.scene.name, simulation.topology)
+    return export_mesh_of(simulation.scene, simulation.topology)
+
+
+def _solids(simulation: Simulation) -> list[Solid]:
+    """Return the colliders, each in its own coordinates, and the pole."""
+    return [*starmap(_collider, enumerate(simulation.colliders())), *_pole(simulation)]
+
+
+def _collider(number: int, posed: PosedCollider) -> Solid:
+    """Return a collider in its own coordinates. The ground is a square, as in USD files."""
+    name = collider_name(number, posed.collider)
+    if not isinstance(posed.collider, Ground):
+        return _solid(name, local_mesh(posed))
+    corners, _ = polygons(posed.collider)
+    up = np.tile([0.0, 1.0, 0.0], (4, 1))
+    return Solid(name, np.array(collider_color(posed)), corners, up, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def _pole(simulation: Simulation) -> list[Solid]:
+    """Return the pole in world space, if the scene has one."""
+    if not simulation.scene.look.pole:
+        return []
+    return [_solid("pole", pole_mesh(simulation.scene, simulation.topology.start))]
+
+
+def _solid(name: str, soup: TriangleSoup) -> Solid:
+    vertices, corners = merge_corners(soup)
+    return Solid(name, soup[2][0], vertices[:, :3], vertices[:, 3:], corners.reshape(-1, 3))
+
+
+def _poses(simulation: Simulation) -> Floats:
+    """Return the current pose of each of the `_solids` as a matrix, (K, 4, 4)."""
+    poses = [pose_matrix(posed, posed.size[0]) for posed in simulation.colliders()]
+    if simulation.scene.look.pole:
+        poses.append(np.eye(4))
+    return np.array(poses).reshape(-1, 4, 4)
 
 
 def _frames(simulation: Simulation, frames: range, on_frame: Callable[[int], None]) -> Iterator[int]:
@@ -84,18 +144,21 @@ def _frames(simulation: Simulation, frames: range, on_frame: Callable[[int], Non
 @contextmanager
 def _clip(output: Output, simulation: Simulation) -> Iterator[Add]:
     """Yield a function that adds a sample to a clip. A clip in one file has the triangles of its first sample."""
+    rate = 1 / (FRAME_SECONDS * output.every)
     if output.format == "usd":
         from .usd import usd_clip
 
-        rate = 1 / (FRAME_SECONDS * output.every)
-        with usd_clip(output.path, _sheet(simulation), output.up, rate) as write:
+        with usd_clip(output.path, _sheet(simulation), output.up, rate, _pole(simulation)) as write:
             yield lambda: write(simulation.positions(), simulation.colliders())
+    elif output.format == "glb":
+        with glb_clip(output.path, _sheet(simulation), _solids(simulation), output.samples, rate) as add:
+            yield lambda: add(simulation.positions(), _poses(simulation))
     elif output.format == "pc2":
         yield from _point_cache(output, simulation)
     elif output.format == "html":
         from .html import html_clip
 
-        with html_clip(output.path, simulation, 1 / (FRAME_SECONDS * output.every)) as write_page:
+        with html_clip(output.path, simulation, rate) as write_page:
             yield write_page
     else:
         numbers = count()

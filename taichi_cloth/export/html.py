@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..render.colors import pattern_colors
-from ..render.webgl import Solids, air, fill_template, merge_vertices, quantize, remaining_triangles, script_safe
+from ..render.colors import merge_vertices, pattern_colors
+from ..render.webgl import Solids, air, fill_template, quantize, remaining_triangles, script_safe
 from ..simulation.simulation import Simulation
 from ..system.files import atomic_file
 from .mesh_files import Floats
@@ -73,7 +73,8 @@ class Samples:
         """
         x = np.array(self._x)
         low, step, steps = quantize(x)
-        owner, colors, corners = merge_vertices(self._whole, pattern_colors(self._whole, self._simulation.scene.look))
+        whole = self._whole
+        owner, colors, corners = merge_vertices(whole.triangles, pattern_colors(whole, self._simulation.scene.look))
         order = np.argsort(-self._lifetime, kind="stable")
         solids, solid_vertices, solid_corners = self._solids.pack()
         poses = self._pack_poses(solids)

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
-from ..system.errors import OutputConflict, UsageError
+from ..system.errors import OutputConflict, UsageError, install_command
 
-SUFFIXES = {"obj": (".obj",), "ply": (".ply",), "pc2": (".pc2",), "usd": (".usdc", ".usda", ".usd"), "html": (".html",)}
+SUFFIXES = {
+    "obj": (".obj",),
+    "ply": (".ply",),
+    "pc2": (".pc2",),
+    "usd": (".usdc", ".usda", ".usd"),
+    "glb": (".glb",),
+    "html": (".html",),
+}
 BY_SUFFIX = {ending: name for name, endings in SUFFIXES.items() for ending in endings}
 FORMATS = tuple(SUFFIXES)
 UP_AXES = ("y", "z")
 FOLDER_FORMATS = ("obj", "ply")  # formats whose clips are folders of numbered files
+Y_UP_FORMATS = {"glb": "glTF files", "html": "HTML pages"}  # formats whose up axis is y
 CLIP_ONLY_FORMATS = {"pc2": "a PC2 file holds", "html": "an HTML page plays"}  # formats for clips only
 
 
@@ -85,6 +94,16 @@ def format_of(path: Path | None, name: str | None, *, clip: bool) -> str:
     if chosen in CLIP_ONLY_FORMATS and not clip:
         raise UsageError(f"{CLIP_ONLY_FORMATS[chosen]} a clip, not one frame: use --frames A:B")
     return chosen
+
+
+def check_format(format: str, up: str) -> None:
+    """Raise UsageError for an up axis that a format cannot have, and for USD if its package is not installed."""
+    if format == "usd" and find_spec("pxr") is None:
+        raise UsageError(f"USD files need usd-core: {install_command('usd')}")
+    if up not in UP_AXES:
+        raise UsageError(f"unknown up axis {up!r}: use {' or '.join(UP_AXES)}")
+    if up != "y" and format in Y_UP_FORMATS:
+        raise UsageError(f"the up axis {up} does not apply to {Y_UP_FORMATS[format]}, in which y is up")
 
 
 def default_path(scene: str, format: str, *, clip: bool) -> Path:

@@ -1,25 +1,28 @@
 """USD files: the cloth as a mesh with time samples of its points, and the colliders. Needs the package usd-core.
 
-Spheres, capsules and boxes are USD shapes; planes, the ground and meshes are USD meshes. Moving colliders have time
-samples of their transform. A stage stays in memory until it is complete, with 24 bytes per particle and sample.
+Spheres, capsules and boxes are USD shapes; planes, the ground, the pole and meshes are USD meshes. Moving colliders
+have time samples of their transform. All have the color in which they are drawn. A stage stays in memory until it is
+complete, with 24 bytes per particle and sample.
 """
 
 from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
 from ..collision.colliders import PosedCollider, is_static, shape_of
+from ..render.draw_list import collider_color
 from ..system.errors import one_line
 from ..system.files import atomic_path
-from .mesh_files import ExportMesh, Floats, rotate_to_up, vertex_normals
+from .mesh_files import ExportMesh, Floats, Solid, collider_name, linear_rgb, rotate_to_up, vertex_normals
 
 
 class ColliderPrims:
@@ -42,7 +45,7 @@ class ColliderPrims:
 
     def _define(self, number: int, posed: PosedCollider) -> UsdGeom.XformOp:
         """Define the prim of a collider, in its own frame of reference, and return its transform."""
-        path = self._path.AppendChild(f"{type(posed.collider).__name__.lower()}_{number}")
+        path = self._path.AppendChild(collider_name(number, posed.collider))
         shape = shape_of(posed.collider)
         if shape.usd is not None:
             prim = getattr(UsdGeom, shape.usd.name).Define(self._stage, path)
@@ -50,17 +53,29 @@ class ColliderPrims:
                 getattr(prim, f"Create{name}Attr")(value)
         else:
             assert shape.polygons is not None, f"{shape.section} have neither a USD schema nor polygons"
-            prim = self._mesh(path, *shape.polygons(posed.collider))
+            prim = _mesh(self._stage, path, *shape.polygons(posed.collider))
+        _set_color(prim, np.array([collider_color(posed)]), UsdGeom.Tokens.constant)
         prim.CreateExtentAttr(UsdGeom.Boundable.ComputeExtentFromPlugins(prim, Usd.TimeCode.Default()))
         return prim.AddTransformOp()
 
-    def _mesh(self, path: Sdf.Path, points: Floats, faces: NDArray[np.int64]) -> UsdGeom.Mesh:
-        mesh = UsdGeom.Mesh.Define(self._stage, path)
-        mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
-        mesh.CreateFaceVertexCountsAttr(Vt.IntArray([faces.shape[1]] * len(faces)))
-        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
-        return mesh
+
+def _mesh(stage: Usd.Stage, path: Sdf.Path, points: Floats, faces: NDArray[np.integer[Any]]) -> UsdGeom.Mesh:
+    """Define a mesh of points (P, 3) [m] and polygons (F, corners)."""
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreatePointsAttr(_vectors(points))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray([faces.shape[1]] * len(faces)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    return mesh
+
+
+def _set_color(prim: UsdGeom.Gprim, colors: NDArray[Any], interpolation: str) -> None:
+    """Set the color of a prim: sRGB factors 0…1, one for the prim, (1, 3), or for every corner of its faces."""
+    prim.CreateDisplayColorPrimvar(interpolation).Set(_vectors(linear_rgb(colors)))
+
+
+def _vectors(rows: NDArray[Any]) -> Vt.Vec3fArray:
+    return Vt.Vec3fArray.FromNumpy(rows.astype(np.float32))
 
 
 def _matrix(posed: PosedCollider, up: str) -> Gf.Matrix4d:
@@ -77,13 +92,13 @@ Add = Callable[[Floats, list[PosedCollider]], None]
 
 
 @contextmanager
-def usd_clip(path: Path, sheet: ExportMesh, up: str, rate: float) -> Iterator[Add]:
+def usd_clip(path: Path, sheet: ExportMesh, up: str, rate: float, fixed: Sequence[Solid] = ()) -> Iterator[Add]:
     """Yield a function that adds the next sample: positions (N, 3) [m], y up, and the colliders.
 
-    `up`: the axis that is up in the file. `rate`: samples per second. The file is written at the end of the block.
-    Raises OSError; a partial file never remains.
+    `up`: the axis that is up in the file. `rate`: samples per second. `fixed`: solids beside the colliders that do not
+    move, y up. The file is written at the end of the block. Raises OSError; a partial file never remains.
     """
-    stage, write = _stage(sheet, up)
+    stage, write = _stage(sheet, up, fixed)
     stage.SetFramesPerSecond(rate)
     stage.SetTimeCodesPerSecond(rate)
     count = 0
@@ -99,14 +114,27 @@ def usd_clip(path: Path, sheet: ExportMesh, up: str, rate: float) -> Iterator[Ad
     _save(stage, path)
 
 
-def write_usd(path: Path, sheet: ExportMesh, x: Floats, colliders: list[PosedCollider], up: str) -> None:
-    """Write one frame: positions (N, 3) [m], y up, and the colliders. `up`: as in `usd_clip`. Raises OSError."""
-    stage, write = _stage(sheet, up)
+def write_usd(
+    path: Path,
+    sheet: ExportMesh,
+    x: Floats,
+    colliders: list[PosedCollider],
+    up: str,
+    fixed: Sequence[Solid] = (),
+) -> None:
+    """Write one frame: positions (N, 3) [m], y up, and the colliders. Raises OSError.
+
+    `up` and `fixed`: as in `usd_clip`.
+    """
+    stage, write = _stage(sheet, up, fixed)
     write(x, colliders, Usd.TimeCode.Default())
     _save(stage, path)
 
 
-def _stage(sheet: ExportMesh, up: str) -> tuple[Usd.Stage, Callable[[Floats, list[PosedCollider], Usd.TimeCode], None]]:
+Write = Callable[[Floats, list[PosedCollider], Usd.TimeCode], None]
+
+
+def _stage(sheet: ExportMesh, up: str, fixed: Sequence[Solid]) -> tuple[Usd.Stage, Write]:
     """Return a stage with the mesh, and a function that writes positions and colliders at a time."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, up.upper())
@@ -121,15 +149,20 @@ def _stage(sheet: ExportMesh, up: str) -> tuple[Usd.Stage, Callable[[Floats, lis
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
     st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
     st.Set(Vt.Vec2fArray.FromNumpy(sheet.uv.astype(np.float32)))
+    _set_color(mesh, sheet.colors, UsdGeom.Tokens.faceVarying)
+    for solid in fixed:
+        part = _mesh(stage, root.GetPath().AppendChild(solid.name), rotate_to_up(solid.positions, up), solid.triangles)
+        part.CreateNormalsAttr(_vectors(rotate_to_up(solid.normals, up)))
+        part.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+        part.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(part.GetPointsAttr().Get()))
+        _set_color(part, solid.color[None], UsdGeom.Tokens.constant)
     prims = ColliderPrims(stage, root.GetPath().AppendChild("colliders"), up)
 
     def write(x: Floats, colliders: list[PosedCollider], time: Usd.TimeCode) -> None:
         positions = rotate_to_up(x, up)
-        points = Vt.Vec3fArray.FromNumpy(positions.astype(np.float32))
+        points = _vectors(positions)
         mesh.GetPointsAttr().Set(points, time)
-        mesh.GetNormalsAttr().Set(
-            Vt.Vec3fArray.FromNumpy(vertex_normals(positions, sheet.triangles).astype(np.float32)), time
-        )
+        mesh.GetNormalsAttr().Set(_vectors(vertex_normals(positions, sheet.triangles)), time)
         mesh.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(points), time)
         prims.write(colliders, time)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..scene.keys import CORNERS, EDGES, GROUP, REGION
 from ..scene.presets import map_path
 from ..scene.schema import Cloth, Scene
-from ..system.errors import PinError, UsageError, short_repr
+from ..system.errors import PinError, UsageError, install_command, short_repr
 from . import grid
 from .cloth_mesh import ClothMesh, load_cloth_mesh
 from .grid import DIRECTIONS
@@ -79,7 +79,7 @@ def _read_image(path: Path) -> Floats:
     try:
         from PIL import Image
     except ImportError:
-        raise UsageError("images as maps need Pillow: pip install 'taichi-cloth[maps]'") from None
+        raise UsageError(f"images as maps need Pillow: {install_command('maps')}") from None
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow warns of large images; here they are an error
             opened = Image.open(path)

@@ -36,6 +36,21 @@ def pattern_colors(topology: Topology, look: Look) -> NDArray[np.float32]:
     return colors
 
 
+def merge_vertices(
+    triangles: NDArray[np.int32], colors: NDArray[np.float32]
+) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]]:
+    """Merge triangle corners of equal particle and color into vertices.
+
+    `triangles`: the particles of each, (T, 3). `colors`: of every corner, factors 0…1, (3·T, 3). Return the particle
+    (V,) and the color (V, 3), 0…255, of every vertex, and the three vertices of every triangle (T, 3).
+    """
+    rgb = np.rint(255 * colors).astype(np.int64)
+    key = (triangles.ravel().astype(np.int64) << 24) + (rgb << np.array([16, 8, 0])).sum(axis=1)
+    unique, corners = np.unique(key, return_inverse=True)
+    rgb_bytes = (unique[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
+    return unique >> 24, rgb_bytes, corners.reshape(-1, 3)
+
+
 def rgb(color: str) -> tuple[float, float, float]:
     """Return a color "#rrggbb" as factors 0…1."""
     red, green, blue = (int(color[k : k + 2], 16) / 255 for k in (1, 3, 5))

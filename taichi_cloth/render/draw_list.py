@@ -42,6 +42,11 @@ def is_ground(posed: PosedCollider) -> bool:
     return isinstance(posed.collider, Ground)
 
 
+def collider_color(posed: PosedCollider) -> tuple[float, float, float]:
+    """Return the color of a collider, sRGB factors 0…1."""
+    return FLOOR_COLOR if is_ground(posed) else shape_of(posed.collider).color
+
+
 def collider_mesh(posed: PosedCollider) -> TriangleSoup:
     """Return the mesh of a collider other than the ground, relative to its center and axes."""
     shape = shape_of(posed.collider)

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.keys import Vec3
-from ..system.errors import UsageError
+from ..system.errors import UsageError, install_command
 from ..system.files import atomic_file
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -118,9 +118,9 @@ def check_format(path: Path) -> None:
     if path.suffix not in (".mp4", ".webp"):
         raise UsageError(f"{path}: a video file must end in .mp4 or .webp")
     if path.suffix not in available_formats():
-        needs, package = ("ffmpeg", "'taichi-cloth[video]'") if path.suffix == ".mp4" else ("Pillow", "pillow")
+        package = "ffmpeg" if path.suffix == ".mp4" else "Pillow"
         other = ", or choose a .webp file" if ".webp" in available_formats() else ""
-        raise UsageError(f"{path} needs {needs}: pip install {package}{other}")
+        raise UsageError(f"{path} needs {package}: {install_command('video')}{other}")
 
 
 def find_ffmpeg() -> str | None:

@@ -62,19 +62,6 @@ def quantize(x: Floats) -> tuple[Floats, Floats, NDArray[np.uint16]]:
     return low, step, ((x - low) * inverse + 0.5).astype(np.uint16)  # truncation is faster than rounding
 
 
-def merge_vertices(topology: Topology, colors: NDArray[np.float32]) -> tuple[Ids, NDArray[np.uint8], Ids]:
-    """Merge triangle corners of equal particle and color into vertices.
-
-    `colors`: of every corner, factors 0…1, (3·T, 3). Return the particle (V,) and the color (V, 3), 0…255, of every
-    vertex, and the three vertices of every triangle (T, 3).
-    """
-    rgb = np.rint(255 * colors).astype(np.int64)
-    key = (topology.triangles.ravel().astype(np.int64) << 24) + (rgb << np.array([16, 8, 0])).sum(axis=1)
-    unique, corners = np.unique(key, return_inverse=True)
-    rgb_bytes = (unique[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
-    return unique >> 24, rgb_bytes, corners.reshape(-1, 3)
-
-
 def remaining_triangles(untorn: Topology, torn: Topology) -> NDArray[np.bool_]:
     """Return a mask of the triangles of an untorn topology, (T,): true for those that remain in the torn one."""
     left: NDArray[np.bool_] = np.isin(_keys(untorn), _keys(torn))
@@ -101,7 +88,7 @@ class Solids:
         self._drawn = [k for k, posed in enumerate(colliders) if not isinstance(posed.collider, Ground)]
         self._sizes = [colliders[k].size[0] for k in self._drawn]
         self.moving = [not is_static(colliders[k].collider) for k in self._drawn]
-        self._meshes = [_local_mesh(colliders[k]) for k in self._drawn]
+        self._meshes = [local_mesh(colliders[k]) for k in self._drawn]
         if simulation.scene.look.pole:
             self._meshes.append(pole_mesh(simulation.scene, simulation.topology.start))
             self.moving.append(False)
@@ -110,7 +97,7 @@ class Solids:
     def poses(self) -> Floats:
         """Return the current pose of every solid as a matrix, (K, 4, 4), without the meshes `more`."""
         colliders = self._simulation.colliders()
-        poses = [_pose(colliders[k], size) for k, size in zip(self._drawn, self._sizes, strict=True)]
+        poses = [pose_matrix(colliders[k], size) for k, size in zip(self._drawn, self._sizes, strict=True)]
         poses += [np.eye(4)] * (len(self.moving) - len(poses))
         return np.array(poses).reshape(-1, 4, 4)
 
@@ -126,9 +113,9 @@ class Solids:
         for mesh in self._meshes:
             color = [round(float(factor), 3) for factor in mesh[2][0]]
             descriptions.append({"color": color, "first": first, "corners": len(mesh[0])})
-            unique, inverse = np.unique(np.hstack(mesh[:2]), axis=0, return_inverse=True)
+            unique, inverse = merge_corners(mesh)
             vertices.append(unique)
-            corners.append(inverse.ravel() + vertex_count)
+            corners.append(inverse + vertex_count)
             vertex_count, first = vertex_count + len(unique), first + len(mesh[0])
         return descriptions, np.concatenate(vertices), np.concatenate(corners)
 
@@ -176,15 +163,21 @@ def air(scene: Scene) -> dict[str, object]:
     }
 
 
-def _local_mesh(posed: PosedCollider) -> TriangleSoup:
-    """Return the mesh of a collider in its local coordinates."""
+def merge_corners(mesh: TriangleSoup) -> tuple[Floats, Ids]:
+    """Merge equal corners. Return the vertices, positions [m] and normals (V, 6), and that of every corner, (3·T,)."""
+    vertices, corners = np.unique(np.hstack(mesh[:2]), axis=0, return_inverse=True)
+    return vertices, corners.ravel()
+
+
+def local_mesh(posed: PosedCollider) -> TriangleSoup:
+    """Return the mesh of a collider other than the ground, in its local coordinates."""
     if isinstance(posed.collider, Sphere):
         sphere = closed_surface.unit_sphere()
         return with_color(posed.size[0] * sphere, sphere, SPHERE.color)
     return collider_mesh(posed)
 
 
-def _pose(posed: PosedCollider, first_size: float) -> Floats:
+def pose_matrix(posed: PosedCollider, first_size: float) -> Floats:
     """Return the pose of a collider as a matrix, (4, 4). It scales a sphere that had the radius `first_size` [m]."""
     pose = np.eye(4)
     scale = posed.size[0] / first_size if isinstance(posed.collider, Sphere) else 1.0

@@ -2,6 +2,7 @@
 
 import datetime
 import difflib
+import json
 import sys
 from collections.abc import Iterable
 
@@ -28,6 +29,28 @@ def error_text(error: BaseException) -> str:
 def one_line(text: str) -> str:
     """Return a text with line ends and control characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs the packages of an extra for the Python that runs.
+
+    The project is not on a package index. pip installs it from a checkout, and stores from which.
+    """
+    # Here, because most runs need none of these.
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    python = f'"{sys.executable}"' if " " in sys.executable else sys.executable
+    try:
+        origin = json.loads(distribution("taichi-cloth").read_text("direct_url.json") or "{}")
+    except PackageNotFoundError:
+        origin = {}
+    url = urlsplit(origin.get("url", ""))
+    if url.scheme != "file":
+        return f'{python} -m pip install ".[{extra}]" in the folder of the checkout'
+    editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
+    return f'{python} -m pip install {editable}"{url2pathname(url.path)}[{extra}]"'
 
 
 def print_note(line: str) -> None:

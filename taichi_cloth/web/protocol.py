@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from ..geometry import closed_surface
 from ..render.camera import NEAR, OrbitCamera
-from ..render.colors import pattern_colors
+from ..render.colors import merge_vertices, pattern_colors
 from ..render.draw_list import GRABBED_COLOR, PINNED_COLOR, marker_radius, with_color
 from ..render.fill import FULL_STRAIN, strain_colors
-from ..render.webgl import Solids, air, merge_vertices, quantize, remaining_triangles
+from ..render.webgl import Solids, air, quantize, remaining_triangles
 from ..scene.parameters import Parameter
 from ..scene.schema import PRESET_NAMES, SOLVER_NAMES
 from ..system.errors import short_repr
@@ -233,7 +233,7 @@ class MessageBuilder:
     def scene(self) -> bytes:
         """Return the message with everything that stays constant."""
         topology, scene = self._untorn, self._scene
-        owner, colors, corners = merge_vertices(topology, pattern_colors(topology, scene.look))
+        owner, colors, corners = merge_vertices(topology.triangles, pattern_colors(topology, scene.look))
         solid_heads, solid_vertices, solid_corners = self._solids.pack()
         springs = topology.family_counts.get("structural", 0) or topology.spring_count
         strains, scale = np.linspace(-FULL_STRAIN, FULL_STRAIN, STRAIN_COLORS), np.zeros((STRAIN_COLORS, 3), np.float32)

@@ -11,13 +11,14 @@ import pytest
 import trimesh
 from pxr import Usd, UsdGeom
 
+import taichi_cloth as tc
 from taichi_cloth.__main__ import main
 from taichi_cloth.export.clip import export
 from taichi_cloth.export.output import Output
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
-from taichi_cloth.system.errors import Diverged
+from taichi_cloth.system.errors import Diverged, UsageError, install_command
 
 SCENE = """
 [cloth]
@@ -29,7 +30,7 @@ z = 5.0
 oscillation = [1.0, 0.0, 0.0]
 """
 pytestmark = pytest.mark.usefixtures("running")
-CLIPS = ("o.pc2", "o.usdc", "o.usda", "o.html", "o")  # a folder of OBJ files last
+CLIPS = ("o.pc2", "o.usdc", "o.usda", "o.glb", "o.html", "o")  # a folder of OBJ files last
 
 
 @pytest.fixture(autouse=True)
@@ -128,7 +129,7 @@ def test_a_clip_has_a_sample_every_k_frames(first: int) -> None:
 def test_torn_triangles_are_omitted_except_in_animated_meshes() -> None:
     Path("o").mkdir()
     with Simulation(load_scene("tear", rows=8, columns=8, area_density=9.0), "serial") as simulation:
-        for path, format in (("o", "obj"), ("c.obj", "obj"), ("d.pc2", "pc2"), ("e.usda", "usd")):
+        for path, format in (("o", "obj"), ("c.obj", "obj"), ("d.pc2", "pc2"), ("e.usda", "usd"), ("f.glb", "glb")):
             simulation.reset()
             export(simulation, Output(Path(path), format, 40, clip=path != "c.obj"), lambda k: None)
         remaining = simulation.topology.triangle_count
@@ -137,6 +138,30 @@ def test_torn_triangles_are_omitted_except_in_animated_meshes() -> None:
     assert end == remaining <= last < first == animated == 98
     stage = Usd.Stage.Open("e.usda")
     assert len(UsdGeom.Mesh(stage.GetPrimAtPath("/tear/cloth")).GetFaceVertexCountsAttr().Get()) == 98
+    assert len(trimesh.load("f.glb", force="scene").geometry["cloth"].faces) == 98
+
+
+def test_one_frame_is_exported_from_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Simulation(load_scene("small.toml"), "serial") as simulation:
+        x = simulation.positions()
+        for name in ("a.obj", "b.ply", "c.usda", "d.glb"):
+            tc.export_mesh(simulation, name)
+        tc.export_mesh(simulation, "z.obj", up="z")
+        for name, up, message in (
+            ("e.glb", "z", "the up axis z does not apply to glTF files, in which y is up"),
+            ("e.obj", "x", "unknown up axis 'x': use y or z"),
+            ("e.stl", "y", "unknown suffix"),
+        ):
+            with pytest.raises(UsageError, match=message):
+                tc.export_mesh(simulation, name, up)
+        monkeypatch.setitem(sys.modules, "pxr", None)
+        with pytest.raises(UsageError, match="USD files need usd-core"):
+            tc.export_mesh(simulation, "e.usda")
+    assert written_files() == ["a.obj", "b.ply", "c.usda", "d.glb", "z.obj"]
+    assert vertices("a.obj") == pytest.approx(x, rel=1e-6, abs=1e-9)
+    assert vertices("z.obj") == pytest.approx(np.stack([x[:, 0], -x[:, 2], x[:, 1]], axis=1), rel=1e-6, abs=1e-9)
+    cloth = trimesh.load("d.glb", force="scene").geometry["cloth"]
+    assert np.ptp(cloth.vertices, axis=0) == pytest.approx(np.ptp(x, axis=0), abs=1e-6)
 
 
 # -- refused options -------------------------------------------------------------------------------------------
@@ -154,8 +179,9 @@ def test_torn_triangles_are_omitted_except_in_animated_meshes() -> None:
         (["export", "small.toml", "--out", "c.html"], "an HTML page plays a clip, not one frame: use --frames A:B"),
         (
             ["export", "small.toml", "--frames", "0:9", "--out", "c.html", "--up-axis", "z"],
-            "does not apply to HTML pages",
+            "the up axis z does not apply to HTML pages",
         ),
+        (["export", "small.toml", "--out", "c.glb", "--up-axis", "z"], "the up axis z does not apply to glTF files"),
         (["export", "small.toml", "--every", "2"], "applies to clips only: use --frames 0:240"),
         (["export", "small.toml", "--up-axis", "x"], "invalid choice"),
         (["export", "small.toml", "--frames", "0:9", "--out", "c.obj"], "is a folder"),
@@ -178,7 +204,7 @@ def test_an_invalid_command_is_one_line_and_writes_nothing(
 def test_usd_without_its_extra_is_one_line(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pxr", None)
     line = error_line(capsys, "export", "small.toml", "--out", "c.usdc")
-    assert line == "taichi-cloth: USD files need usd-core: pip install 'taichi-cloth[usd]'\n"
+    assert line == f"taichi-cloth: USD files need usd-core: {install_command('usd')}\n"
 
 
 def test_existing_files_are_overwritten_only_with_force(capsys: pytest.CaptureFixture[str]) -> None:
@@ -216,7 +242,7 @@ def numbered_files(clip: str, samples: int) -> list[str]:
 def test_an_interrupted_clip_leaves_no_partial_file_and_keeps_the_older_one(
     clip: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = ["o.html", "o.obj", "o.pc2", "o.usda", "o.usdc"]
+    before = ["o.glb", "o.html", "o.obj", "o.pc2", "o.usda", "o.usdc"]
     for name in before:
         Path(name).write_text("older")
 

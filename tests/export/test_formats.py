@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,13 @@ from hypothesis import strategies as st
 from pxr import Usd, UsdGeom
 
 from taichi_cloth.collision.colliders import colliders_of, pose_colliders
+from taichi_cloth.collision.shapes import MESH, SPHERE
+from taichi_cloth.collision.shapes.box import BOX
+from taichi_cloth.collision.shapes.capsule import CAPSULE
+from taichi_cloth.collision.shapes.plane import PLANE
 from taichi_cloth.export.mesh_files import (
     ExportMesh,
+    Solid,
     export_mesh_of,
     pc2_clip,
     rotate_to_up,
@@ -27,6 +33,8 @@ from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.obj_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.geometry.signed_distance import collider_surface
+from taichi_cloth.render.colors import pattern_colors
+from taichi_cloth.render.draw_list import FLOOR_COLOR
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.collider_schema import Box, Capsule, Ground, Mesh, Plane, Sphere
 from taichi_cloth.scene.schema import Cloth, Scene
@@ -36,8 +44,9 @@ USD_SUFFIXES = (".usdc", ".usda", ".usd")
 
 def mesh_of(name: str) -> tuple[ExportMesh, np.ndarray]:
     """Return the export mesh of a shipped scene, and its positions at the start."""
-    topology = build_topology(load_scene(name), "verlet")
-    return export_mesh_of(name, topology), topology.start
+    scene = load_scene(name)
+    topology = build_topology(scene, "verlet")
+    return export_mesh_of(scene, topology), topology.start
 
 
 def perturbed(name: str = "drape15", seed: int = 0) -> tuple[ExportMesh, np.ndarray]:
@@ -93,8 +102,9 @@ def test_every_grid_with_any_number_of_layers(
     tmp_path_factory: pytest.TempPathFactory, rows: int, columns: int, layers: int
 ) -> None:
     path = tmp_path_factory.mktemp("grid") / "c.obj"
-    topology = build_topology(Scene(cloth=Cloth(rows=rows, columns=columns, layers=layers, pins=())), "verlet")
-    write_obj(path, export_mesh_of("grid", topology), topology.start)
+    scene = Scene(cloth=Cloth(rows=rows, columns=columns, layers=layers, pins=()))
+    topology = build_topology(scene, "verlet")
+    write_obj(path, export_mesh_of(scene, topology), topology.start)
     mesh = read(path)
     assert mesh.vertices == pytest.approx(topology.start, rel=1e-6, abs=1e-12)
     assert (mesh.faces == topology.triangles).all()
@@ -104,12 +114,73 @@ def test_every_grid_with_any_number_of_layers(
 @pytest.mark.parametrize("name", ["line\nend f 1 2 3", "a \udcff b", "Vorhang ä"])
 def test_special_characters_in_names_are_escaped(name: str, tmp_path: Path) -> None:
     sheet, x = perturbed()
-    named = ExportMesh(name, sheet.triangles, sheet.uv)
+    named = replace(sheet, name=name)
     write_obj(tmp_path / "c.obj", named, x)
     assert len(read(tmp_path / "c.obj").faces) == len(sheet.triangles)
     write_usd(tmp_path / "c.usda", named, x, [], "y")
     _stage, mesh = opened(tmp_path / "c.usda")
     assert len(mesh.GetPointsAttr().Get()) == len(x)
+
+
+# -- colors ----------------------------------------------------------------------------------------------------
+
+
+def linear(colors: Any) -> np.ndarray:
+    """Return sRGB factors as linear ones (IEC 61966-2-1)."""
+    return np.array([c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.ravel(colors)]).reshape(
+        np.shape(colors)
+    )
+
+
+def corner_colors(name: str) -> np.ndarray:
+    """Return the color of every corner of a shipped scene as the renderer draws it, (T, 3, 3)."""
+    scene = load_scene(name)
+    return pattern_colors(build_topology(scene, "verlet"), scene.look).reshape(-1, 3, 3)
+
+
+PATTERNED = ["curtain", "denim", "round", "net", "banner"]  # check, twill, gingham on a mesh, ring, plain
+
+
+@pytest.mark.parametrize("name", PATTERNED)
+def test_a_particle_has_the_color_of_a_triangle_in_ply(name: str, tmp_path: Path) -> None:
+    sheet, x = mesh_of(name)
+    write_ply(tmp_path / "c.ply", sheet, x, vertex_normals(x, sheet.triangles))
+    data = read(tmp_path / "c.ply").metadata["_ply_raw"]["vertex"]["data"]
+    found = np.stack([data[channel] for channel in ("red", "green", "blue")], axis=1)
+    assert found.dtype == np.uint8
+    expected = np.rint(255 * corner_colors(name)).astype(int)
+    for particle, color in enumerate(found[:: len(x) // 50]):
+        own = expected[sheet.triangles == particle * (len(x) // 50)]
+        assert color.tolist() in own.tolist()
+    assert len(np.unique(found, axis=0)) == len(np.unique(expected.reshape(-1, 3), axis=0))
+
+
+@pytest.mark.parametrize("name", PATTERNED)
+def test_corners_have_the_colors_of_the_pattern_in_usd(name: str, tmp_path: Path) -> None:
+    sheet, x = mesh_of(name)
+    write_usd(tmp_path / "c.usdc", sheet, x, [], "y")
+    _stage, mesh = opened(tmp_path / "c.usdc")
+    primvar = mesh.GetDisplayColorPrimvar()
+    assert primvar.GetInterpolation() == "faceVarying"
+    assert np.array(primvar.Get()) == pytest.approx(linear(corner_colors(name)).reshape(-1, 3), abs=1e-6)
+
+
+def test_colliders_and_the_pole_have_the_colors_in_which_they_are_drawn_in_usd(tmp_path: Path) -> None:
+    sheet, x = perturbed()
+    brown = np.array([0.36, 0.24, 0.02])
+    triangle = np.array([[0.0, 2.0, 0.0], [1.0, 2.0, 0.0], [0.0, 2.0, 1.0]])
+    pole = Solid("pole", brown, triangle, np.tile([0.0, 1.0, 0.0], (3, 1)), np.array([[0, 1, 2]]))
+    write_usd(tmp_path / "c.usda", sheet, x, pose_colliders(colliders_of(COLLIDERS), 0.0), "z", [pole])
+    stage, _ = opened(tmp_path / "c.usda")
+    parts = [*stage.GetDefaultPrim().GetChild("colliders").GetChildren(), stage.GetPrimAtPath("/drape15/pole")]
+    colors = [SPHERE.color, CAPSULE.color, BOX.color, PLANE.color, FLOOR_COLOR, MESH.color, tuple(brown)]
+    for part, color in zip(parts, colors, strict=True):
+        primvar = UsdGeom.Gprim(part).GetDisplayColorPrimvar()
+        assert primvar.GetInterpolation() == "constant"
+        assert np.array(primvar.Get()) == pytest.approx(linear([color]), abs=1e-6)
+    mesh = UsdGeom.Mesh(parts[-1])
+    assert np.array(mesh.GetPointsAttr().Get()) == pytest.approx(rotate_to_up(triangle, "z"))
+    assert np.array(mesh.GetNormalsAttr().Get()) == pytest.approx(np.tile([0.0, 0.0, 1.0], (3, 1)))
 
 
 # -- PC2 -------------------------------------------------------------------------------------------------------

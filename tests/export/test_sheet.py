@@ -52,7 +52,7 @@ def test_a_particle_without_area_has_a_zero_normal() -> None:
 
 def test_every_layer_covers_the_texture_from_the_lower_left_corner() -> None:
     cloth = Cloth(rows=3, columns=5, width=2.0, height=0.5, layers=2, layer_spacing=0.1)
-    mesh = export_mesh_of("layers", build_topology(Scene(cloth=cloth), "verlet"))
+    mesh = export_mesh_of(Scene(cloth=cloth), build_topology(Scene(cloth=cloth), "verlet"))
     first, second = mesh.uv.reshape(2, 3, 5, 2)
     assert (first == second).all()
     assert first[0, 0] == pytest.approx([0, 1])
@@ -61,7 +61,8 @@ def test_every_layer_covers_the_texture_from_the_lower_left_corner() -> None:
 
 
 def test_a_horizontal_mesh_covers_the_texture_too() -> None:
-    mesh = export_mesh_of("round", build_topology(load_scene("round"), "fabric"))  # a disc in the plane y = 0
+    scene = load_scene("round")  # a disc in the plane y = 0
+    mesh = export_mesh_of(scene, build_topology(scene, "fabric"))
     assert mesh.uv.min(axis=0) == pytest.approx([0, 0])
     assert mesh.uv.max(axis=0) == pytest.approx([1, 1])
     assert np.linalg.norm(2 * mesh.uv - 1, axis=1).max() == pytest.approx(1, abs=1e-3)

@@ -18,6 +18,7 @@ from taichi_cloth.render.image_files import open_video
 from taichi_cloth.simulation.recording import Recorder
 from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system.errors import install_command
 
 pytestmark = pytest.mark.usefixtures("running")
 
@@ -103,7 +104,7 @@ def test_without_ffmpeg_the_error_names_the_pip_command(
     monkeypatch.setattr(video, "find_ffmpeg", lambda: None)
     code, _, err = run(capsys, *RENDER, "--video", "a.mp4")
     assert (code, err.count("\n")) == (2, 1)
-    assert "a.mp4 needs ffmpeg: pip install 'taichi-cloth[video]', or choose a .webp file" in err
+    assert f"a.mp4 needs ffmpeg: {install_command('video')}, or choose a .webp file" in err
 
 
 @pytest.mark.parametrize("kind", ["mp4", "webp"])

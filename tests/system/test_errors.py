@@ -1,8 +1,19 @@
 """Error messages for the user."""
 
-import errno
+from __future__ import annotations
 
-from taichi_cloth.system.errors import error_text
+import errno
+import json
+import re
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import taichi_cloth
+from taichi_cloth.system.errors import error_text, install_command
 
 
 def test_the_text_of_an_os_error_has_its_file_and_reason() -> None:
@@ -13,3 +24,61 @@ def test_the_text_of_an_os_error_has_its_file_and_reason() -> None:
     assert error_text(OSError(errno.EAGAIN, "no more processes")) == "no more processes"
     assert error_text(OSError("odd")) == "odd"
     assert error_text(RuntimeError("the cloth blew up")) == "the cloth blew up"
+
+
+# -- packages that are not installed -----------------------------------------------------------------------------------
+
+
+class Installed:
+    """A package that pip installed. `origin`: what pip stored of its source, if anything."""
+
+    def __init__(self, origin: object) -> None:
+        self._origin = origin
+
+    def read_text(self, name: str) -> str | None:
+        assert name == "direct_url.json"
+        return None if self._origin is None else json.dumps(self._origin)
+
+
+def installed_from(monkeypatch: pytest.MonkeyPatch, origin: object) -> None:
+    monkeypatch.setattr(metadata, "distribution", lambda name: Installed(origin))
+
+
+def test_the_command_installs_an_extra_from_where_the_package_came(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    checkout = tmp_path / "my cloth"
+    monkeypatch.setattr(sys, "executable", "python3")
+    installed_from(monkeypatch, {"url": checkout.as_uri(), "dir_info": {}})
+    assert install_command("web") == f'python3 -m pip install "{checkout}[web]"'
+    installed_from(monkeypatch, {"url": checkout.as_uri(), "dir_info": {"editable": True}})
+    assert install_command("usd") == f'python3 -m pip install -e "{checkout}[usd]"'
+    monkeypatch.setattr(sys, "executable", "/my programs/python3")
+    assert install_command("usd").startswith('"/my programs/python3" -m pip install ')
+
+
+@pytest.mark.parametrize("origin", [None, {"url": "https://example.org/cloth.git", "vcs_info": {"vcs": "git"}}])
+def test_without_a_known_folder_the_command_is_for_the_checkout(
+    monkeypatch: pytest.MonkeyPatch, origin: object
+) -> None:
+    installed_from(monkeypatch, origin)
+    assert install_command("web") == f'{sys.executable} -m pip install ".[web]" in the folder of the checkout'
+
+
+def test_a_package_that_runs_uninstalled_has_the_command_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "distribution", missing)
+    assert install_command("web").endswith('".[web]" in the folder of the checkout')
+
+
+def test_every_named_extra_exists_and_none_is_installed_from_an_index() -> None:
+    package = Path(taichi_cloth.__file__).parent
+    pages = [*package.parent.glob("docs/**/*.md"), package.parent / "README.md"]
+    project = tomllib.loads((package.parent / "pyproject.toml").read_text("utf-8"))["project"]
+    texts = {path: path.read_text("utf-8") for path in (*package.rglob("*.py"), *pages)}
+    pattern = re.compile(r"""install_command\(["'](\w+)|"\.\[([\w,]+)\]\"""")
+    found = [name for text in texts.values() for groups in pattern.findall(text) for name in "".join(groups).split(",")]
+    assert {"web", "usd", "video", "maps", "plot"} <= set(found) <= set(project["optional-dependencies"])
+    assert [path.name for path, text in texts.items() if "taichi-cloth[" in text] == []

@@ -20,6 +20,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.cli.run import iframe
+from taichi_cloth.system.errors import install_command
 from taichi_cloth.web.protocol import MAX_BYTES
 
 TOKEN = "open sesame"
@@ -195,7 +196,7 @@ def test_without_websockets_the_error_has_the_pip_command(
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert main(["web"]) == 2
-    assert "pip install 'taichi-cloth[web]'" in capfd.readouterr().err
+    assert f"the browser view needs websockets: {install_command('web')}\n" in capfd.readouterr().err
 
 
 def test_the_iframe_element_is_escaped_html(server: Server) -> None:

@@ -23,7 +23,7 @@ from ...simulation.running_cloth import timed_frame
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
 from ...system.console import machine, printed_table, wide_console
-from ...system.errors import UsageError
+from ...system.errors import UsageError, install_command
 from ...system.files import atomic_file, cached
 from .bench_report import run_info
 from .cases import FRAME_RATES
@@ -361,7 +361,7 @@ def load_pyplot() -> Any:
     try:
         import matplotlib
     except ImportError:
-        raise UsageError("--plot needs matplotlib: pip install 'taichi-cloth[plot]'") from None
+        raise UsageError(f"--plot needs matplotlib: {install_command('plot')}") from None
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
