@@ -3,7 +3,8 @@
 import datetime
 import difflib
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class OutputConflict(ValueError):
@@ -53,6 +54,53 @@ class PinError(ValueError):
     def __init__(self, reason: str, name: str = "", known: Iterable[str] = ()) -> None:
         self.name, self.known = name, tuple(known)
         super().__init__(one_line(reason))
+
+
+class Mistakes(list[SceneError]):
+    """The mistakes of one scene, in the order in which they are found. `file` is its name in messages.
+
+    Reading continues after a mistake, with the default of the key. What follows from that default is not another
+    mistake: a check of several keys is left out if one of them is wrong (`concern`).
+    """
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+
+    def add(self, key: str, reason: str, hint: str = "") -> None:
+        """Add a mistake, with the arguments of `SceneError`."""
+        self.append(SceneError(self.file, key, reason, hint))
+
+    @contextmanager
+    def collect(self, key: str = "") -> Iterator[None]:
+        """Add a SceneError that ends the block, or another ValueError as a mistake of `key`."""
+        try:
+            yield
+        except SceneError as error:
+            self.append(error)
+        except PinError as error:
+            self.add(key, str(error), nearest_name(error.name, error.known))
+        except ValueError as error:
+            self.add(key, str(error))
+
+    def concern(self, *keys: str) -> bool:
+        """Return whether one of these keys, its section or a part of it has a mistake, or was mistyped."""
+        wrong = {name for error in self for name in (error.key, _sibling(error.key, error.hint)) if name}
+        return any(_contains(a, b) or _contains(b, a) for a in wrong for b in keys)
+
+    def raise_first(self) -> None:
+        """Raise the first mistake if there is one."""
+        if self:
+            raise self[0]
+
+
+def _sibling(key: str, name: str) -> str:
+    """Return the key of that name in the same section, or "" without a name."""
+    return key[: key.rfind(".") + 1] + name if name else ""
+
+
+def _contains(outer: str, inner: str) -> bool:
+    """Return whether a key, `spheres[0].center`, is another one or a part of it: `spheres`, `spheres[0]`."""
+    return inner == outer or inner.startswith((f"{outer}.", f"{outer}["))
 
 
 def short_repr(value: object) -> str:

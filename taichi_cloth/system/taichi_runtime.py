@@ -179,6 +179,14 @@ def peak_bytes() -> int | None:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
+def memory_bytes() -> int | None:
+    """Return the memory of this machine [bytes], or None if the system does not report it."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # AttributeError: Windows
+        return None
+
+
 INDEX, LOCK = "ticache.tcb", "ticache.lock"
 LOCK_TIMEOUT = 60.0  # [s] Taichi holds the lock while it reads or writes the folder: for seconds at most
 
