@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from ..system.errors import Mistakes, SceneError, nearest_name, new_key, short_repr
 from .collider_schema import PROJECTION, RESPONSES, ContactProperties, Mesh, RoundCollider
 from .keys import check_value, keys_of, types_of
-from .overrides import apply_override, override_targets
+from .overrides import apply_override, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
 from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Scene, Section, sections
 from .solver_catalog import SOLVER_CATALOG
@@ -110,7 +110,7 @@ def _dropped_keys(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ..
 
     A fabric preset replaces all fabric keys; another solver replaces substeps and iterations.
     """
-    targets = [(part.name, name) for part, name in override_targets().get(key, []) if part]
+    targets = [(part.name, name) for part, name in targets_of(key) if part]
     if targets == [("fabric", "preset")]:
         return PRESET_KEYS
     if targets == [("solver", "name")] and value != scene.solver.name:
