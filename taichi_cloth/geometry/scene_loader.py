@@ -7,7 +7,7 @@ from pathlib import Path
 from ..scene.keys import GROUP, REGION, keys_of
 from ..scene.reader import check_keys, pins_by_key, read_scene, read_with_mistakes
 from ..scene.schema import MAP_NAMES, Cloth, Scene
-from ..system.errors import Mistakes
+from ..system.errors import Mistakes, SceneError, short_repr
 from .cloth_builder import attached_particles, build_particles, check_mesh, weight_map
 from .signed_distance import check_solid
 
@@ -46,6 +46,8 @@ def check_scene(scene: Scene) -> Scene:
 
     Raises SceneError: one line with the name of the scene, key and reason.
     """
+    if not isinstance(scene, Scene):
+        raise SceneError("scene", "", f"must be a Scene, as load_scene returns it, got {short_repr(scene)}")
     checked = check_keys(scene)
     check_geometry(checked, checked.name)
     return checked

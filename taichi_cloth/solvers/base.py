@@ -26,7 +26,7 @@ from ..state.cloth_state import Layout
 from ..state.constraint_data import attach_bending_links, attach_max_distances, attach_tethers
 from ..state.contact_data import SdfGrids, attach_colored_triangles, attach_friction_anchors, attach_self_contact
 from ..state.layouts import acquire_parallel, acquire_simd, release_simd
-from ..system.errors import UsageError, nearest_hint
+from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
 from ..system.taichi_compat import no_scalarization
 from ..system.taichi_runtime import on_cpu
 from .graph_runner import GraphRunner
@@ -337,7 +337,7 @@ def choose_layout(
     if unsupported.grid_only and solver.info.grid_only:
         raise UsageError(needs_a_grid(solver.name, unsupported.grid_only))
     if wanted is not None and wanted not in LAYOUTS:
-        raise UsageError(f"unknown layout {wanted!r}: {', '.join(LAYOUTS)}{nearest_hint(wanted, LAYOUTS)}")
+        raise UsageError(f"unknown layout {wanted!r}{choose_from(wanted, LAYOUTS, RENAMED_LAYOUTS)}")
     if not on_cpu():
         if wanted not in (None, "parallel"):
             raise UsageError(f"layout {wanted} is for --arch cpu; a GPU uses parallel")

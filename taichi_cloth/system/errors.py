@@ -3,8 +3,9 @@
 import datetime
 import difflib
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
 
 
 class OutputConflict(ValueError):
@@ -123,6 +124,21 @@ def nearest_hint(wrong: object, valid: Iterable[str]) -> str:
     """Return `; did you mean 'NAME'?` with the valid name most similar to a mistyped one, or ""."""
     found = nearest_name(wrong, valid)
     return f"; did you mean {found!r}?" if found else ""
+
+
+FEW_NAMES = 12  # are all listed in a message, although one of them is near
+
+
+def choose_from(wrong: object, valid: Iterable[str], renamed: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return the rest of a message after an unknown name: `: NAME, NAME; did you mean 'NAME'?`, or its new name.
+
+    Many names are listed only if none of them is near.
+    """
+    if isinstance(wrong, str) and wrong in renamed:
+        return f": it was renamed to {renamed[wrong]!r}"
+    names = list(valid)
+    hint = nearest_hint(wrong, names)
+    return f": {', '.join(names)}{hint}" if len(names) <= FEW_NAMES or not hint else hint
 
 
 def _clipped(text: str, length: int) -> str:

@@ -26,7 +26,7 @@ from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
 
-from .errors import UsageError
+from .errors import UsageError, choose_from
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first available of the other three
 
@@ -48,7 +48,7 @@ def start(arch: str = "cpu", **options: object) -> str:
     references to the ended program; the message names them.
     """
     if arch not in ARCHS:
-        raise ValueError(f"unknown arch {arch!r}: {', '.join(ARCHS)}")
+        raise ValueError(f"unknown arch {arch!r}{choose_from(arch, ARCHS)}")
     os.environ.pop("TI_ARCH", None)
     import taichi as ti
 
