@@ -36,6 +36,7 @@ from .scene.schema import (
     VerletSprings,
     Wind,
 )
+from .system.errors import nearest_hint
 from .system.taichi_runtime import start as init
 
 if TYPE_CHECKING:
@@ -106,5 +107,5 @@ def __getattr__(name: str) -> Any:
 
         start_if_needed()
     elif name not in _NUMPY:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{nearest_hint(name, __all__)}")
     return getattr(import_module(f".{(_NUMPY | _TAICHI)[name]}", __name__), _OTHER_NAME.get(name, name))

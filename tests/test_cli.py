@@ -16,6 +16,8 @@ from PIL import Image
 
 from taichi_cloth import __main__ as cli
 from taichi_cloth import __version__
+from taichi_cloth.cli import scenes
+from taichi_cloth.simulation import error_estimate
 from taichi_cloth.system.console import count_noun
 
 SMALL = ["--size", "96x54"]
@@ -72,7 +74,6 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["render", "curtain", "--path", "simd"], "--path was renamed to --layout"),
         (["render", "curtain", "--quick"], "--quick"),
         (["check"], "FILE"),
-        (["check", "curtian"], "did you mean 'curtain'?"),
         (["--sett", "x=1"], "--sett"),
     ],
 )
@@ -97,14 +98,106 @@ def test_list_prints_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) 
 def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[cloth]\nrows = 7\ncolumns = 9\n")
+    assert cli.main(["check", str(path), "twist"]) == 0
+    mine, twist = capsys.readouterr().out.splitlines()
+    assert mine.startswith(f"{path}: valid · 9×7 particles · 300 springs · verlet 5×12 · about 0.")
+    assert mine.endswith(" of the 16.7 ms of a frame")
+    assert ", without self_collision · not converged: elongation is " in twist
+
+
+def test_check_prints_every_mistake_of_every_file_and_counts_them(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a b.toml").write_text("[cloth]\nrow = 7\n[wnd]\n")
+    Path("ü.toml").write_text("[wind]\nz = 'x'\n")
+    assert cli.main(["check", "a b.toml", "curtain", "ü.toml", "curtian", "."]) == 2
+    captured = capsys.readouterr()
+    lines = captured.out.splitlines()
+    assert lines[0] == "a b.toml: wnd: unknown key (did you mean 'wind'?)"
+    assert lines[1] == "a b.toml: cloth.row: unknown key (did you mean 'rows'?)"
+    assert lines[2].startswith("curtain: valid · 30×24 particles · 4,052 springs · verlet 5×12 · about ")
+    assert lines[3] == "ü.toml: wind.z: must be a number, got 'x'"
+    assert lines[4].endswith("(did you mean 'curtain'?)")
+    assert lines[5] == ".: is a folder, not a scene file"
+    assert captured.err == "taichi-cloth: 5 mistakes in 4 of 5 files\n"
+
+
+HUGE = "[cloth]\nrows = 2000\ncolumns = 2000\n[solver]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "end"),
+    [
+        (
+            HUGE + 'name = "projective"',
+            r"more than [\d,]+ s per frame, [\d,]{6,} times slower than real time · .* GB of memory",
+        ),
+        (
+            HUGE + 'name = "explicit"',
+            r"explicit 155\d · more than [\d,]+ s per frame, .* times slower than real time .*",
+        ),
+        ("[cloth]\nrows = 200\ncolumns = 200", r"about \d\d ms per frame, [\d.]+ times slower than real time · not .*"),
+    ],
+)
+def test_check_tells_that_a_scene_cannot_run_in_real_time(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, end: str
+) -> None:
+    monkeypatch.setattr(error_estimate, "memory_bytes", lambda: 16e9)
+    path = tmp_path / "huge.toml"
+    path.write_text(text)
     assert cli.main(["check", str(path)]) == 0
-    out = capsys.readouterr().out
-    assert "valid (9×7 particles" in out
-    assert "not converged" not in out
-    assert cli.main(["check", "twist"]) == 0
-    assert capsys.readouterr().out.splitlines()[1].startswith("not converged: elongation is ")
-    path.write_text("[cloth]\nrow = 7\n")
-    assert "cloth.row: unknown key (did you mean 'rows'?)" in error_of(capsys, "check", str(path))
+    assert re.fullmatch(f".*: valid · .*{end}", capsys.readouterr().out.strip())
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[cloth]\nrows = 2000\ncolumns = 2000", "4,000,000 particles need about 7.2 GB of memory, more than the 4 GB"),
+        (
+            '[solver]\nname = "lines"\n[tearing]',
+            "lines needs a grid with whole rows, and tearing breaks rows; use verlet",
+        ),
+        ('[cloth]\nrows = 900\n[fabric]\nwarp = 1e9\n[solver]\nname = "rk4"', "substeps a frame, more than 200,000"),
+    ],
+)
+def test_check_refuses_what_run_refuses(
+    capsys: pytest.CaptureFixture[str],
+    running: None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    text: str,
+    reason: str,
+) -> None:
+    monkeypatch.setattr(error_estimate, "memory_bytes", lambda: 4_000_000_000)
+    path = tmp_path / "refused.toml"
+    path.write_text(text)
+    assert cli.main(["check", str(path)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out.startswith(f"{path}: ")
+    assert reason in captured.out
+    assert captured.err == "taichi-cloth: 1 mistake\n"
+    assert cli.main(["render", str(path), "--out", str(tmp_path / "o")]) == 2
+    captured = capsys.readouterr()
+    assert reason in captured.err
+    assert captured.out == ""
+
+
+def test_check_measures_frames(here: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["check", "drape15", "--time"]) == 0
+    assert re.search(r" · [\d.]+ of the 16.7 ms of a frame \(measured\) · not converged", capsys.readouterr().out)
+
+
+def test_frame_times_are_compared_with_real_time() -> None:
+    assert [scenes.frame_time(ms) for ms in (0.0512, 9.96, 33.3, 25_000)] == [
+        "0.051 of the 16.7 ms of a frame",
+        "10 of the 16.7 ms of a frame",
+        "33 ms per frame, 2.0 times slower than real time",
+        "25 s per frame, 1,500 times slower than real time",
+    ]
+
+
+def test_schema(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["schema"]) == 0
     assert "area_density" in capsys.readouterr().out
 

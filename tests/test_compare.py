@@ -96,10 +96,12 @@ def test_grids_of_different_resolution_are_compared(tmp_path: Path) -> None:
 
 
 def test_values_may_contain_commas() -> None:
-    assert overrides(["solver=explicit, sphere_center=[1, 2, 3],wind_z=2"]) == {
+    assert overrides(["solver=explicit, sphere_center=[1, 2, 3],wind.z=2,spheres[0].radius = 1, rows=3"], "--a") == {
         "solver": "explicit",
         "sphere_center": [1, 2, 3],
-        "wind_z": 2,
+        "wind.z": 2,
+        "spheres[0].radius": 1,
+        "rows": 3,
     }
 
 
@@ -110,7 +112,8 @@ def test_values_may_contain_commas() -> None:
         (["--a", "solver=explict"], "did you mean 'explicit'?"),
         (["--a", "solver=spring"], "spring was renamed to explicit"),
         (["--a", "iteration=3"], "iterations"),
-        (["--a", "iterations"], "KEY=VALUE"),
+        (["--a", "iterations:2"], "--a: iterations:2: must be KEY=VALUE"),
+        (["--b", "cloth.row=2"], "cloth.row: unknown key (did you mean 'cloth.rows'?)"),
         (["--b", "rows=9", "--size", "2x2"], "need a width of at least 4 pixels, not 2"),
     ],
 )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import difflib
 import io
 import os
 import signal
@@ -25,11 +24,13 @@ from ..system.errors import (
     OutputConflict,
     UsageError,
     error_text,
+    nearest_hint,
     one_line,
 )
 from .options import Action, Command
 
 PROGRAM = "taichi-cloth"
+COMMAND = "COMMAND"  # in help and messages
 
 
 class CommandModule(Protocol):
@@ -44,21 +45,29 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {one_line(with_hint(message))} (see {self.prog} --help)\n")
 
+    def refuse(self, words: Sequence[str]) -> NoReturn:
+        """Exit because of words that are no arguments of the command. Options come with the nearest valid one."""
+        for word in words:
+            option = word.partition("=")[0]
+            if option in RENAMED_OPTIONS:
+                self.error(f"{option} was renamed to {RENAMED_OPTIONS[option]}")
+            if option.startswith("-"):
+                self.error(f"unknown option {option}{nearest_hint(option, self._option_string_actions)}")
+        self.error(f"too many arguments: {' '.join(words)}")
+
 
 def with_hint(message: str) -> str:
-    """Return an error message of argparse with the new name of a renamed word, or the nearest valid one."""
-    if "invalid choice:" in message:
-        word, _, choices = message.partition("invalid choice: ")[2].partition(" (choose from ")
-        word = word.strip("'")
-        if word in RENAMED_COMMANDS:
-            return f"{word} was renamed to {RENAMED_COMMANDS[word]}"
-        nearest = difflib.get_close_matches(word, choices.rstrip(")").replace("'", "").split(", "), 1)
-        return message + (f"; did you mean {nearest[0]!r}?" if nearest else "")
-    if "unrecognized arguments" in message:
-        old = [word for word in message.replace("=", " ").split() if word in RENAMED_OPTIONS]
-        if old:
-            return f"{old[0]} was renamed to {RENAMED_OPTIONS[old[0]]}"
-    return message
+    """Return an error message of argparse; for an invalid choice with its new name, or the nearest valid one."""
+    if "invalid choice: " not in message:
+        return message
+    shown, _, text = message.partition("invalid choice: ")[2].partition(" (choose from ")
+    word, choices = shown.strip("'"), text.rstrip(")").replace("'", "").split(", ")
+    if not message.startswith(f"argument {COMMAND}: "):
+        return message + nearest_hint(word, choices)
+    if word in RENAMED_COMMANDS:
+        return f"{word} was renamed to {RENAMED_COMMANDS[word]}"
+    hint = nearest_hint(word, [*choices, *scene_names()])  # `taichi-cloth SCENE` runs a scene
+    return f"unknown command {shown}" + (hint or f": {', '.join(choices)}")
 
 
 class Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -73,7 +82,7 @@ def build_parser(modules: Iterable[CommandModule]) -> Parser:
     """Return the parser with all commands, their options and defaults."""
     parser = Parser(PROGRAM, description="Interactive real-time cloth simulation with measured errors.")
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=Parser)
+    commands = parser.add_subparsers(title="commands", metavar=COMMAND, parser_class=Parser)
 
     def command(name: str, action: Action, help: str, example: str) -> Parser:
         added = commands.add_parser(
@@ -83,7 +92,7 @@ def build_parser(modules: Iterable[CommandModule]) -> Parser:
             epilog=f"example: {PROGRAM} {example}",
             formatter_class=Help,
         )
-        added.set_defaults(action=action)
+        added.set_defaults(action=action, parser=added)
         return added
 
     for module in modules:
@@ -119,7 +128,9 @@ def run_command(modules: Iterable[CommandModule], argv: Sequence[str]) -> int:
     if not words or is_scene(words[0]) or (words[0].startswith("-") and words[0] not in ("-h", "--help", "--version")):
         words.insert(0, "run")
     parser = build_parser(modules)
-    args = parser.parse_args(words)
+    args, unknown = parser.parse_known_args(words)
+    if unknown:
+        getattr(args, "parser", parser).refuse(unknown)
     if "action" not in args:  # --version and --help exit while parsing
         parser.error("missing command")
     try:

@@ -82,7 +82,7 @@ def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> 
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="scene key to override, such as wind_z=6; repeatable",
+        help="scene key to override, such as wind.z=6; repeatable",
     )
     parser.add_argument(
         "--without",

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..system import taichi_runtime as runtime
-from ..system.errors import UsageError
+from ..system.errors import UsageError, choose_from
 from .options import Command, count, size
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def run_replay(args: argparse.Namespace) -> int:
         check_video(args.video, force=args.force)
     arch = args.arch or recording.created_with.get("arch", "cpu")
     if arch not in runtime.ARCHS:
-        raise UsageError(f"{args.file}: unknown arch {arch!r}: {', '.join(runtime.ARCHS)}")
+        raise UsageError(f"{args.file}: unknown arch {arch!r}{choose_from(arch, runtime.ARCHS)}")
     runtime.start(arch)
     for line in differences(recording):
         print(f"{args.file}: {line}; the last bits may differ", file=sys.stderr)

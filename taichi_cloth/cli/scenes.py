@@ -1,14 +1,19 @@
-"""The commands `list`, `check` and `schema`: shipped scenes, validation of a scene file, and all scene keys."""
+"""The commands `list`, `check` and `schema`: shipped scenes, mistakes and costs of scene files, and all scene keys."""
 
 from __future__ import annotations
 
 import argparse
 
 from ..scene import Scene, key_table, scene_names
+from ..scene.overrides import removable_sections
 from ..scene.presets import load_preset
 from ..scene.schema import FRAME_SECONDS, PRESET_NAMES
 from ..scene.solver_catalog import SOLVER_CATALOG
+from ..system import taichi_runtime as runtime
+from ..system.errors import UsageError
 from .options import Command
+
+MAX_TIMED_MS = 20_000.0  # [ms] estimated frame time above which `check --time` does not run a scene
 
 
 def add_commands(command: Command) -> None:
@@ -18,8 +23,16 @@ def add_commands(command: Command) -> None:
         "--presets", action="store_true", help="list the shipped fabrics instead, with their constants"
     )
 
-    check = command("check", check_file, "validate a scene file", "check my_scene.toml")
-    check.add_argument("file", metavar="FILE", help="TOML file or shipped scene")
+    check = command(
+        "check",
+        check_files,
+        "report all mistakes of scene files, and what a frame of a valid one costs",
+        "check my_scene.toml curtain",
+    )
+    check.add_argument("files", nargs="+", metavar="FILE", help="TOML files or shipped scenes")
+    check.add_argument(
+        "--time", action="store_true", help="run frames and measure their time, instead of estimating it"
+    )
     command("schema", print_schema, "list all scene keys with default, unit and range", "schema")
 
 
@@ -52,19 +65,85 @@ def left_unfinished(scene: Scene) -> str:
     return unconverged(scene, topology, FRAME_SECONDS / solver.substeps, solver.iterations)
 
 
-def check_file(args: argparse.Namespace) -> int:
-    """Run the command `check`: validate a scene."""
-    from ..geometry.cloth_builder import component_count, particle_count_text
-    from ..geometry.scene_loader import load_scene
+def check_files(args: argparse.Namespace) -> int:
+    """Run the command `check`. Raises UsageError with the number of mistakes."""
+    from ..system.console import count_noun
 
-    scene = load_scene(args.file)
-    particles = f"{particle_count_text(scene)} particles" + (
-        f" in {pieces} pieces" if (pieces := component_count(scene)) > 1 else ""
-    )
-    print(f"{args.file}: valid ({particles}, solver {scene.solver.name})")
-    if unfinished := left_unfinished(scene):
-        print(unfinished)
+    if args.time:
+        runtime.start("cpu")
+    found = [check_file(file, timed=args.time) for file in args.files]
+    if wrong := [count for count in found if count]:
+        files = f" in {len(wrong)} of {len(found)} files" if len(found) > 1 else ""
+        raise UsageError(f"{count_noun(sum(wrong), 'mistake')}{files}")
     return 0
+
+
+def check_file(file: str, *, timed: bool) -> int:
+    """Print a line for each mistake of a scene, or one about a valid scene. Return the number of mistakes."""
+    from ..geometry.scene_loader import load_with_mistakes
+
+    scene, mistakes = load_with_mistakes(file)
+    lines = []
+    if scene and not mistakes:
+        with mistakes.collect():
+            lines = [f"{file}: valid · {describe(scene, timed=timed)}"]
+    for line in lines or mistakes:
+        print(line, flush=True)
+    return len(mistakes)
+
+
+def describe(scene: Scene, *, timed: bool) -> str:
+    """Return what a scene has and what a frame of it costs, in one line. Raises UsageError if it cannot run.
+
+    With `timed`, frames of it are run.
+    """
+    from ..geometry.cloth_builder import component_count, particle_count_text
+    from ..simulation.error_estimate import SAMPLE, cost_of
+
+    cost = cost_of(scene)
+    pieces = component_count(scene)
+    particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
+    springs, memory, unfinished = f"{cost.springs:,} springs", "", ""
+    if cost.particles > SAMPLE**2:
+        springs = f"about {two_digits(cost.springs / 1e6)} million springs"
+        memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
+    else:
+        unfinished = left_unfinished(scene)
+    if timed and cost.ms <= MAX_TIMED_MS:
+        time = f"{frame_time(measured_ms(scene))} (measured)"
+    else:
+        time = f"{'about' if cost.is_measured_size else 'more than'} {frame_time(cost.ms)}"
+        if features := removable_sections(scene):
+            time += f", without {', '.join(features)}"
+        time += " (too slow to measure)" if timed else ""
+    return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished]))
+
+
+def measured_ms(scene: Scene) -> float:
+    """Run frames of a scene for up to two seconds after the first, which compiles. Return their median time [ms]."""
+    from statistics import median
+
+    from ..simulation.running_cloth import time_frames
+    from ..simulation.simulation import Simulation
+    from ..system.console import spinner
+
+    with spinner(f"{scene.name}: compiling and running"), Simulation(scene) as simulation:
+        simulation.step()
+        return median(time_frames([simulation], count=120, seconds=2.0)[0])
+
+
+def frame_time(ms: float) -> str:
+    """Return a frame time [ms] as text, compared with real time."""
+    real = 1e3 * FRAME_SECONDS
+    if ms <= real:
+        return f"{ms:.2g} of the {real:.1f} ms of a frame"
+    time = f"{ms:.0f} ms" if ms < 1000 else f"{two_digits(ms / 1000)} s"
+    return f"{time} per frame, {two_digits(ms / real)} times slower than real time"
+
+
+def two_digits(value: float) -> str:
+    """Return a number of 1 or more with two significant digits: `1.5`, `83`, `1,500`."""
+    return f"{float(f'{value:.2g}'):,.{int(value < 9.95)}f}"
 
 
 def print_schema(args: argparse.Namespace) -> int:

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry.grid import rotation_matrix
 from ..kernels import step_params as c
 from ..scene.collider_schema import (
-    REPULSION,
     RESPONSES,
     Collider,
     ContactProperties,
@@ -125,12 +124,6 @@ def collider_counts(colliders: Sequence[Collider | Ground]) -> tuple[tuple[int, 
         )
         for response in RESPONSES
     )
-
-
-def repulsion_frequency(colliders: Sequence[Collider | Ground], area_density: float) -> float:
-    """Return the angular frequency [rad/s] of cloth of that density [kg/m²] which all colliders repel at once."""
-    total = sum(collider.stiffness for collider in colliders if collider.response == RESPONSES[REPULSION])
-    return float(np.sqrt(total / area_density))
 
 
 def pose_colliders(colliders: Sequence[Collider | Ground], seconds: float) -> list[PosedCollider]:

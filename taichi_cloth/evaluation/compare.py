@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from ..render.split_view import Run
 
-NEXT_KEY = re.compile(r",(?=\s*\w+\s*=)")  # a comma between two overrides, not one within a value
+NEXT_KEY = re.compile(r",(?=\s*\w[\w.\[\]]*\s*=)")  # a comma between two overrides, not one within a value
 
 
 def add_commands(command: Command) -> None:
@@ -64,17 +64,21 @@ def add_commands(command: Command) -> None:
 MAX_REFERENCE_STEPS = 5000  # in a frame; ten times those of the stiffest shipped scene
 
 
-def overrides(texts: list[str]) -> dict[str, object]:
-    """Parse texts such as `solver=verlet,iterations=2`. Return values by key. Raises SceneError for invalid text."""
-    return dict(parse_override(part) for text in texts for part in NEXT_KEY.split(text))
+def overrides(texts: list[str], option: str) -> dict[str, object]:
+    """Parse texts such as `solver=verlet,iterations=2`. Return values by key.
+
+    Raises SceneError, which names the `option`, for invalid text.
+    """
+    return dict(parse_override(part, option) for text in texts for part in NEXT_KEY.split(text))
 
 
 def compare(args: argparse.Namespace) -> int:
     """Run the command `compare`: in a window, or as images."""
     from ..geometry.scene_loader import load_scene
 
-    shared = overrides(args.set)
-    scenes = [load_scene(args.scene, **(shared | overrides(own))) for own in (args.a, args.b)]
+    shared = overrides(args.set, "--set")
+    sides = overrides(args.a, "--a"), overrides(args.b, "--b")
+    scenes = [load_scene(args.scene, **(shared | side)) for side in sides]
     if scenes[0] == scenes[1]:
         raise UsageError(
             "both sides are the same scene: set a difference, such as --a solver=verlet --b solver=explicit"

@@ -205,6 +205,18 @@ def particle_count_text(scene: Scene) -> str:
     return str(len(_mesh_of(cloth).vertices)) if cloth.file else f"{cloth.columns}×{cloth.rows}"
 
 
+def particle_count(cloth: Cloth) -> int:
+    """Return the number of particles of a cloth."""
+    return len(_mesh_of(cloth).vertices) if cloth.file else cloth.rows * cloth.columns * cloth.layers
+
+
+def reason_not_a_grid(scene: Scene) -> str:
+    """Return why the cloth of a scene is no grid with complete rows, or ""."""
+    if scene.cloth.file:
+        return "cloth.file is a mesh without rows"
+    return "tearing breaks rows" if scene.tearing is not None else ""
+
+
 def component_count(scene: Scene) -> int:
     """Return the number of connected components of the cloth."""
     return _mesh_of(scene.cloth).graph_distance[1] if scene.cloth.file else scene.cloth.layers

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-from ..scene.keys import GROUP, REGION
-from ..scene.reader import check_keys, pins_by_key, read_scene
-from ..scene.schema import MAP_NAMES, Scene
-from ..system.errors import PinError, SceneError, nearest_name
+from ..scene.keys import GROUP, REGION, keys_of
+from ..scene.reader import check_keys, pins_by_key, read_scene, read_with_mistakes
+from ..scene.schema import MAP_NAMES, Cloth, Scene
+from ..system.errors import Mistakes, SceneError, short_repr
 from .cloth_builder import attached_particles, build_particles, check_mesh, weight_map
 from .signed_distance import check_solid
 
@@ -31,11 +29,25 @@ def load_scene(name_or_path: str | Path, /, **overrides: object) -> Scene:
     return scene
 
 
+def load_with_mistakes(name_or_path: str | Path) -> tuple[Scene | None, Mistakes]:
+    """Return the scene of a file with all of its mistakes. Keys with a mistake have their defaults.
+
+    The scene is None if the file cannot be parsed.
+    """
+    mistakes = Mistakes(str(name_or_path))
+    scene = read_with_mistakes(name_or_path, mistakes)
+    if scene:
+        _check_geometry(scene, mistakes)
+    return scene, mistakes
+
+
 def check_scene(scene: Scene) -> Scene:
     """Check a scene made in Python as a file is checked, and return it. Lists become tuples.
 
     Raises SceneError: one line with the name of the scene, key and reason.
     """
+    if not isinstance(scene, Scene):
+        raise SceneError("scene", "", f"must be a Scene, as load_scene returns it, got {short_repr(scene)}")
     checked = check_keys(scene)
     check_geometry(checked, checked.name)
     return checked
@@ -43,35 +55,39 @@ def check_scene(scene: Scene) -> Scene:
 
 def check_geometry(scene: Scene, file: str) -> None:
     """Check mesh files, maps and pins. Raises SceneError; messages name the scene `file`."""
+    mistakes = Mistakes(file)
+    _check_geometry(scene, mistakes)
+    mistakes.raise_first()
+
+
+# Keys that determine the particles of a cloth and where they start.
+_PARTICLE_KEYS = [f"cloth.{name}" for name in keys_of(Cloth) if name != "pins"]
+
+
+def _check_geometry(scene: Scene, mistakes: Mistakes) -> None:
+    """Check mesh files, maps and pins, where their own keys have no mistake."""
     for k, mesh in enumerate(scene.meshes):
-        with _scene_errors(file, f"meshes[{k}].file"):
-            check_solid(mesh)
-    if scene.cloth.file:
-        with _scene_errors(file, "cloth.file"):
+        if not mistakes.concern(f"meshes[{k}]"):
+            with mistakes.collect(f"meshes[{k}].file"):
+                check_solid(mesh)
+    if scene.cloth.file and not mistakes.concern("cloth.file", "cloth.scale"):
+        with mistakes.collect("cloth.file"):
             check_mesh(scene.cloth)
-    _check_pins(scene, file)
+    if mistakes.concern(*_PARTICLE_KEYS):
+        return
+    _check_pins(scene, mistakes)
     for name in MAP_NAMES:
         if scene.maps and getattr(scene.maps, name):
-            with _scene_errors(file, f"maps.{name}"):
+            with mistakes.collect(f"maps.{name}"):
                 weight_map(scene, name)
 
 
-def _check_pins(scene: Scene, file: str) -> None:
+def _check_pins(scene: Scene, mistakes: Mistakes) -> None:
     """Check all pins. Those of a sheet without regions have been checked with its keys."""
     pins = pins_by_key(scene)
     if scene.cloth.file or any(isinstance(pin, str) and pin.startswith((GROUP, REGION)) for pin in pins.values()):
         particles = build_particles(scene)
         for key, pin in pins.items():
-            with _scene_errors(file, key):
-                attached_particles(scene, particles, [pin])
-
-
-@contextmanager
-def _scene_errors(file: str, key: str) -> Iterator[None]:
-    """Turn a ValueError of the block into a SceneError that names the key."""
-    try:
-        yield
-    except PinError as error:
-        raise SceneError(file, key, str(error), nearest_name(error.name, error.known)) from None
-    except ValueError as error:
-        raise SceneError(file, key, str(error)) from None
+            if not mistakes.concern(key, *["regions"] * str(pin).startswith(REGION)):
+                with mistakes.collect(key):
+                    attached_particles(scene, particles, [pin])

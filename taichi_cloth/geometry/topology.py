@@ -102,6 +102,11 @@ class Topology:
         return float(np.ptp(self.first_layer, axis=0).max())
 
     @property
+    def extent(self) -> float:
+        """The longest side of the bounding box of the cloth at its start [m]."""
+        return float(np.ptp(self.start, axis=0).max())
+
+    @property
     def edges(self) -> NDArray[np.int32]:
         """The sides of the triangles, each once, (sides, 2)."""
         sides = np.sort(self.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)

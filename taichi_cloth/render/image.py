@@ -6,14 +6,21 @@ import os
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ..scene.reader import check_keys
 from ..simulation.simulation import Simulation
+from ..system.errors import UsageError, choose_from, short_repr
 from .camera import OrbitCamera
 from .colors import draw_legend
 from .draw_list import VIEWS, DrawList
 from .image_files import Pixels, encode_png, write_png
 from .rasterizer import Rasterizer
+
+MAX_SIDE = 8192  # [pixels] of an image
 
 
 def render_pixels(raster: Rasterizer, draw_list: DrawList, camera: OrbitCamera, view: str) -> Pixels:
@@ -37,7 +44,12 @@ class Image:
     """Red, green and blue, uint8 (height, width, 3), top row first."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a PNG file. Raises OSError; a partial file never remains."""
+        """Write a PNG file. Raises UsageError for a name that does not end in .png, and OSError.
+
+        A partial file never remains.
+        """
+        if Path(path).suffix.lower() != ".png":
+            raise UsageError(f"{os.fspath(path)}: images are saved as PNG files: the name must end in .png")
         write_png(path, self.pixels)
 
     def _repr_png_(self) -> bytes:
@@ -57,14 +69,17 @@ def render_image(
     `view`: "shaded", "strain", "wireframe" or "particles". `eye` and `target`: positions of the camera, and of what it
     looks at [m]; without one, that of the scene's camera.
 
-    Needs neither a display nor a window. Raises ValueError for a size below 1 × 1 and for an unknown view.
+    Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, for an
+    unknown view, and for a camera that is not at three numbers or looks straight up or down.
     """
     if view not in VIEWS:
-        raise ValueError(f"unknown view {view!r}: {', '.join(VIEWS)}")
-    scene = simulation.scene
+        raise ValueError(f"unknown view {view!r}{choose_from(view, VIEWS)}")
+    if np.shape(size) != (2,) or not all(isinstance(n, (int, np.integer)) and 1 <= n <= MAX_SIDE for n in size):
+        raise ValueError(f"size must be width and height, 1 to {MAX_SIDE} pixels each, not {short_repr(size)}")
     places: dict[str, Any] = {"eye": eye, "target": target}
-    places = {name: tuple(map(float, place)) for name, place in places.items() if place is not None}
-    camera = OrbitCamera.from_scene(replace(scene, camera=replace(scene.camera, **places)))
+    places = {name: np.asarray(place).tolist() for name, place in places.items() if place is not None}
+    scene = simulation.scene
+    camera = OrbitCamera.from_scene(check_keys(replace(scene, camera=replace(scene.camera, **places))))
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
     try:

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 from ..system.errors import SceneError, nearest_name, new_key
-from .keys import keys_of
+from .keys import Pins, keys_of, types_of
 from .schema import Scene, Section, sections
 from .toml_io import parse_toml
 
 KeyTarget = tuple[Section | None, str]  # a section and its key; None: a key of the scene itself
 
+# A key as files and messages write it: `wind.z`, `spheres[1].radius`.
+_DOTTED = re.compile(r"(?P<section>\w+)(?:\[(?P<index>\d{1,9})\])?\.(?P<key>\w+)", re.ASCII)
 
-def parse_override(text: str) -> tuple[str, object]:
+
+def parse_override(text: str, option: str = "--set") -> tuple[str, object]:
     """Return key and value of KEY=VALUE from a command line. VALUE is read as TOML, and as a string if it is not TOML.
 
-    Raises SceneError if there is no key or no `=`.
+    Raises SceneError, which names the `option`, if there is no key or no `=`.
     """
     key, equals, value = (word.strip() for word in text.partition("="))
     if not equals or not key:
-        raise SceneError("--set", text, "must be KEY=VALUE, as in wind_z=6")
+        raise SceneError(option, text, "must be KEY=VALUE, as in wind.z=6")
     try:
         parsed = parse_toml(f"value = {value}")
     except (ValueError, RecursionError):
@@ -31,28 +36,55 @@ def parse_override(text: str) -> tuple[str, object]:
 
 def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> None:
     """Write one override into the parsed TOML of a valid scene. Raises SceneError for an unknown or ambiguous key."""
+    name, index = _without_dots(key)
     names = override_targets()
-    if key not in names:
-        if (new := new_key(key)) in names:
-            raise SceneError(file, key, f"was renamed to {new}")
-        hint = nearest_name(key, names)
+    if name not in names:
+        if (new := new_key(name)) in names:
+            raise SceneError(file, key, f"was renamed to {_dotted(new) if '.' in key else new}")
+        hint = nearest_name(key, map(_dotted, names)) if "." in key else nearest_name(key, names)
         raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth schema` lists them"), hint)
-    targets = [target for target in names[key] if target[0] is None or target[0].name in data] or names[key]
+    targets = [target for target in names[name] if target[0] is None or target[0].name in data] or names[name]
     if len(targets) > 1:
         raise SceneError(
-            file, key, "ambiguous: use " + " or ".join(f"{part.singular}_{key}" for part, _ in targets if part)
+            file, key, "ambiguous: use " + " or ".join(f"{part.singular}_{name}" for part, _ in targets if part)
         )
     [(part, name)] = targets
-    if part is None:
-        data[name] = value
-    elif not part.is_array:
-        data.setdefault(part.name, {})[name] = value
-    elif data.get(part.name):
-        data[part.name][0][name] = value
-    else:
-        raise SceneError(file, key, f"the scene has no {part.name}")
+    table = data if part is None else _table(data, part, index, file, key)
+    if part is not None and types_of(part.cls)[name] == Pins and isinstance(value, (str, int)):
+        value = [value]
+    table[name] = value
 
 
+def _table(data: dict[str, Any], part: Section, index: int | None, file: str, key: str) -> dict[str, Any]:
+    """Return the table of a section in parsed TOML; of an array of tables, the one with that index, or the first."""
+    if not part.is_array:
+        if index is not None:
+            raise SceneError(file, key, f"[{part.name}] is a single table: leave out [{index}]")
+        table: dict[str, Any] = data.setdefault(part.name, {})
+        return table
+    tables: list[dict[str, Any]] = data.get(part.name, [])
+    if (index or 0) >= len(tables):
+        raise SceneError(file, key, f"the scene has no {part.name}" + (f"[{index}]" if tables else ""))
+    return tables[index or 0]
+
+
+def _without_dots(key: str) -> tuple[str, int | None]:
+    """Return the name of an override without dots, and its index: `sphere_radius` and 1 for `spheres[1].radius`."""
+    found = _DOTTED.fullmatch(key)
+    if found is None:
+        return key, None
+    part = sections().get(found["section"])
+    section = part.singular if part else found["section"]
+    return f"{section}_{found['key']}", None if found["index"] is None else int(found["index"])
+
+
+def _dotted(name: str) -> str:
+    """Return the name of an override as files write it: `wind.z` for `wind_z`; unchanged if it has no section."""
+    [(part, key), *_] = override_targets()[name]
+    return f"{part.name}.{key}" if part and name == f"{part.singular}_{key}" else name
+
+
+@cache
 def override_targets() -> dict[str, list[KeyTarget]]:
     """Return every name of an override, with the keys it can refer to: more than one if it is ambiguous."""
     bare: dict[str, list[KeyTarget]] = {}
@@ -64,6 +96,11 @@ def override_targets() -> dict[str, list[KeyTarget]]:
             if key in ("name", "preset"):
                 full[part.singular] = [(part, key)]
     return bare | full
+
+
+def targets_of(key: str) -> list[KeyTarget]:
+    """Return the keys that the name of an override can refer to, also one with dots; none if it is unknown."""
+    return override_targets().get(_without_dots(key)[0], [])
 
 
 NOT_REMOVABLE = ("attachments", "regions", "maps")  # optional sections that stay: they may pin the cloth

@@ -45,6 +45,9 @@ def scene_path(name_or_path: str | Path) -> Path:
         return Path(text)
     names = scene_names()
     if text not in names:
+        if text and Path(text).exists():
+            kind = "folder, not a scene file" if Path(text).is_dir() else f"file without .toml: write {Path('.', text)}"
+            raise SceneError(text, "", f"is a {kind}")
         reason = f"no such scene; use {', '.join(names)}, or the path of a TOML file"
         raise SceneError(text or "scene", "", reason, nearest_name(text, names))
     return asset_folder() / "scenes" / f"{text}.toml"

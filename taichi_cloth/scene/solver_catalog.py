@@ -53,3 +53,9 @@ SOLVER_CATALOG: dict[str, SolverInfo] = {
     "rk4": SolverInfo("classical Runge–Kutta method on spring forces", 1, 1, order=4, is_explicit=True),
     "projective": SolverInfo("projective dynamics (fast mass-spring)", 20, 20, order=1, euler_steps=True),
 }
+
+
+def needs_a_grid(solver: str, reason: str) -> str:
+    """Return why a solver that needs a grid is refused. `reason`: why the cloth is none."""
+    others = ", ".join(name for name, info in SOLVER_CATALOG.items() if not info.grid_only)
+    return f"{solver} needs a grid with whole rows, and {reason}; use {others}"

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import state
-from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, pose, repulsion_frequency
-from ..geometry.cloth_builder import attachment_ids, build_topology, spring_stiffness
+from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, pose
+from ..geometry.cloth_builder import attachment_ids, build_topology, reason_not_a_grid, spring_stiffness
 from ..geometry.signed_distance import collider_sdf
+from ..geometry.stability_bounds import repulsion_frequency
 from ..geometry.topology import Topology
 from ..kernels import step_params as c
 from ..scene import Scene
@@ -24,6 +25,7 @@ from ..solvers import SOLVERS, Features, Solver, Unsupported, choose_layout
 from ..state.constraint_data import attach_attachments
 from ..state.contact_data import acquire_sdf, release_sdf
 from ..system.errors import UsageError
+from .error_estimate import too_many_particles, too_many_substeps
 from .grabbing import Grab
 
 MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles each by itself; a grid has at most 12
@@ -71,14 +73,11 @@ def feature_names(features: Features) -> list[str]:
 
 def unsupported_by(scene: Scene, topology: Topology) -> Unsupported:
     """Return the layouts and solvers that do not support the cloth of a scene, with reasons."""
-    grid_only = simd = parallel = ""
+    grid_only = simd = reason_not_a_grid(scene)
+    parallel = ""
     colors = len(topology.batches)
     if colors > MAX_PARALLEL_COLORS:
         parallel = f"the springs have {colors} colors, more than {MAX_PARALLEL_COLORS}: a particle has too many edges"
-    if scene.tearing is not None:
-        grid_only = simd = "tearing breaks rows"
-    if scene.cloth.file:
-        grid_only = simd = "cloth.file is a mesh without rows"
     if scene.cloth.layers > 1:
         simd = f"cloth.layers is {scene.cloth.layers}"
     if scene.maps is not None and scene.maps.stiffness:
@@ -87,9 +86,6 @@ def unsupported_by(scene: Scene, topology: Topology) -> Unsupported:
         simd = 'a collider has collide_with = "triangles"'
         parallel = 'collide_with = "triangles" does not work on a mesh file' if scene.cloth.file else parallel
     return Unsupported(grid_only, simd, parallel)
-
-
-MAX_SUBSTEPS = 200_000  # substeps of a frame: seconds for a thousand particles
 
 
 class BuiltSimulation(NamedTuple):
@@ -113,6 +109,8 @@ def build(scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | Non
     Raises UsageError for a layout that is not supported, and for springs that need too many substeps.
     """
     solver_type = SOLVERS[scene.solver.name]
+    if reason := too_many_particles(scene):
+        raise UsageError(f"{scene.name}: {reason}")
     topology = build_topology(scene, solver_type.info.stiffness_section)
     pin_changes = np.zeros(topology.particle_count, bool) if pin_changes is None else pin_changes
     topology = replace(topology, pinned=topology.pinned ^ pin_changes)
@@ -128,12 +126,9 @@ def build(scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | Non
     solver.frequency = hypot(solver.frequency, repulsion)
     damping_time = solver.damping_time(scene.fabric.damping_time)
     min_substeps = solver.min_stable_substeps(damping_time)
-    if min_substeps > MAX_SUBSTEPS:
+    if reason := too_many_substeps(solver_type.name, min_substeps):
         release_solver(solver)
-        raise UsageError(
-            f"{scene.name}: {solver_type.name} needs {min_substeps:,} substeps a frame, more than {MAX_SUBSTEPS:,}: "
-            "springs or bending are too stiff for the particles' masses, or cells are too narrow"
-        )
+        raise UsageError(f"{scene.name}: {reason}")
     return solver, BuiltSimulation(topology, pin_changes, damping_time, min_substeps)
 
 

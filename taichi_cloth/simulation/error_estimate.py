@@ -1,4 +1,4 @@
-"""Estimates of the error of a solver setting, without simulating.
+"""Estimates of the error and the cost of a solver setting, without simulating.
 
 Error of motion: measured by `taichi-cloth bench --error` on the swinging curtain, or from a scaling law. It is the root
 mean square of all position errors over the first second of a swing from 45°, as a fraction of the side. Errors of
@@ -14,6 +14,9 @@ In equilibrium, i iterations leave an excess of κ·(1 − ρ)·ρ^(i−1)/(1 �
 For stiff springs ρ → 1, and it becomes κ/i: an artificial stretch of ½·N²·g·h²/i for any fabric. (In Müller's
 position-based dynamics this is the only elongation.) Both formulas are for structural springs; shear springs carry a
 third of the load.
+
+Cost: the stored frame times of `bench --error` are those of sheets with structural springs only, in the SIMD layout, on
+one thread. The estimate scales them by particles and springs, substeps and iterations.
 """
 
 from __future__ import annotations
@@ -26,12 +29,28 @@ from math import exp, hypot, log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.cloth_builder import build_topology, spring_stiffness
-from ..geometry.stability_bounds import max_damping_time, max_frequency, min_rk4_substeps, min_symplectic_substeps
+from ..geometry.cloth_builder import (
+    build_particles,
+    build_topology,
+    particle_count,
+    reason_not_a_grid,
+    spring_stiffness,
+)
+from ..geometry.stability_bounds import (
+    max_damping_time,
+    max_frequency,
+    min_force_substeps,
+    min_line_substeps,
+    min_rk4_substeps,
+    min_symplectic_substeps,
+    repulsion_frequency,
+)
 from ..geometry.topology import Topology
 from ..scene.presets import asset_folder
-from ..scene.schema import FRAME_SECONDS, Scene
+from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene
+from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid
 from ..system.errors import UsageError
+from ..system.taichi_runtime import memory_bytes
 
 # Fewest stable substeps of explicit solvers.
 MIN_STABLE_SUBSTEPS = {"explicit": min_symplectic_substeps, "rk4": min_rk4_substeps}
@@ -175,6 +194,126 @@ def estimate_for_scene(row: MeasuredSetting, scene: Scene) -> MeasuredSetting:
     damping_time = min(scene.fabric.damping_time, max_damping_time(frequency))
     substeps = MIN_STABLE_SUBSTEPS[row.solver](frequency, damping_time, FRAME_SECONDS) * row.substeps // coarsest
     return replace(row, substeps=substeps, ms=ms * substeps / row.substeps)
+
+
+# -- cost --------------------------------------------------------------------------------------------------------------
+
+SAMPLE = 256  # [particles] longest side of the sheet whose springs stand for those of a larger one
+SERIAL_FACTOR = 2.8  # frame time of the serial over that of the SIMD layout (`bench`: verlet 5×12 on the curtain)
+MAX_SUBSTEPS = 200_000  # substeps of a frame: seconds for a thousand particles
+BYTES_PER_PARTICLE = 1800  # peak memory: 1.5 to 1.8 kB from 100×100 to 300×300 particles, depending on the solver
+
+
+def too_many_substeps(solver: str, substeps: int) -> str:
+    """Return why a solver that needs that many substeps in a frame is refused, or ""."""
+    if substeps <= MAX_SUBSTEPS:
+        return ""
+    return (
+        f"{solver} needs {substeps:,} substeps a frame, more than {MAX_SUBSTEPS:,}: springs or bending are too stiff"
+        " for the particles' masses, or cells are too narrow"
+    )
+
+
+def too_many_particles(scene: Scene) -> str:
+    """Return why a cloth that needs more memory than this machine has is refused, or ""."""
+    particles, present = particle_count(scene.cloth), memory_bytes()
+    needed = BYTES_PER_PARTICLE * particles
+    if present is None or needed <= present:
+        return ""
+    return (
+        f"{particles:,} particles need about {needed / 1e9:.3g} GB of memory, more than the {present / 1e9:.3g} GB of"
+        " this machine"
+    )
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a scene has, and what a frame of it costs."""
+
+    particles: int
+    springs: int
+    """With bending links. Of a sheet with more than `SAMPLE`² particles, estimated from a part of it."""
+    setting: str
+    """Solver with the substeps that it takes and its iterations, as in `Simulation.method`."""
+    substeps: int
+    ms: float
+    """Estimated frame time [ms], without optional sections such as wind and colliders."""
+    is_measured_size: bool
+    """Whether sheets of that size were measured. On larger ones a spring takes longer, by an unknown factor."""
+
+    @property
+    def bytes(self) -> int:
+        """Estimated peak memory, without that of the program [bytes]."""
+        return BYTES_PER_PARTICLE * self.particles
+
+
+def cost_of(scene: Scene) -> Cost:
+    """Return the cost of a scene, within a second also for the largest sheet.
+
+    Raises UsageError for a scene that `Simulation` refuses: by its solver, its memory or its substeps.
+    """
+    name, iterations, cloth = scene.solver.name, scene.solver.iterations, scene.cloth
+    info, no_grid = SOLVER_CATALOG[name], reason_not_a_grid(scene)
+    if no_grid and info.grid_only:
+        raise UsageError(needs_a_grid(name, no_grid))
+    if reason := too_many_particles(scene):
+        raise UsageError(reason)
+    part = _sample_of(scene)
+    topology = build_topology(part, info.stiffness_section)
+    corners = scene if cloth.file else replace(scene, cloth=replace(cloth, rows=2, columns=2))
+    needed = _min_substeps(part, topology, build_particles(corners).extent)
+    if reason := too_many_substeps(name, needed):
+        raise UsageError(reason)
+    substeps = max(scene.solver.substeps, needed)
+    particles = particle_count(cloth)
+    springs = topology.spring_count + len(topology.bending_links.ends)
+    springs = round(springs * particles / topology.particle_count)
+    cells = max(1, round(sqrt(particles)) - 1)
+    row = min(
+        (row for row in settings_near(cells) if row.solver == name),
+        key=lambda row: abs(log(row.substeps / substeps)) + abs(log(row.iterations / iterations)),
+    )
+    its_particles, its_springs = (row.cells + 1) ** 2, 2 * row.cells * (row.cells + 1)
+    ms = row.ms * (particles + springs) / (its_particles + its_springs) * substeps / row.substeps
+    setting = f"{name} {substeps}"
+    if not info.is_explicit:
+        ms *= iterations / row.iterations
+        setting += f"×{iterations}"
+    if no_grid or cloth.layers > 1:
+        ms *= SERIAL_FACTOR
+    return Cost(particles, springs, setting, substeps, ms, cells <= 2 * row.cells)
+
+
+def _sample_of(scene: Scene) -> Scene:
+    """Return a scene with a small part of its sheet, with the same cells and without pins, if the sheet is large."""
+    cloth = scene.cloth
+    if cloth.file or particle_count(cloth) <= SAMPLE**2:
+        return scene
+    rows, columns = min(cloth.rows, SAMPLE), min(cloth.columns, SAMPLE)
+    width = cloth.width * (columns - 1) / (cloth.columns - 1)
+    height = cloth.height * (rows - 1) / (cloth.rows - 1)
+    part = replace(cloth, rows=rows, columns=columns, width=width, height=height, layers=1, pins=())
+    return replace(scene, cloth=part, maps=None, attachments=(), regions=())
+
+
+def _min_substeps(scene: Scene, topology: Topology, extent: float) -> int:
+    """Return the fewest substeps of a frame at which the solver is stable (`Simulation.min_stable_substeps`).
+
+    `extent`: of the whole cloth [m].
+    """
+    name, info = scene.solver.name, SOLVER_CATALOG[scene.solver.name]
+    stiffness = spring_stiffness(scene, info.stiffness_section, topology)
+    explicit_forces = stiffness if info.is_explicit else 0 * stiffness
+    implicit = name == "projective" or not (info.is_explicit or len(topology.bending_links.ends))
+    frequency = 0.0 if implicit else max_frequency(topology, explicit_forces)
+    found = [getattr(scene, section) for section in COLLIDERS] + [(scene.ground,) if scene.ground else ()]
+    colliders = [collider for section in found for collider in section]
+    frequency = hypot(frequency, repulsion_frequency(colliders, scene.cloth.area_density))
+    if info.is_explicit:
+        damping_time = min(scene.fabric.damping_time, max_damping_time(frequency))
+        return MIN_STABLE_SUBSTEPS[name](frequency, damping_time, FRAME_SECONDS)
+    needed = min_force_substeps(frequency, FRAME_SECONDS)
+    return max(needed, min_line_substeps(topology, extent, FRAME_SECONDS)) if name == "lines" else needed
 
 
 # -- artificial stretch ------------------------------------------------------------------------------------------------

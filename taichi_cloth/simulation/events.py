@@ -17,7 +17,7 @@ from ..scene.presets import with_fabric
 from ..scene.reader import scene_from_toml
 from ..scene.schema import COLLIDERS, PRESET_NAMES
 from ..scene.solver_catalog import SOLVER_CATALOG
-from ..system.errors import UsageError, nearest_hint, short_repr
+from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint
 from .grabbing import Grab, vertices_in_radius
 from .parameter_values import check_radius, check_target, check_vectors
@@ -76,7 +76,7 @@ def set_param(simulation: Simulation, name: str, value: float | bool) -> None:
 
 def switch_solver(simulation: Simulation, name: str) -> None:
     if name not in SOLVER_CATALOG:
-        raise UsageError(f"unknown solver {name!r}: {', '.join(SOLVER_CATALOG)}{nearest_hint(name, SOLVER_CATALOG)}")
+        raise UsageError(f"unknown solver {name!r}{choose_from(name, SOLVER_CATALOG, RENAMED_SOLVERS)}")
     original = simulation.original_scene.solver
     substeps, iterations = SOLVER_CATALOG[name].defaults
     if name == original.name:
@@ -88,7 +88,7 @@ def switch_solver(simulation: Simulation, name: str) -> None:
 
 def switch_fabric(simulation: Simulation, name: str) -> None:
     if name not in ("", *PRESET_NAMES):
-        raise UsageError(f"unknown fabric {name!r}: {', '.join(PRESET_NAMES)}{nearest_hint(name, PRESET_NAMES)}")
+        raise UsageError(f"unknown fabric {name!r}{choose_from(name, PRESET_NAMES)}")
     scene = with_fabric(simulation.scene, name, simulation.original_scene)
     simulation.rebuild(scene, simulation.built.pin_changes)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..scene.parameters import Parameter, check_parameter
-from ..system.errors import nearest_hint, short_repr
+from ..system.errors import choose_from, short_repr
 
 Floats = NDArray[np.float64]
 
@@ -127,5 +127,5 @@ class Parameters(MutableMapping[str, "float | bool"]):
 
     def _checked(self, name: str) -> str:
         if name not in self._known:
-            raise ValueError(f"{name!r} is not a parameter{nearest_hint(name, [*self._known, WIND])}")
+            raise ValueError(f"{name!r} is not a parameter{choose_from(name, [*self._known, WIND])}")
         return name

@@ -28,6 +28,8 @@ FORMAT = 3
 MAX_BYTES = 1 << 26  # an hour of dragging is 20 MB
 MAX_FRAMES = 10_000_000
 MAX_NUMBER = 1e9  # of any argument
+# What else is written beside a recording, by suffix.
+KINDS = {".mp4": "a video", ".webp": "a video", ".png": "an image"}
 LONG = 100_000  # events and frames: half an hour, or some minutes of dragging
 
 # Argument types of the events of the viewer, which do not change the simulation.
@@ -173,6 +175,11 @@ class Recording:
 
 def read_recording(path: Path) -> Recording:
     """Read a recording. Raises UsageError and SceneError, one line, for a file that is not a recording."""
+    kind = KINDS.get(path.suffix.lower())
+    if kind:
+        raise UsageError(f"{path} is {kind}: give the recording {path.with_suffix('.toml').name} beside it")
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder, not a recording")
     try:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
@@ -181,6 +188,8 @@ def read_recording(path: Path) -> Recording:
         data = parse_toml(content.decode())
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path}: not a recording: not UTF-8 text (byte {error.start})") from None
     except (ValueError, RecursionError) as error:
         raise UsageError(f"{path}: not a recording: {error}") from None
     try:

@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import ceil
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..collision.shapes import SHAPES
 from ..geometry.simd_layout import LANES
-from ..geometry.stability_bounds import max_damping_time, max_frequency
+from ..geometry.stability_bounds import max_damping_time, max_frequency, min_force_substeps
 from ..geometry.topology import Topology
 from ..kernels.forces import clear_forces
 from ..kernels.layout import pack, unpack
@@ -20,23 +19,19 @@ from ..kernels.step_params import StepContext, collider_array, param_array
 from ..kernels.tensor_fields import simd_available
 from ..scene.collider_schema import RESPONSES
 from ..scene.schema import FRAME_SECONDS
-from ..scene.solver_catalog import SOLVER_CATALOG, SolverInfo
+from ..scene.solver_catalog import SolverInfo, needs_a_grid
 from ..state import ClothState
 from ..state import field_pool as fields
 from ..state.cloth_state import Layout
 from ..state.constraint_data import attach_bending_links, attach_max_distances, attach_tethers
 from ..state.contact_data import SdfGrids, attach_colored_triangles, attach_friction_anchors, attach_self_contact
 from ..state.layouts import acquire_parallel, acquire_simd, release_simd
-from ..system.errors import UsageError, nearest_hint
+from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
 from ..system.taichi_compat import no_scalarization
 from ..system.taichi_runtime import on_cpu
 from .graph_runner import GraphRunner
 
 LAYOUTS = ("simd", "serial", "parallel")  # the first that suits a cloth is used
-# Largest h·ω of a vibration by explicit forces. Symplectic Euler alone is stable up to 2; with constraints and
-# forces a compressed strip is at rest at 0.7, shakes forever with one iteration of `xpbd` at 0.9, and with all other
-# settings at 1.2.
-MAX_FORCE_PHASE = 0.7
 
 
 @dataclass(frozen=True)
@@ -269,7 +264,7 @@ class Solver:
 
     def min_stable_substeps(self, damping_time: float) -> int:
         """Return the fewest substeps of a frame at which the solver is stable, for springs of that damping time [s]."""
-        return max(1, ceil(FRAME_SECONDS * self.frequency / MAX_FORCE_PHASE))
+        return min_force_substeps(self.frequency, FRAME_SECONDS)
 
     def damping_time(self, wanted: float) -> float:
         """Return the damping time of springs [s] that is used for a requested time `wanted`."""
@@ -340,10 +335,9 @@ def choose_layout(
     thread; and where the solver does not support the cloth.
     """
     if unsupported.grid_only and solver.info.grid_only:
-        others = ", ".join(name for name, info in SOLVER_CATALOG.items() if not info.grid_only)
-        raise UsageError(f"{solver.name} needs a grid with whole rows, and {unsupported.grid_only}; use {others}")
+        raise UsageError(needs_a_grid(solver.name, unsupported.grid_only))
     if wanted is not None and wanted not in LAYOUTS:
-        raise UsageError(f"unknown layout {wanted!r}: {', '.join(LAYOUTS)}{nearest_hint(wanted, LAYOUTS)}")
+        raise UsageError(f"unknown layout {wanted!r}{choose_from(wanted, LAYOUTS, RENAMED_LAYOUTS)}")
     if not on_cpu():
         if wanted not in (None, "parallel"):
             raise UsageError(f"layout {wanted} is for --arch cpu; a GPU uses parallel")

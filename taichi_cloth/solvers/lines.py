@@ -22,13 +22,14 @@ are run in each stage, twice in a substep. A stage that solves for γh passes `c
 """
 
 from dataclasses import replace
-from math import ceil, sqrt
+from math import sqrt
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
 from ..geometry.grid import MAX_BEND_COLORS
+from ..geometry.stability_bounds import min_line_substeps
 from ..geometry.topology import Topology
 from ..kernels.forces import consume_acceleration
 from ..kernels.integration import move_kinematic_particles
@@ -52,11 +53,6 @@ from .pipeline import (
 GAMMA = 1 - sqrt(0.5)
 STAGE_LENGTH = 2 * GAMMA  # of a backward Euler step, in stages
 EXTRAPOLATION = 2 * (1 - 2 * GAMMA)  # from the end of the first step, in stages: (1 − γ)h from its start
-
-GRAVITY = 9.81  # [m/s²]
-# Lines are linearized at their positions, without the effect of tension across them: a substep may not be longer than a
-# wave of speed √(g·L) takes through this number of cells. (Swinging curtain: 1.33 is stable, 1.67 is not.)
-MAX_COURANT = 1.4
 
 
 @ti.func
@@ -180,12 +176,10 @@ class Lines(Solver):
             attach_line_packets(self.layout, topology, stiffness)
         else:
             attach_lines(self.layout, topology)
-        cell_sides = topology.rest[topology.family("structural")]
-        side = float(np.ptp(topology.start, axis=0).max())
-        self.wave_rate = sqrt(GRAVITY * side) / float(cell_sides.min()) if len(cell_sides) else 0.0  # [cells/s]
+        self.line_substeps = min_line_substeps(topology, topology.extent, FRAME_SECONDS)
 
     def min_stable_substeps(self, damping_time: float) -> int:
-        return max(super().min_stable_substeps(damping_time), ceil(FRAME_SECONDS * self.wave_rate / MAX_COURANT))
+        return max(super().min_stable_substeps(damping_time), self.line_substeps)
 
     def step(self, frame: FrameInput) -> None:
         params = frame.params.copy()

@@ -37,11 +37,17 @@ def count_noun(number: int, word: str) -> str:
 
 @contextmanager
 def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
-    """Show progress over frames. Yields a function to call with the index of each completed frame."""
-    start = time.perf_counter()
+    """Show progress over frames. Yields a function to call with the index of each completed frame.
 
-    def rate(done: int) -> str:
-        return f"{done / (time.perf_counter() - start):.0f} frames/s"
+    Until the first frame is complete, a terminal shows that kernels are compiled. The rate is that of the frames since.
+    """
+    first_frame = 0.0
+
+    def rate(k: int) -> str:
+        nonlocal first_frame
+        now = time.perf_counter()
+        first_frame = first_frame or now
+        return f"{k / (now - first_frame):.0f} frames/s" if k else ""
 
     if sys.stdout.isatty():
         columns = (
@@ -52,14 +58,14 @@ def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
             TimeRemainingColumn(),
         )
         with Progress(*columns) as progress:
-            task = progress.add_task("", total=frames, rate="")
-            yield lambda k: progress.update(task, completed=k + 1, rate=rate(k + 1))
+            task = progress.add_task("", total=frames, rate="compiling kernels")
+            yield lambda k: progress.update(task, completed=k + 1, rate=rate(k))
     else:
         interval = max(1, frames // LOG_LINES)
 
         def line(k: int) -> None:
             if (k + 1) % interval == 0 or k + 1 == frames:
-                print(f"frame {k + 1}/{frames}, {rate(k + 1)}", flush=True)
+                print(", ".join(filter(None, [f"frame {k + 1}/{frames}", rate(k)])), flush=True)
 
         yield line
 

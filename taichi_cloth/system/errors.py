@@ -4,7 +4,9 @@ import datetime
 import difflib
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from types import MappingProxyType
 
 
 class OutputConflict(ValueError):
@@ -78,6 +80,53 @@ class PinError(ValueError):
         super().__init__(one_line(reason))
 
 
+class Mistakes(list[SceneError]):
+    """The mistakes of one scene, in the order in which they are found. `file` is its name in messages.
+
+    Reading continues after a mistake, with the default of the key. What follows from that default is not another
+    mistake: a check of several keys is left out if one of them is wrong (`concern`).
+    """
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+
+    def add(self, key: str, reason: str, hint: str = "") -> None:
+        """Add a mistake, with the arguments of `SceneError`."""
+        self.append(SceneError(self.file, key, reason, hint))
+
+    @contextmanager
+    def collect(self, key: str = "") -> Iterator[None]:
+        """Add a SceneError that ends the block, or another ValueError as a mistake of `key`."""
+        try:
+            yield
+        except SceneError as error:
+            self.append(error)
+        except PinError as error:
+            self.add(key, str(error), nearest_name(error.name, error.known))
+        except ValueError as error:
+            self.add(key, str(error))
+
+    def concern(self, *keys: str) -> bool:
+        """Return whether one of these keys, its section or a part of it has a mistake, or was mistyped."""
+        wrong = {name for error in self for name in (error.key, _sibling(error.key, error.hint)) if name}
+        return any(_contains(a, b) or _contains(b, a) for a in wrong for b in keys)
+
+    def raise_first(self) -> None:
+        """Raise the first mistake if there is one."""
+        if self:
+            raise self[0]
+
+
+def _sibling(key: str, name: str) -> str:
+    """Return the key of that name in the same section, or "" without a name."""
+    return key[: key.rfind(".") + 1] + name if name else ""
+
+
+def _contains(outer: str, inner: str) -> bool:
+    """Return whether a key, `spheres[0].center`, is another one or a part of it: `spheres`, `spheres[0]`."""
+    return inner == outer or inner.startswith((f"{outer}.", f"{outer}["))
+
+
 def short_repr(value: object) -> str:
     """Return an invalid value as text, close to how it was written and at most 60 characters long."""
     if isinstance(value, (bool, datetime.date, datetime.time)):
@@ -98,6 +147,21 @@ def nearest_hint(wrong: object, valid: Iterable[str]) -> str:
     """Return `; did you mean 'NAME'?` with the valid name most similar to a mistyped one, or ""."""
     found = nearest_name(wrong, valid)
     return f"; did you mean {found!r}?" if found else ""
+
+
+FEW_NAMES = 12  # are all listed in a message, although one of them is near
+
+
+def choose_from(wrong: object, valid: Iterable[str], renamed: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return the rest of a message after an unknown name: `: NAME, NAME; did you mean 'NAME'?`, or its new name.
+
+    Many names are listed only if none of them is near.
+    """
+    if isinstance(wrong, str) and wrong in renamed:
+        return f": it was renamed to {renamed[wrong]!r}"
+    names = list(valid)
+    hint = nearest_hint(wrong, names)
+    return f": {', '.join(names)}{hint}" if len(names) <= FEW_NAMES or not hint else hint
 
 
 def _clipped(text: str, length: int) -> str:

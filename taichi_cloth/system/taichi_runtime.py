@@ -26,7 +26,7 @@ from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
 
-from .errors import UsageError
+from .errors import UsageError, choose_from
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first available of the other three
 
@@ -48,7 +48,7 @@ def start(arch: str = "cpu", **options: object) -> str:
     references to the ended program; the message names them.
     """
     if arch not in ARCHS:
-        raise ValueError(f"unknown arch {arch!r}: {', '.join(ARCHS)}")
+        raise ValueError(f"unknown arch {arch!r}{choose_from(arch, ARCHS)}")
     os.environ.pop("TI_ARCH", None)
     import taichi as ti
 
@@ -177,6 +177,14 @@ def peak_bytes() -> int | None:
     except ImportError:  # Windows
         return None
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def memory_bytes() -> int | None:
+    """Return the memory of this machine [bytes], or None if the system does not report it."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # AttributeError: Windows
+        return None
 
 
 INDEX, LOCK = "ticache.tcb", "ticache.lock"

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.collision.colliders import collider_counts, collider_table, repulsion_frequency
+from taichi_cloth.collision.colliders import collider_counts, collider_table
 from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.geometry.stability_bounds import repulsion_frequency
 from taichi_cloth.kernels import step_params as c
 from taichi_cloth.scene.collider_schema import (
     PROJECTION,

@@ -11,16 +11,20 @@ from taichi_cloth.cli.main import build_parser
 from taichi_cloth.cli.options import chosen_scene
 from taichi_cloth.evaluation.bench import error_sweep
 from taichi_cloth.evaluation.bench.error_sweep import Curtain
-from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Scene, Solver
+from taichi_cloth.scene.collider_schema import Ground, Plane
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver, Tearing
+from taichi_cloth.simulation import error_estimate
 from taichi_cloth.simulation.error_estimate import (
     MAX_LAW_SUBSTEPS,
     MIN_STABLE_SUBSTEPS,
+    cost_of,
     estimate,
     measured,
     scaling_law,
     settings_for_error,
     settings_near,
 )
+from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
 
@@ -134,3 +138,70 @@ def test_the_option_target_error(capsys: pytest.CaptureFixture[str]) -> None:
     scene = chosen_scene(args)
     assert scene.solver != Solver()
     assert capsys.readouterr().out.startswith("target 0.5 %: ")
+
+
+# -- cost ----------------------------------------------------------------------------------------------------
+
+STIFF = Scene(
+    cloth=Cloth(rows=12, columns=14, width=0.3, height=0.3, area_density=0.1),
+    fabric=Fabric(bending_stiffness=1e-3, damping_time=0.02),
+    planes=(Plane(response="repulsion", stiffness=1e6),),
+    ground=Ground(response="repulsion", stiffness=1e6),
+)
+
+
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
+@pytest.mark.parametrize("scene", [STIFF, load_scene("curtain"), load_scene("slope")], ids=lambda scene: scene.name)
+def test_the_cost_has_the_substeps_and_springs_of_the_simulation(scene: Scene, solver: str) -> None:
+    scene = replace(scene, solver=Solver(solver, substeps=2, iterations=3))
+    cost = cost_of(scene)
+    with Simulation(scene) as simulation:
+        topology = simulation.topology
+        assert cost.substeps == simulation.substeps
+        assert simulation.method.startswith(f"{cost.setting} · ")
+        assert cost.particles == topology.particle_count
+        assert cost.springs == topology.spring_count + len(topology.bending_links.ends)
+
+
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
+def test_a_part_of_a_large_sheet_stands_for_it(monkeypatch: pytest.MonkeyPatch, solver: str) -> None:
+    cloth = Cloth(rows=90, columns=150, width=2.0, height=1.0, rotation=(30.0, 0.0, 70.0), pins=("left", 9000))
+    scene = Scene(cloth=cloth, fabric=Fabric(bending_stiffness=1e-4), solver=Solver(solver, substeps=1))
+    whole = cost_of(scene)
+    monkeypatch.setattr(error_estimate, "SAMPLE", 40)
+    part = cost_of(scene)
+    assert part.particles == whole.particles
+    assert part.springs == pytest.approx(whole.springs, rel=0.03)
+    assert part.substeps == pytest.approx(whole.substeps, rel=0.03)
+    assert part.ms == pytest.approx(whole.ms, rel=0.06)
+
+
+@pytest.mark.parametrize("row", settings_near(64), ids=lambda row: row.setting)
+def test_the_estimated_time_of_a_measured_setting_is_the_measured_time(row) -> None:
+    """The measured sheets have structural springs only, of 1000 N/m."""
+    scene = error_sweep.scene_of(Curtain(64), row.solver, row.substeps, row.iterations)
+    cost = cost_of(scene)
+    assert cost.substeps == row.substeps
+    assert cost.ms == pytest.approx(row.ms)
+    assert cost.is_measured_size
+
+
+def test_the_estimated_time_grows_with_everything_that_is_processed() -> None:
+    def ms(
+        rows: int = 30, substeps: int = 7, iterations: int = 5, tearing: Tearing | None = None, **cloth: int
+    ) -> float:
+        scene = Scene(
+            cloth=Cloth(rows=rows, columns=30, **cloth), solver=Solver("xpbd", substeps, iterations), tearing=tearing
+        )
+        return cost_of(scene).ms
+
+    assert ms(rows=31) > ms()
+    assert ms(substeps=8) > ms()
+    assert ms(iterations=6) > ms()
+    assert ms(layers=2) > 2 * ms()
+    assert ms(tearing=Tearing()) > 2 * ms()
+    assert ms(diagonals=1) < ms()
+
+
+def test_a_sheet_larger_than_those_measured_is_not_of_measured_size() -> None:
+    assert [cost_of(square(cells)).is_measured_size for cells in (500, 600)] == [True, False]

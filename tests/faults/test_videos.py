@@ -203,6 +203,32 @@ def test_a_missing_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert (code, err) == (2, "taichi-cloth: gone.toml: cannot be read: No such file or directory\n")
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("clip.mp4", b"\0\0\0\x20ftyp\xd9", "clip.mp4 is a video: give the recording clip.toml beside it"),
+        ("a b/Clip.WEBP", None, "Clip.WEBP is a video: give the recording Clip.toml beside it"),
+        ("shot.png", b"\x89PNG", "shot.png is an image: give the recording shot.toml beside it"),
+        ("state.npz", b"PK\3\4\xff", "state.npz: not a recording: not UTF-8 text (byte 4)"),
+        (
+            "empty.toml",
+            b"",
+            "empty.toml: not a recording: it has no [recording]; `taichi-cloth run FILE` opens a scene",
+        ),
+        ("folder", None, "folder is a folder, not a recording"),
+    ],
+)
+def test_a_file_that_is_no_recording_is_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes | None, message: str
+) -> None:
+    Path("folder").mkdir()
+    if content is not None:
+        Path(name).write_bytes(content)
+    code, out, err = run(capsys, "replay", name)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
 def test_an_interrupt_leaves_no_partial_video(folder: None) -> None:
     """Ctrl-C while the video is written."""
     import os

@@ -63,7 +63,7 @@ SOLVERS = [
     ),
     Mutation(
         "lines-substeps-too-long",
-        "solvers/lines.py",
+        "geometry/stability_bounds.py",
         "COURANT = 1.4",
         "COURANT = 2.8",
         ("solvers/test_lines.py::test_a_fine_curtain_takes_the_substeps_that_transverse_waves_require",),
@@ -84,7 +84,7 @@ SOLVERS = [
     ),
     Mutation(
         "force-phase-limit-doubled",
-        "solvers/base.py",
+        "geometry/stability_bounds.py",
         "MAX_FORCE_PHASE = 0.7",
         "MAX_FORCE_PHASE = 1.4",
         (

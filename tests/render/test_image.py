@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import taichi_cloth as tc
+from taichi_cloth.system.errors import UsageError
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +35,21 @@ def test_a_notebook_and_a_file_have_the_same_pixels(images: dict[str, tc.Image],
         assert np.array_equal(np.asarray(read), image.pixels)
 
 
+@pytest.mark.parametrize("name", ["x.jpg", "x.PNG.jpeg", "x", "png"])
+def test_a_name_that_is_not_that_of_a_png_file_is_refused(
+    images: dict[str, tc.Image], tmp_path: Path, name: str
+) -> None:
+    with pytest.raises(UsageError, match=f"{name}: images are saved as PNG files: the name must end in .png"):
+        images["shaded"].save(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+    images["shaded"].save(tmp_path / "x.PNG")
+
+
 def test_unknown_views_and_empty_sizes_are_rejected(taichi: None) -> None:
     with tc.Simulation(tc.load_scene("drape15", rows=5, columns=5)) as simulation:
         with pytest.raises(ValueError, match="unknown view 'wire': shaded"):
             tc.render_image(simulation, view="wire")
-        with pytest.raises(ValueError, match="1 x 1"):
+        with pytest.raises(ValueError, match="1 to 8192 pixels each"):
             tc.render_image(simulation, (0, 54))
 
 

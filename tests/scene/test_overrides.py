@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene import Scene, SceneError, Wind, parse_override
-from taichi_cloth.scene.overrides import override_targets
+from taichi_cloth.scene import Scene, SceneError, Wind, key_table, parse_override
+from taichi_cloth.scene.overrides import override_targets, targets_of
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
 Write = Callable[[str | bytes], Path]
@@ -35,6 +35,14 @@ Refuse = Callable[..., SceneError]
         ({"pins": ("left",)}, lambda s: s.cloth.pins, ("left",)),
         ({"look_second_color": "#000000"}, lambda s: s.look.second_color, "#000000"),
         ({"color": "#000000"}, lambda s: s.look.color, "#000000"),  # the only key of that name
+        ({"wind.z": 6}, lambda s: s.wind.z, 6.0),
+        ({"cloth.rows": 12}, lambda s: s.cloth.rows, 12),
+        ({"sphere.radius": 0.3}, lambda s: s.spheres[0].radius, 0.3),
+        ({"spheres.radius": 0.3}, lambda s: s.spheres[0].radius, 0.3),
+        ({"spheres[0].radius": 0.3}, lambda s: s.spheres[0].radius, 0.3),
+        ({"self_collision.thickness": 0.3}, lambda s: s.self_collision and s.self_collision.thickness, 0.3),
+        ({"pins": "left"}, lambda s: s.cloth.pins, ("left",)),
+        ({"cloth.pins": 17}, lambda s: s.cloth.pins, (17,)),
     ],
 )
 def test_an_override_changes_the_key_it_names(override: dict[str, Any], read: Any, value: Any) -> None:
@@ -65,9 +73,26 @@ def test_an_override_adds_a_missing_section() -> None:
     assert load_scene("table", wind_x=3).wind == Wind(x=3.0)
 
 
-def test_an_override_changes_only_the_first_sphere(write: Write) -> None:
+def test_an_override_changes_the_first_sphere_or_the_one_with_its_index(write: Write) -> None:
     path = write("[[spheres]]\nradius = 1\n[[spheres]]\nradius = 2")
     assert [s.radius for s in load_scene(path, sphere_radius=0.5).spheres] == [0.5, 2.0]
+    assert [s.radius for s in load_scene(path, **{"spheres.radius": 0.5}).spheres] == [0.5, 2.0]
+    assert [s.radius for s in load_scene(path, **{"spheres[1].radius": 0.5}).spheres] == [1.0, 0.5]
+
+
+def test_names_with_dots_and_with_underscores_mean_the_same() -> None:
+    for key in ("solver.name", "solver_name", "solver"):
+        assert load_scene("drape15", **{key: "lines"}) == load_scene("drape15", solver="lines")
+    for key in ("fabric.preset", "fabric_preset", "fabric"):
+        assert load_scene("curtain", **{key: "denim"}) == load_scene("curtain", fabric="denim")
+    assert load_scene("curtain", **{"wind.z": 1, "wind_z": 2}).wind.z == 2  # the last counts
+
+
+@pytest.mark.parametrize(("title", "key"), [row[:2] for row in key_table()])
+def test_every_key_can_be_named_as_files_write_it(title: str, key: str) -> None:
+    section = title.strip("[]")
+    [(part, found)] = targets_of(f"{section}.{key}" if section else key)
+    assert ((part.name if part else ""), found) == (section, key)
 
 
 @pytest.mark.parametrize(
@@ -84,6 +109,17 @@ def test_an_override_changes_only_the_first_sphere(write: Write) -> None:
         ({"rows": 1}, "cloth.rows: 1 is out of range: 2 to 2048"),
         ({"x": "fast"}, "wind.x: must be a number, got 'fast'"),
         ({"seed": None}, "seed: must be an integer, got None"),
+        ({"wind.q": 1}, "wind.q: unknown key (did you mean 'wind.z'?)"),
+        ({"wnd.z": 1}, "wnd.z: unknown key (did you mean 'wind.z'?)"),
+        ({"cloth.row": 1}, "cloth.row: unknown key (did you mean 'cloth.rows'?)"),
+        ({"wind[0].z": 1}, "wind[0].z: [wind] is a single table: leave out [0]"),
+        ({"spheres[1].radius": 1}, "spheres[1].radius: the scene has no spheres[1]"),
+        ({"boxes[0].size": 1}, "boxes[0].size: the scene has no boxes"),
+        ({"spheres[0].center[1]": 1}, "spheres[0].center[1]: unknown key (did you mean 'spheres.center'?)"),
+        ({"a.b.c": 1}, "a.b.c: unknown key; `taichi-cloth schema` lists them"),
+        ({"tear.strain": 1}, "tear.strain: was renamed to tearing.strain"),
+        ({"spheres.sway": 1}, "spheres.sway: was renamed to spheres.oscillation"),
+        ({"cloth.rows": 1}, "cloth.rows: 1 is out of range: 2 to 2048"),
         ({"sphere_sway": (0, 1, 1)}, "sphere_sway: was renamed to sphere_oscillation"),
         ({"sphere_oscillation": (0, 1, True)}, "spheres[0].oscillation[2]: must be a number, got true"),
         ({"cloth_rows": 2, "pins": [900]}, "cloth.pins[0]: 900 is not a particle: indices run from 0 to 59"),
@@ -126,6 +162,7 @@ def test_every_invalid_override_raises_a_scene_error(overrides: dict[str, Any]) 
     [
         ("wind_z=6", ("wind_z", 6)),
         ("wind_z = -0.5", ("wind_z", -0.5)),
+        ("spheres[1].radius = 2", ("spheres[1].radius", 2)),
         ("pins=['left', 3]", ("pins", ["left", 3])),
         ("pole=true", ("pole", True)),
         ("solver=verlet", ("solver", "verlet")),
@@ -144,5 +181,7 @@ def test_parse_override(text: str, pair: tuple[str, Any]) -> None:
 
 @pytest.mark.parametrize("text", ["wind_z", "=3", ""])
 def test_an_override_without_a_key_or_value_is_refused(text: str) -> None:
-    with pytest.raises(SceneError, match="KEY=VALUE"):
+    with pytest.raises(SceneError, match="--set: .*KEY=VALUE" if text else "--set: must be KEY=VALUE"):
         parse_override(text)
+    with pytest.raises(SceneError, match="--a: "):
+        parse_override(text, "--a")

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_cloth.geometry.stability_bounds import max_frequency
+from taichi_cloth.geometry.stability_bounds import MAX_FORCE_PHASE, max_frequency
 from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
-from taichi_cloth.solvers.base import MAX_FORCE_PHASE
 
 ELASTIC = [name for name, kind in SOLVERS.items() if kind.info.stiffness_section == "fabric"]
 

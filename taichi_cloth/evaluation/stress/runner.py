@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ...solvers import SOLVERS
 from ...system import taichi_runtime as runtime
-from ...system.errors import UsageError
+from ...system.errors import UsageError, nearest_hint
 from ..worker_pool import run_parallel
 from . import case_catalog
 from .causes import Cause, cause_of
@@ -36,9 +36,9 @@ def select_units(
     """
     cases = [case for case in case_catalog.CASES if only is None or only in (str(case.number), case.name)]
     if not cases:
-        raise UsageError(
-            f"unknown case {only!r}; allowed: {', '.join(f'{c.number} {c.name}' for c in case_catalog.CASES)}"
-        )
+        allowed = ", ".join(f"{case.number} {case.name}" for case in case_catalog.CASES)
+        hint = nearest_hint(only, [case.name for case in case_catalog.CASES])
+        raise UsageError(f"unknown case {only!r}; allowed: {allowed}{hint}")
     if long:
         if [case.number for case in cases] != [case_catalog.LONG.number]:
             raise UsageError(f"--soak requires --filter {case_catalog.LONG.number}, the long run")
@@ -55,7 +55,8 @@ def of_variant(cases: Iterable[Case], name: str) -> Case:
         raise UsageError("--variant requires --filter with a single case")
     found = tuple(variant for variant in case.variants if variant.name == name)
     if not found:
-        raise UsageError(f"{case.name} has no variant {name!r}; allowed: {', '.join(v.name for v in case.variants)}")
+        names = [variant.name for variant in case.variants]
+        raise UsageError(f"{case.name} has no variant {name!r}; allowed: {', '.join(names)}{nearest_hint(name, names)}")
     return replace(case, variants=found)
 
 

@@ -8,7 +8,7 @@ from contextlib import closing
 from functools import partial
 
 from ...system import taichi_runtime as runtime
-from ...system.errors import UsageError
+from ...system.errors import UsageError, nearest_hint
 from ..worker_pool import run_parallel
 from . import drape, flight, friction, hanging, membrane, strand, swing, symmetry
 from .check import ALL, ELASTIC, Reference, Result, measure
@@ -164,9 +164,11 @@ def select_pairs(only: str | None, solver: str | None) -> list[tuple[Reference, 
         if reference.number.startswith(only or "") and solver in (None, name)
     ]
     if not pairs:
-        numbers = ", ".join(reference.number for reference in REFERENCES)
+        numbers = [reference.number for reference in REFERENCES]
         with_solver = f" with {solver}" if solver else ""
-        raise UsageError(f"no reference {only!r}{with_solver}; choose from {numbers}")
+        raise UsageError(
+            f"no reference {only!r}{with_solver}; choose from {', '.join(numbers)}{nearest_hint(only, numbers)}"
+        )
     return pairs
 
 

@@ -1,0 +1,42 @@
+"""Progress of long runs, on a terminal and in a log."""
+
+from __future__ import annotations
+
+import io
+import sys
+
+import pytest
+
+from taichi_cloth.system.console import frames_progress
+
+
+class Terminal(io.StringIO):
+    """A terminal that stores what is printed."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_shows_that_kernels_are_compiled_until_the_first_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", terminal := Terminal())
+    with frames_progress(3) as advance:
+        assert "compiling kernels" in terminal.getvalue()
+        advance(0)
+        advance(1)
+        end = len(terminal.getvalue())
+        advance(2)
+    last = terminal.getvalue()[end:]
+    assert "3/3" in last
+    assert "frames/s" in last
+    assert "compiling" not in last
+
+
+def test_the_rate_is_that_of_the_frames_after_the_first(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    times = iter([100.0, 100.5, 101.0])  # [s] at the end of each frame
+    monkeypatch.setattr("time.perf_counter", lambda: next(times))
+    with frames_progress(3) as advance:
+        for k in range(3):
+            advance(k)
+    assert capsys.readouterr().out.splitlines() == ["frame 1/3", "frame 2/3, 2 frames/s", "frame 3/3, 2 frames/s"]
