@@ -47,14 +47,17 @@ def test_two_solvers_side_by_side(
     assert 0 < errors[1] < errors[0] / 10  # relative to the reference solution
     assert 0 < report["rms_distance"][-1] < 0.1
     [rough], [fine] = (report[side]["frame_errors"] for side in "ab")  # of the tenth of twelve frames
-    assert 0 < fine < rough / 10
+    assert rough["frame"] == fine["frame"] == 10
+    assert 0 < fine["error"] < rough["error"] / 10
+    assert fine["residual"] is None  # explicit does not iterate
     left, right = image_halves(tmp_path / "o" / "frame_00000.png")
     np.testing.assert_array_equal(left, right)  # both start in the same state
     left, right = image_halves(tmp_path / "o" / "frame_00002.png")
     assert (left != right).any()
     out = capsys.readouterr().out
     assert "RMS error" in out
-    assert f"{1e3 * rough:.2g}" in out
+    for name in ("error", "residual", "step_error"):
+        assert f"{1e3 * rough[name]:.2g}" in out
     assert f"{report['rms_distance'][-1]:.2%} of the side" in out
     before = (tmp_path / "o" / "frame_00000.png").read_bytes()
     assert main(["compare", "curtain", *SMALL, "--out", str(tmp_path / "o"), "--b", "wind_z=9"]) == 2

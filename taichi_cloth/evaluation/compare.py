@@ -171,14 +171,28 @@ def table(runs: list[Run], errors: list[float | None]) -> list[list[str]]:
     """Return the rows of the table as text, the header first."""
     import numpy as np
 
-    rows = [["", "setting", "ms", "p95", "max strain", "frame error [mm]", "RMS error"]]
+    rows = [["", "setting", "ms", "p95", "max strain", *FRAME_ERROR_COLUMNS, "RMS error"]]
     for letter, run, rms_error in zip("ab", runs, errors, strict=True):
         median, p95 = np.percentile(run.ms, (50, 95))
         error_text = "-" if rms_error is None else f"{rms_error:.3%}"
         method = run.simulation.method
-        frame_error = f"{1e3 * np.median(run.frame_errors):.2g}" if run.frame_errors else "-"
-        rows.append([letter, method, f"{median:.2f}", f"{p95:.2f}", f"{max(run.strain):.1%}", frame_error, error_text])
+        parts = frame_error_cells(run)
+        rows.append([letter, method, f"{median:.2f}", f"{p95:.2f}", f"{max(run.strain):.1%}", *parts, error_text])
     return rows
+
+
+FRAME_ERROR_COLUMNS = ["frame error [mm]", "residual", "step error"]
+
+
+def frame_error_cells(run: Run) -> list[str]:
+    """Return the median error of a frame, the residual of the iterations and the step error [mm], as text."""
+    import numpy as np
+
+    columns = [
+        [part for found in run.frame_errors if (part := found.parts[name]) is not None]
+        for name in ("error", "residual", "step_error")
+    ]
+    return [f"{1e3 * np.median(values):.2g}" if values else "-" for values in columns]
 
 
 def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:

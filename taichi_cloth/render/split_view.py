@@ -15,7 +15,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..scene import Scene, scene_to_toml
-from ..simulation.copies import MAX_SECONDS, FrameErrorMeter
+from ..simulation.copies import MAX_SECONDS, FrameError, FrameErrorMeter
 from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, UsageError
@@ -110,8 +110,8 @@ class Run:
     """Largest strain after each frame."""
     positions: list[NDArray[np.float64]] = field(default_factory=list)
     """Positions [m] after each of the first frames, each (N, 3)."""
-    frame_errors: list[float] = field(default_factory=list)
-    """Error of every `MEASURED_EVERY`th frame [m]; empty if its reference would take too long."""
+    frame_errors: list[FrameError] = field(default_factory=list)
+    """Error of every `MEASURED_EVERY`th frame; empty if its reference would take too long."""
 
     def __post_init__(self) -> None:
         try:
@@ -125,7 +125,7 @@ class Run:
         """Simulate and measure one frame. Positions are stored only for the first `kept` frames."""
         if self._meter and len(self.ms) % MEASURED_EVERY == MEASURED_EVERY - 1:
             found = self._meter.measure_frame(self.simulation, self._step)
-            self.frame_errors.append(found.error)
+            self.frame_errors.append(found)
             if found.seconds > MAX_SECONDS:
                 self.close()
         else:
@@ -188,7 +188,8 @@ def write_report(plan: RenderPlan, runs: tuple[Run, Run], distances: list[float]
     """Write `compare.json`: both scenes, the measurements of every frame, and `more`. Raises OSError."""
     sides = {
         name: {"scene": scene_to_toml(run.simulation.scene), "method": run.simulation.method}
-        | {"physics_ms": np.round(run.ms, 3).tolist(), "max_strain": run.strain, "frame_errors": run.frame_errors}
+        | {"physics_ms": np.round(run.ms, 3).tolist(), "max_strain": run.strain}
+        | {"frame_errors": [{"frame": found.frame, **found.parts} for found in run.frame_errors]}
         for name, run in zip("ab", runs, strict=True)
     }
     with atomic_file(plan.out / REPORT) as file:

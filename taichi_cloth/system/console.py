@@ -47,7 +47,7 @@ def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
         nonlocal first_frame
         now = time.perf_counter()
         first_frame = first_frame or now
-        return f"{k / (now - first_frame):.0f} frames/s" if k else ""
+        return f"{k / (now - first_frame):.0f} frames/s" if now > first_frame else ""
 
     if sys.stdout.isatty():
         columns = (
@@ -64,8 +64,9 @@ def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
         interval = max(1, frames // LOG_LINES)
 
         def line(k: int) -> None:
+            since_first = rate(k)
             if (k + 1) % interval == 0 or k + 1 == frames:
-                print(", ".join(filter(None, [f"frame {k + 1}/{frames}", rate(k)])), flush=True)
+                print(", ".join(filter(None, [f"frame {k + 1}/{frames}", since_first])), flush=True)
 
         yield line
 

@@ -1,0 +1,63 @@
+"""The error of frames in the report of a render, and in its images."""
+
+from __future__ import annotations
+
+import json
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from taichi_cloth.__main__ import main
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.render.colors import rounded_up
+from taichi_cloth.simulation.copies import FrameErrorMeter
+from taichi_cloth.simulation.simulation import Simulation
+
+pytestmark = pytest.mark.usefixtures("serial_layout", "running")
+
+SMALL = {"rows": 6, "columns": 7}
+
+
+def rendered(out: Path, *options: str) -> dict[int, dict[str, float]]:
+    """Render a small scene. Return the measured errors by frame."""
+    grid = [word for key, value in SMALL.items() for word in ("--set", f"{key}={value}")]
+    command = ["render", "drape15", *grid, "--size", "96x64", "--samples", "1", "--out", str(out), *options]
+    assert main(command) == 0
+    report = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    return {entry["frame"]: entry["frame_error"] for entry in report["frames"] if "frame_error" in entry}
+
+
+def test_every_tenth_frame_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = rendered(tmp_path / "a", "--frames", "25", "--every", "25", "--errors")
+    assert list(found) == [9, 19]
+    scene = load_scene("drape15", **SMALL)
+    with Simulation(scene) as simulation, closing(FrameErrorMeter(scene)) as meter:
+        simulation.step(9)
+        assert found[9] == pytest.approx(meter.measure_frame(simulation).parts)
+    median = np.median([parts["error"] for parts in found.values()])
+    assert f"error of a frame: median {1e3 * median:.2g} mm" in capsys.readouterr().out
+
+
+def test_images_do_not_depend_on_the_measurement(tmp_path: Path) -> None:
+    assert rendered(tmp_path / "a", "--frames", "21", "--every", "10", "--errors")
+    assert not rendered(tmp_path / "b", "--frames", "21", "--every", "10")
+    for name in ("frame_00000.png", "frame_00002.png"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_in_the_view_error_every_image_shows_the_error_of_its_frame(tmp_path: Path) -> None:
+    found = rendered(tmp_path / "a", "--frames", "5", "--every", "2", "--view", "error")
+    assert list(found) == [1, 3]  # the frames that lead to the second and the third image
+    assert rounded_up(found[3]["error"]) > 0
+    first, last = (np.asarray(Image.open(tmp_path / "a" / f"frame_0000{k}.png")).astype(int) for k in (0, 2))
+    redness = [np.percentile(image[..., 0] - image[..., 2], 99) for image in (first, last)]
+    assert redness[1] > redness[0] + 40  # nothing is measured before the first frame
+
+
+@pytest.mark.parametrize("option", [["--errors"], ["--view", "error"]])
+def test_videos_measure_no_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: list[str]) -> None:
+    assert main(["render", "drape15", "--video", str(tmp_path / "a.webp"), *option]) == 2
+    assert "errors are measured for images only" in capsys.readouterr().err
