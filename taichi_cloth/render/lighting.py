@@ -74,8 +74,8 @@ def light_visibility(shadow: ti.template(), frame: tm.vec4, p: tm.vec3, normal: 
     q = to_shadow_map(p + SHADOW_BIAS * texel * (side * normal + LIGHT_DIRECTION), frame)
     fraction = 1.0
     if q.x > 4.0 and q.x < SHADOW_MAP_SIZE - 4.0 and q.y > 4.0 and q.y < SHADOW_MAP_SIZE - 4.0:
-        for i in ti.static(range(4)):
-            for j in ti.static(range(4)):
+        for i in range(4):
+            for j in range(4):
                 column = ti.math.clamp(int(q.x + SAMPLE_SPACING * (i - 1.5)), 0, SHADOW_MAP_SIZE - 1)
                 row = ti.math.clamp(int(q.y + SAMPLE_SPACING * (j - 1.5)), 0, SHADOW_MAP_SIZE - 1)
                 if shadow[column, row] > ti.max(int(q.z), 0):
@@ -159,7 +159,7 @@ def shade_cloth(
         side = 1.0
         if (b - a).cross(c - a).dot(eye - a) < 0.0:
             side = -1.0
-        for k in ti.static(range(3)):
+        for k in range(3):
             p, normal = mesh.position[3 * t + k], side * mesh.normal[3 * t + k]
             light = tm.mix(tm.vec3(0.95), diffuse_at(p, normal, TRANSMISSION, shadow, frame), contrast)
             lit = mesh.albedo[3 * t + k] * light + gloss * specular_at(p, normal, eye) * LIGHT_COLOR
