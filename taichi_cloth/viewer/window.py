@@ -28,7 +28,7 @@ from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.simulation import Simulation
 from .charts import CurveDrawing, top
-from .input import HELP, SHORTCUTS
+from .input import HELP, SHORTCUTS, Progress
 from .panel import Panel, statistics
 from .session import Session
 
@@ -175,6 +175,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
     clock, overlays = FrameClock(time.perf_counter()), Overlays()
     draw_ms, displayed = 0.0, 0
+    session.note = compiling = Progress(f"{session.simulation.scene.name}: compiling")  # the first frame
     # Text of the statistics; time [s] and number of displayed frames at its last update.
     text, updated, displayed_before = "", 0.0, 0
     while window.running and session.running and displayed != frames:
@@ -199,6 +200,8 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         on_panel |= session.page == HELP and panel.help_place.contains(cursor, size)
         session.on_pointer(cursor, held_buttons(window), size, on_panel=on_panel, widget_changed=widget_used)
         session.advance(due)
+        if due > 0 and session.note is compiling:
+            session.note = ""
         if session.charts or frame_log:  # charts and log need the metrics of every displayed frame
             session.measure()
 
