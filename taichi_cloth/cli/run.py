@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from ..scene import Scene
 from ..system import taichi_runtime as runtime
 from ..system.errors import Diverged, UsageError
-from .options import DEFAULT_FRAMES, VIEWS, Command, chosen_scene, count, scene_options, size, summary
+from .options import DEFAULT_FRAMES, VIEWS, Command, check_log, chosen_scene, count, scene_options, size, summary
 from .replaying import check_video, write_video
 
 if TYPE_CHECKING:
@@ -86,6 +86,7 @@ def add_commands(command: Command) -> None:
 
 def run_scene(args: argparse.Namespace) -> int:
     """Run the command `run`."""
+    check_log(args.log)
     scene = chosen_scene(args)
     from ..viewer.display_probe import window_obstacle
 
