@@ -64,8 +64,9 @@ def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
         interval = max(1, frames // LOG_LINES)
 
         def line(k: int) -> None:
+            speed = rate(k)
             if (k + 1) % interval == 0 or k + 1 == frames:
-                print(", ".join(filter(None, [f"frame {k + 1}/{frames}", rate(k)])), flush=True)
+                print(", ".join(filter(None, [f"frame {k + 1}/{frames}", speed])), flush=True)
 
         yield line
 
