@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ..scene import Scene, parse_override
@@ -41,6 +42,13 @@ def count(text: str) -> int:
     """Parse an integer from 1 to 10,000,000."""
     if not text.isdecimal() or not 1 <= int(text) <= 10_000_000:
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 1 to 10000000")
+    return int(text)
+
+
+def seed(text: str) -> int:
+    """Parse a random seed, an integer of up to 20 digits."""
+    if not text.isdecimal() or len(text) > 20:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 0 to {10**20 - 1}")
     return int(text)
 
 
@@ -121,6 +129,14 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
     scene, why = settings_for_error(scene, args.target_error / 100, args.solver)
     print(why, flush=True)
     return scene
+
+
+def check_log(path: Path | None) -> None:
+    """Check before a window opens that its log can be written. Raises OutputConflict and UsageError."""
+    if path:
+        from ..system.console import check_output_file
+
+        check_output_file(path, force=True)
 
 
 def summary(simulation: Simulation, arch: str) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError, choose_from
-from .options import Command, count, size
+from .options import Command, check_log, count, size
 
 if TYPE_CHECKING:
     from ..render.sequence import RenderPlan
@@ -49,6 +49,7 @@ def run_replay(args: argparse.Namespace) -> int:
     """Run the command `replay`. Return 0 if the positions at the end equal the recorded ones, else 1."""
     from ..simulation.recording import differences, read_recording
 
+    check_log(args.log)
     recording = read_recording(args.file)
     if args.video:
         check_video(args.video, force=args.force)

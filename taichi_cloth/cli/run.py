@@ -15,7 +15,18 @@ from typing import TYPE_CHECKING
 from ..scene import Scene
 from ..system import taichi_runtime as runtime
 from ..system.errors import Diverged, UsageError, install_command
-from .options import DEFAULT_FRAMES, VIEWS, Command, chosen_scene, count, no_errors_option, scene_options, size, summary
+from .options import (
+    DEFAULT_FRAMES,
+    VIEWS,
+    Command,
+    check_log,
+    chosen_scene,
+    count,
+    no_errors_option,
+    scene_options,
+    size,
+    summary,
+)
 from .replaying import check_video, write_video
 
 if TYPE_CHECKING:
@@ -93,6 +104,7 @@ def add_commands(command: Command) -> None:
 
 def run_scene(args: argparse.Namespace) -> int:
     """Run the command `run`."""
+    check_log(args.log)
     scene = chosen_scene(args)
     from ..viewer.display_probe import window_obstacle
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..cli.options import Command, count, strain
+from ..cli.options import Command, count, seed, strain
 from ..scene.schema import SOLVER_NAMES
 from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError
@@ -66,7 +66,7 @@ def add_commands(command: Command) -> None:
         "--runs", type=count, default=10, metavar="N", help="runs of each variant, each from another start"
     )
     how_many.add_argument("--quick", action="store_const", dest="runs", const=1, help="one run of each variant")
-    how_many.add_argument("--seed", type=int, metavar="N", help="with one variant and --solver: one run of this seed")
+    how_many.add_argument("--seed", type=seed, metavar="N", help="with one variant and --solver: one run of this seed")
     stress.add_argument("--soak", action="store_true", help="with --filter 32: run a million frames")
     stress.add_argument("--json", type=Path, metavar="FILE", help="write all results, after each variant")
     stress.add_argument("--resume", action="store_true", help="with --json: continue from the results in FILE")

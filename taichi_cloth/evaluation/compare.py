@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..cli.options import DEFAULT_FRAMES, VIEWS, Command, count, no_errors_option, size
+from ..cli.options import DEFAULT_FRAMES, VIEWS, Command, check_log, count, no_errors_option, size
 from ..scene import Scene, parse_override
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
@@ -76,6 +76,7 @@ def compare(args: argparse.Namespace) -> int:
     """Run the command `compare`: in a window, or as images."""
     from ..geometry.scene_loader import load_scene
 
+    check_log(args.log)
     shared = overrides(args.set, "--set")
     sides = overrides(args.a, "--a"), overrides(args.b, "--b")
     scenes = [load_scene(args.scene, **(shared | side)) for side in sides]

@@ -39,11 +39,16 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
     name, index = _without_dots(key)
     names = override_targets()
     if name not in names:
+        if part := sections().get(name):
+            example = f"{part.name}.{next(iter(keys_of(part.cls)))}"
+            raise SceneError(file, key, f"is a section: set one of its keys, such as {example}")
         if (new := new_key(name)) in names:
             raise SceneError(file, key, f"was renamed to {_dotted(new) if '.' in key else new}")
         hint = nearest_name(key, map(_dotted, names)) if "." in key else nearest_name(key, names)
         raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth schema` lists them"), hint)
-    targets = [target for target in names[name] if target[0] is None or target[0].name in data] or names[name]
+    in_file = [target for target in names[name] if target[0] is None or target[0].name in data]
+    in_every_scene = [target for target in names[name] if target[0] and not target[0].optional]
+    targets = in_file or in_every_scene or names[name]
     if len(targets) > 1:
         raise SceneError(
             file, key, "ambiguous: use " + " or ".join(f"{part.singular}_{name}" for part, _ in targets if part)

@@ -41,13 +41,16 @@ def is_file_name(text: str) -> bool:
 def scene_path(name_or_path: str | Path) -> Path:
     """Return the path of a shipped scene by name, or a path unchanged. Raises SceneError for an unknown name."""
     text = str(name_or_path)
+    if text.endswith(".obj"):
+        raise SceneError(text, "", 'is a mesh, not a scene: write a scene whose [cloth] has file = "NAME.obj"')
     if isinstance(name_or_path, Path) or is_file_name(text):
         return Path(text)
     names = scene_names()
     if text not in names:
         if text and Path(text).exists():
-            kind = "folder, not a scene file" if Path(text).is_dir() else f"file without .toml: write {Path('.', text)}"
-            raise SceneError(text, "", f"is a {kind}")
+            if Path(text).is_dir():
+                raise SceneError(text, "", "is a folder, not a scene file")
+            raise SceneError(text, "", f"is no shipped scene; for the file, write ./{text}")
         reason = f"no such scene; use {', '.join(names)}, or the path of a TOML file"
         raise SceneError(text or "scene", "", reason, nearest_name(text, names))
     return asset_folder() / "scenes" / f"{text}.toml"

@@ -237,6 +237,9 @@ def _located(mesh: MeshOrCloth, folder: Path, where: str, mistakes: Mistakes) ->
 def _part(part: Section, data: Any, mistakes: Mistakes) -> Any:
     """Return a section, or the tuple of all tables of a section that is an array of tables."""
     if not part.is_array:
+        if isinstance(data, list) and data and isinstance(data[0], dict):
+            mistakes.add(part.name, f"write [{part.name}] with single brackets: a scene has only one")
+            return part.cls()
         return part.cls(**_values(part.cls, data, mistakes, part.name))
     if not isinstance(data, list):
         mistakes.add(part.name, f"write [[{part.name}]] with two brackets: it is an array of tables")

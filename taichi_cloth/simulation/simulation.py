@@ -19,7 +19,7 @@ from ..geometry.topology import ClothMetrics, energies, spring_strains
 from ..kernels.step_params import MAX_GRABS
 from ..scene import Scene, scene_to_toml
 from ..state.contact_data import attach_self_contact
-from ..system.errors import UsageError
+from ..system.errors import UsageError, choose_from
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
 from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle
@@ -69,6 +69,8 @@ class Simulation(RunningCloth):
         An event that raises has changed nothing. An exception is a switch to a solver or fabric that the cloth does not
         support: it may change the last bits of the state, and listeners receive it too.
         """
+        if event.name not in EVENTS:
+            raise ValueError(f"unknown event {event.name!r}{choose_from(event.name, EVENTS)}")
         try:
             EVENTS[event.name].handler(self, *event.arguments)
         except UsageError:

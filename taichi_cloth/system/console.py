@@ -177,6 +177,8 @@ def check_output_file(path: Path, *, force: bool) -> None:
         raise OutputConflict(f"{path} already exists; use --force to replace it")
     if not path.parent.is_dir():
         raise UsageError(f"cannot write {path.name}: {path.parent} is not a folder")
+    if not os.access(path.parent, os.W_OK):
+        raise UsageError(f"cannot write {path.name}: no permission to write in {path.parent}")
 
 
 def write_csv(path: Path, rows: Sequence[Any], kind: type) -> None:

@@ -12,6 +12,7 @@ from taichi_cloth import __main__ as cli
 from taichi_cloth.evaluation.stress.runner import select_units
 from taichi_cloth.evaluation.validate.references import select_pairs
 from taichi_cloth.scene.presets import load_preset
+from taichi_cloth.simulation.events import Event
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import choose_from
 
@@ -34,6 +35,7 @@ TYPED: dict[str, tuple[Call, str]] = {
     "solver": (lambda s: s.switch_solver("xpdb"), f"unknown solver 'xpdb': {SOLVERS}; did you mean 'xpbd'?"),
     "solver, far": (lambda s: s.switch_solver("zzz"), f"unknown solver 'zzz': {SOLVERS}"),
     "solver, renamed": (lambda s: s.switch_solver("spring"), "unknown solver 'spring': it was renamed to 'explicit'"),
+    "event": (lambda s: s.apply(Event("grabb")), "unknown event 'grabb': set_param, "),
     "fabric": (lambda s: s.switch_fabric("denin"), f"unknown fabric 'denin': {FABRICS}; did you mean 'denim'?"),
     "view": (lambda s: tc.render_image(s, view="shadde"), f"unknown view 'shadde': {VIEWS}; did you mean 'shaded'?"),
     "view, far": (lambda s: tc.render_image(s, view="normals"), f"unknown view 'normals': {VIEWS}"),

@@ -80,6 +80,12 @@ def test_an_override_changes_the_first_sphere_or_the_one_with_its_index(write: W
     assert [s.radius for s in load_scene(path, **{"spheres[1].radius": 0.5}).spheres] == [1.0, 0.5]
 
 
+def test_a_key_of_a_section_that_the_file_does_not_have_is_that_of_every_scene(write: Write) -> None:
+    path = write("[cloth]\nrows = 8")
+    assert load_scene(path, iterations=3) == load_scene(path, solver_iterations=3)  # strain_limit has iterations too
+    assert load_scene(path, stiffness=0.5) == load_scene(path, solver_stiffness=0.5)
+
+
 def test_names_with_dots_and_with_underscores_mean_the_same() -> None:
     for key in ("solver.name", "solver_name", "solver"):
         assert load_scene("drape15", **{key: "lines"}) == load_scene("drape15", solver="lines")
@@ -116,6 +122,8 @@ def test_every_key_can_be_named_as_files_write_it(title: str, key: str) -> None:
         ({"spheres[1].radius": 1}, "spheres[1].radius: the scene has no spheres[1]"),
         ({"boxes[0].size": 1}, "boxes[0].size: the scene has no boxes"),
         ({"spheres[0].center[1]": 1}, "spheres[0].center[1]: unknown key (did you mean 'spheres.center'?)"),
+        ({"cloth": 3}, "cloth: is a section: set one of its keys, such as cloth.rows"),
+        ({"wind": 3}, "wind: is a section: set one of its keys, such as wind.x"),
         ({"a.b.c": 1}, "a.b.c: unknown key; `taichi-cloth schema` lists them"),
         ({"tear.strain": 1}, "tear.strain: was renamed to tearing.strain"),
         ({"spheres.sway": 1}, "spheres.sway: was renamed to spheres.oscillation"),

@@ -130,7 +130,7 @@ def test_an_error_names_file_key_reason_and_hint(write: Write, refuse: Refuse) -
         ("[camera]\neye = [0, 1, 0]\ntarget = [0, 1, 0]", "camera.eye", "must differ from camera.target", ""),
         ("cloth = 3", "cloth", "must be a table, got 3", ""),
         ("[spheres]\nradius = 1", "spheres", "write [[spheres]]", ""),
-        ("[[wind]]", "wind", "must be a table, got [{}]", ""),
+        ("[[wind]]", "wind", "write [wind] with single brackets", ""),
         ("spheres = [3]", "spheres[0]", "must be a table, got 3", ""),
         ("[boxes]", "boxes", "write [[boxes]]", ""),
         ("[[boxes]]\nsize = [1, 0, 1]", "boxes[0].size[1]", "0 is out of range: 0.001 to 1000 m", ""),

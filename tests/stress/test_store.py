@@ -126,7 +126,7 @@ def test_a_result_that_no_digest_confirms_runs_again(found: dict[str, Any]) -> N
 @pytest.mark.parametrize("text", ["", "[]", '{"machine": "", "older": 0, "planned": [], "results": [{}]}'])
 def test_another_file_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "o.json").write_text(text)
-    with pytest.raises(UsageError, match="is not a results file of `stress`"):
+    with pytest.raises(UsageError, match="is not a results file of `stress --json`"):
         load(tmp_path / "o.json")
     with pytest.raises(UsageError, match="No such file"):
         load(tmp_path / "none.json")

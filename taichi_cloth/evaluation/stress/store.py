@@ -260,8 +260,8 @@ def load(path: Path) -> Store:
         return Store(path, planned, by_key, str(data["machine"]), causes, int(data["older"]))
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"{path} is not a results file of `stress`: {error!r}") from None
+    except (ValueError, KeyError, TypeError):
+        raise UsageError(f"{path} is not a results file of `stress --json`") from None
 
 
 def read_result(row: dict[str, Any]) -> Result:

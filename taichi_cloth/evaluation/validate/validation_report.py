@@ -160,8 +160,8 @@ def read_json(path: Path) -> Measured:
         return Measured(read["machine"], results, read["date"], read["commit"])
     except OSError as error:
         raise UsageError(error_text(error)) from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"{path} was not written by `validate --json`: {error!r}") from None
+    except (ValueError, KeyError, TypeError):
+        raise UsageError(f"{path} was not written by `validate --json`") from None
 
 
 def result_of(row: Mapping[str, Any]) -> Result:
