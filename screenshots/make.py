@@ -14,10 +14,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw
 
 import taichi_cloth as tc
 from taichi_cloth.render.camera import OrbitCamera
@@ -26,6 +27,7 @@ from taichi_cloth.render.image import render_pixels
 from taichi_cloth.render.image_files import contact_sheet, write_png
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.scene import scene_names
+from taichi_cloth.simulation.copies import FrameErrorMeter
 
 HERE = Path(__file__).parent
 STILL_FRAME = {  # frame that the still shows
@@ -52,29 +54,44 @@ STILL_FRAME = {  # frame that the still shows
 DEFAULT_STILL_FRAME = 85
 GALLERY = HERE.parent / "docs" / "gallery.md"
 THUMBNAIL = 3  # factor by which a thumbnail is smaller than a still
-GRAB_FRAMES = (330, 450)  # frames of the animation between which a corner is grabbed
+GRABS = ((90, 210), (330, 450))  # frames of the animation between which the cursor pulls a corner
+APPROACH = 45  # frames in which the cursor comes, and goes
+ARROW = ((0, 0), (0, 17), (4, 13), (7, 19), (10, 18), (7, 12), (12, 12))  # [pixels] outline of the cursor
 
 
 def animation(name: str, size: tuple[int, int]) -> Iterator[np.ndarray]:
-    """Yield an image of each frame of a scene, while the camera turns slowly and a grab moves a corner of the cloth."""
+    """Yield an image of each frame of a scene, while the camera turns slowly and a cursor pulls a corner."""
     scene = tc.load_scene(name)
-    camera, raster = OrbitCamera.from_scene(scene.camera), Rasterizer(*size)
+    camera, raster = OrbitCamera.from_scene(scene), Rasterizer(*size)
     grab = None
     with tc.Simulation(scene) as simulation:
         draw_list = DrawList(simulation)
         corner = simulation.topology.particle_count - scene.cloth.columns + 1  # next to the lower left corner
-        first, last = GRAB_FRAMES
         while True:
-            yield render_pixels(raster, draw_list, camera, "shaded")
-            if simulation.frame == first:
-                grab = simulation.grab(corner)
-            if grab is not None and simulation.frame == last:
+            position, frame = simulation.positions()[corner], simulation.frame
+            first, last = min(GRABS, key=lambda grab: abs(sum(grab) / 2 - frame))  # the nearest one
+            away = max(first - frame, frame - last, 0) / APPROACH  # 0 while it pulls, 1 when the cursor is out
+            image = render_pixels(raster, draw_list, camera, "shaded")
+            yield with_cursor(image, camera.to_screen(position, size[0] / size[1])[0][0], away) if away < 1 else image
+            if frame == first:
+                grab = simulation.grab(corner, radius=0.2)
+            if grab is not None and frame == last:
                 grab.release()
                 grab = None
             if grab is not None:
-                grab.move_to(goal((simulation.frame - first) / (last - first), simulation.positions()[corner]))
+                grab.move_to(goal((frame - first) / (last - first), position))
             camera.orbit(-0.00018, 0.0)
             simulation.step()
+
+
+def with_cursor(image: np.ndarray, point: np.ndarray, away: float) -> np.ndarray:
+    """Return an image with an arrow at a screen point, or on its way from the lower left corner: `away` is 1 there."""
+    height, width, _ = image.shape
+    place = (1 - away) ** 2 * point * [width, -height] + [0, (1 - away) ** 2 * height + (1 - (1 - away) ** 2) * height]
+    drawn = Image.fromarray(image)
+    outline = [(float(x + place[0]), float(y + place[1])) for x, y in ARROW]
+    ImageDraw.Draw(drawn).polygon(outline, fill=(255, 255, 255), outline=(20, 20, 20))
+    return np.asarray(drawn)
 
 
 def goal(share: float, position: np.ndarray) -> np.ndarray:
@@ -91,8 +108,19 @@ def goal(share: float, position: np.ndarray) -> np.ndarray:
 def still(name: str, view: str = "shaded", size: tuple[int, int] = (960, 540)) -> np.ndarray:
     """Return an image of a scene at its frame of `STILL_FRAME`."""
     with tc.Simulation(tc.load_scene(name)) as simulation:
-        simulation.step(STILL_FRAME.get(name, DEFAULT_STILL_FRAME))
-        return tc.render_image(simulation, size, view).pixels
+        simulation.step(STILL_FRAME.get(name, DEFAULT_STILL_FRAME) - 1)
+        with closing(DrawList(simulation)) as draw_list:
+            draw_list.errors = last_step(simulation, measured=view == "error")
+            return render_pixels(Rasterizer(*size), draw_list, OrbitCamera.from_scene(simulation.scene), view)
+
+
+def last_step(simulation: tc.Simulation, *, measured: bool) -> np.ndarray | None:
+    """Run one frame. Return the error of each particle [m], (N,), if it is measured."""
+    if not measured:
+        simulation.step()
+        return None
+    with closing(FrameErrorMeter(simulation.scene)) as meter:
+        return meter.measure_frame(simulation).by_particle
 
 
 def write_gallery(names: list[str]) -> None:
