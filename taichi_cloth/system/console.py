@@ -41,13 +41,14 @@ def frames_progress(frames: int) -> Iterator[Callable[[int], None]]:
 
     Until the first frame is complete, a terminal shows that kernels are compiled. The rate is that of the frames since.
     """
-    first_frame = 0.0
+    first_frame: float | None = None
 
     def rate(k: int) -> str:
         nonlocal first_frame
         now = time.perf_counter()
-        first_frame = first_frame or now
-        return f"{k / (now - first_frame):.0f} frames/s" if now > first_frame else ""
+        if first_frame is None:
+            first_frame = now
+        return f"{k / max(now - first_frame, 1e-9):.0f} frames/s" if k else ""
 
     if sys.stdout.isatty():
         columns = (
