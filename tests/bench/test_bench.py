@@ -104,7 +104,7 @@ def test_a_failed_measurement_gives_the_reason_and_the_others_continue(measured:
     row = measured[0][2]
     assert (row.solver, row.layout, row.median_ms) == ("verlet", "tapestry", None)
     assert "unknown layout 'tapestry'" in str(row.error)
-    assert report.cells(row)[5:] == ["-"] * 12
+    assert report.cells(row)[5:] == ["-"] * 13
     assert list(report.failures(measured[0], measured[1])) == ["verlet 7×5 tapestry, failed"]
 
 
