@@ -1,4 +1,4 @@
-"""Estimates of the error of a solver setting, without simulating.
+"""Estimates of the error and of the frame time of a solver setting, without simulating.
 
 Error of motion: measured by `taichi-cloth bench --error` on the swinging curtain, or from a scaling law. It is the root
 mean square of all position errors over the first second of a swing from 45°, as a fraction of the side. Errors of
@@ -19,6 +19,7 @@ third of the load.
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import exp, hypot, log, sqrt
@@ -30,7 +31,7 @@ from ..geometry.cloth_builder import build_topology, spring_stiffness
 from ..geometry.stability_bounds import max_damping_time, max_frequency, min_rk4_substeps, min_symplectic_substeps
 from ..geometry.topology import Topology
 from ..scene.presets import asset_folder
-from ..scene.schema import FRAME_SECONDS, Scene
+from ..scene.schema import FRAME_SECONDS, Scene, Solver
 from ..system.errors import UsageError
 
 # Fewest stable substeps of explicit solvers.
@@ -88,7 +89,7 @@ def cells_of(scene: Scene) -> int:
     return max(scene.cloth.rows, scene.cloth.columns) - 1
 
 
-def settings_near(cells: int) -> list[MeasuredSetting]:
+def settings_near(cells: float) -> list[MeasuredSetting]:
     """Return the measured settings of the grid closest in size."""
     grid = min({row.cells for row in measured()}, key=lambda n: (abs(log(n / cells)), n))
     return [row for row in measured() if row.cells == grid]
@@ -175,6 +176,41 @@ def estimate_for_scene(row: MeasuredSetting, scene: Scene) -> MeasuredSetting:
     damping_time = min(scene.fabric.damping_time, max_damping_time(frequency))
     substeps = MIN_STABLE_SUBSTEPS[row.solver](frequency, damping_time, FRAME_SECONDS) * row.substeps // coarsest
     return replace(row, substeps=substeps, ms=ms * substeps / row.substeps)
+
+
+# -- frame time --------------------------------------------------------------------------------------------------------
+
+MIN_GAIN = 0.85  # part of the present frame time below which a solver that is still too slow is worth a change
+
+
+def nearest_setting(cells: float, solver: str, substeps: int, iterations: int) -> MeasuredSetting:
+    """Return the measured setting of a solver that is nearest in work, with its time in proportion to the work.
+
+    Work is substeps times iterations. The time is that of a swinging sheet on the machine that measured it: only the
+    ratio of two such times applies to other scenes and machines.
+    """
+    work = substeps * iterations
+    row = min(
+        (row for row in settings_near(cells) if row.solver == solver),
+        key=lambda row: (abs(log(row.substeps * row.iterations / work)), abs(log(row.iterations / iterations))),
+    )
+    return replace(row, ms=row.ms * (work / (row.substeps * row.iterations)))
+
+
+def faster_solver(cells: float, running: Solver, others: Sequence[Solver], ms: float, limit_ms: float) -> str:
+    """Return the most accurate of other solvers that takes at most `limit_ms`, or else the fastest; "" if none helps.
+
+    `cells` along a side. `running`: the present solver and setting, whose frame takes `ms` [ms]. Contact is taken to
+    slow all solvers by the same factor.
+    """
+    present = nearest_setting(cells, running.name, running.substeps, running.iterations)
+    rows = [nearest_setting(cells, other.name, other.substeps, other.iterations) for other in others]
+    rows = [replace(row, ms=ms * row.ms / present.ms) for row in rows]
+    fast = [row for row in rows if row.ms <= limit_ms]
+    if fast:
+        return min(fast, key=lambda row: row.error).solver
+    gains = [row for row in rows if row.ms < MIN_GAIN * ms]
+    return min(gains, key=lambda row: row.ms).solver if gains else ""
 
 
 # -- artificial stretch ------------------------------------------------------------------------------------------------
