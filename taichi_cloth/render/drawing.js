@@ -116,6 +116,17 @@ function writeVertices(x, owner, corners, count, out) {
   }
 }
 
+/** Returns the ends of the edges of all triangles. An edge of two triangles is listed twice, so that the edges of the
+ *  first triangles come first. */
+function edgesOf(corners) {
+  const ends = new Uint32Array(2 * corners.length);
+  for (let k = 0; k < corners.length; k++) {
+    ends[2 * k] = corners[k];
+    ends[2 * k + 1] = corners[k % 3 === 2 ? k - 2 : k + 1];
+  }
+  return ends;
+}
+
 // -- shaders: light with a soft shadow and a highlight (Blinn 1977), sky, floor and rim light; cloth transmits light --
 
 const VERTEX_SHADER = `#version 300 es
@@ -144,7 +155,7 @@ uniform vec3 eye, lightDirection, lightColor, sky, floorLight, rimColor, rimDire
 uniform vec3 background, target, gridLineColor;
 uniform float gloss, contrast, transmission, specularExponent, texel, shadowBias, sampleSpacing, shadowExtent;
 uniform float floorExtent, gridExtent, gridSpacing, gridLineWidth;
-uniform int kind; // 0 floor, 1 solid, 2 cloth
+uniform int kind; // 0 floor, 1 solid, 2 cloth, 3 edges of the cloth
 
 float litFraction(vec3 n) { // of the directional light that reaches p
   vec3 offset = shadowBias * texel * ((dot(n, lightDirection) < 0.0 ? -n : n) + lightDirection);
@@ -157,7 +168,7 @@ float litFraction(vec3 n) { // of the directional light that reaches p
 }
 void main() {
   vec3 n = normalize(normal + vec3(0.0, 1e-20, 0.0));
-  if (kind == 2 && !gl_FrontFacing) n = -n;
+  if (kind == 2 ? !gl_FrontFacing : kind == 3 && dot(n, eye - p) < 0.0) n = -n; // a line has no front
   vec3 base = albedo;
   float radius = length(p - target * vec3(1.0, 0.0, 1.0) - vec3(0.0, p.y, 0.0));
   if (kind == 0 && radius < gridExtent) {
@@ -166,12 +177,14 @@ void main() {
     base = mix(base, gridLineColor, max(coverage.x, coverage.y));
   }
   float cosine = dot(n, lightDirection), lit = litFraction(n);
-  float direct = max(cosine, 0.0) + (kind == 2 ? transmission * max(-cosine, 0.0) : 0.0);
+  float direct = max(cosine, 0.0) + (kind >= 2 ? transmission * max(-cosine, 0.0) : 0.0);
   vec3 ambient = mix(floorLight, sky, 0.5 + 0.5 * n.y), rim = max(dot(n, rimDirection), 0.0) * rimColor;
   vec3 light = ambient + lit * direct * lightColor + rim;
   vec3 halfway = normalize(normalize(eye - p) + lightDirection);
   vec3 specular = gloss * pow(max(dot(n, halfway), 0.0), specularExponent) * lightColor;
   vec3 shaded = min(base * mix(vec3(0.95), light, contrast) + specular, 1.0);
+  // Edges are darker than a light cloth and lighter than a dark one.
+  if (kind == 3) shaded = mix(shaded, vec3(dot(albedo, vec3(0.3, 0.6, 0.1)) < 0.2 ? 1.0 : 0.0), 0.5);
   color = vec4(kind == 0 ? mix(shaded, background, smoothstep(0.2, 0.8, radius / floorExtent)) : shaded, 1.0);
 }`;
 
@@ -189,6 +202,7 @@ class Renderer {
     if (!gl) throw new Error("This page needs WebGL 2, which this browser does not support.");
     this.gl = gl;
     this.meshes = []; // vertex arrays and buffers of the current scene
+    this.showsEdges = false; // whether the edges of the cloth's triangles are drawn over it
     this.depthProgram = this.link(DEPTH_FRAGMENT);
     this.colorProgram = this.link(COLOR_FRAGMENT);
     this.shadowMap = gl.createTexture();
@@ -201,6 +215,7 @@ class Renderer {
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadowFramebuffer);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, this.shadowMap, 0);
     gl.enable(gl.DEPTH_TEST);
+    gl.polygonOffset(1, 1);
   }
 
   /** Loads a scene: vertices and corners of the solids, corners and colors of the cloth. */
@@ -217,6 +232,9 @@ class Renderer {
     this.floor = this.createMesh(new Float32Array(square), new Uint32Array([0, 1, 2, 0, 2, 3]));
     this.solids = this.createMesh(solids, solidCorners);
     this.cloth = this.createMesh(new Float32Array(6 * head.vertices), corners, colors);
+    gl.bindVertexArray(null); // a vertex array would store the next buffer as that of its corners
+    this.edges = this.createBuffer(gl.ELEMENT_ARRAY_BUFFER, edgesOf(corners), gl.DYNAMIC_DRAW);
+    this.meshes.push([null, this.edges]);
     this.clothColors = colors; // the cloth's own colors
     this.uploadedColors = colors; // the colors in the buffer
     gl.clearColor(...light.background, 1);
@@ -225,8 +243,11 @@ class Renderer {
   /** Replaces the corners of the cloth after it has torn. */
   setCorners(corners) {
     const { gl } = this;
-    gl.bindVertexArray(this.cloth[0]);
-    gl.bufferSubData(gl.ELEMENT_ARRAY_BUFFER, 0, corners);
+    gl.bindVertexArray(null);
+    for (const [buffer, data] of [[this.cloth[2], corners], [this.edges, edgesOf(corners)]]) {
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
+      gl.bufferSubData(gl.ELEMENT_ARRAY_BUFFER, 0, data);
+    }
   }
 
   /** Makes a frame the current one: uploads its vertices and colors, and renders its shadow map. */
@@ -259,7 +280,20 @@ class Renderer {
       gl.vertexAttrib3fv(2, head.floor);
       gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 0);
     }
+    if (this.showsEdges) gl.enable(gl.POLYGON_OFFSET_FILL); // the surface is drawn farther away than its edges
     this.drawSolidsAndCloth(colorProgram);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+    if (this.showsEdges) this.drawEdges(colorProgram);
+  }
+
+  /** Draws the edges of the cloth's triangles, with the uniforms that its surface was drawn with. */
+  drawEdges({ set }) {
+    const { gl, cloth: [vertexArray, , cornerBuffer] } = this;
+    gl.bindVertexArray(vertexArray);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.edges);
+    set({ kind: 3, gloss: 0 });
+    gl.drawElements(gl.LINES, 2 * this.frame.count, gl.UNSIGNED_INT, 0);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, cornerBuffer);
   }
 
   /** Draws solids and cloth. Colors that stand for values get less contrast and no highlight, to stay readable. */
@@ -313,29 +347,30 @@ class Renderer {
 
   /** Creates the buffers of a mesh. Without `colors`, its color is the current value of vertex attribute 2. */
   createMesh(vertices, corners, colors) {
-    const { gl } = this;
-    const createBuffer = (target, data) => {
-      const buffer = gl.createBuffer();
-      gl.bindBuffer(target, buffer);
-      gl.bufferData(target, data, colors ? gl.DYNAMIC_DRAW : gl.STATIC_DRAW);
-      return buffer;
-    };
+    const { gl } = this, usage = colors ? gl.DYNAMIC_DRAW : gl.STATIC_DRAW;
     const vertexArray = gl.createVertexArray();
     gl.bindVertexArray(vertexArray);
-    const colorBuffer = colors && createBuffer(gl.ARRAY_BUFFER, colors);
+    const colorBuffer = colors && this.createBuffer(gl.ARRAY_BUFFER, colors, usage);
     if (colors) {
       gl.enableVertexAttribArray(2);
       gl.vertexAttribPointer(2, 3, gl.UNSIGNED_BYTE, true, 3, 0);
     }
-    const vertexBuffer = createBuffer(gl.ARRAY_BUFFER, vertices);
+    const vertexBuffer = this.createBuffer(gl.ARRAY_BUFFER, vertices, usage);
     for (const k of [0, 1]) {
       gl.enableVertexAttribArray(k);
       gl.vertexAttribPointer(k, 3, gl.FLOAT, false, 24, 12 * k);
     }
-    const cornerBuffer = createBuffer(gl.ELEMENT_ARRAY_BUFFER, corners);
+    const cornerBuffer = this.createBuffer(gl.ELEMENT_ARRAY_BUFFER, corners, usage);
     const mesh = [vertexArray, vertexBuffer, cornerBuffer, ...(colors ? [colorBuffer] : [])];
     this.meshes.push(mesh);
     return mesh;
+  }
+
+  createBuffer(target, data, usage) {
+    const { gl } = this, buffer = gl.createBuffer();
+    gl.bindBuffer(target, buffer);
+    gl.bufferData(target, data, usage);
+    return buffer;
   }
 }
 

@@ -1,4 +1,4 @@
-"""Overrides of scene keys from Python or the command line, and scenes with some sections removed."""
+"""Overrides of scene keys from Python or the command line, scenes with another solver or without some sections."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 from ..system.errors import SceneError, nearest_name, new_key
 from .keys import Pins, keys_of, types_of
 from .schema import Scene, Section, sections
+from .solver_catalog import SOLVER_CATALOG
 from .toml_io import parse_toml
 
 KeyTarget = tuple[Section | None, str]  # a section and its key; None: a key of the scene itself
@@ -106,6 +107,13 @@ def override_targets() -> dict[str, list[KeyTarget]]:
 def targets_of(key: str) -> list[KeyTarget]:
     """Return the keys that the name of an override can refer to, also one with dots; none if it is unknown."""
     return override_targets().get(_without_dots(key)[0], [])
+
+
+def with_solver(scene: Scene, name: str, original: Scene) -> Scene:
+    """Return the scene with a solver at its default substeps and iterations; the solver of `original` has its own."""
+    substeps, iterations = SOLVER_CATALOG[name].defaults
+    other = replace(original.solver, name=name, substeps=substeps, iterations=iterations)
+    return replace(scene, solver=original.solver if name == original.solver.name else other)
 
 
 NOT_REMOVABLE = ("attachments", "regions", "maps")  # optional sections that stay: they may pin the cloth

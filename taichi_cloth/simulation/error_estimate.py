@@ -1,4 +1,4 @@
-"""Estimates of the error and the cost of a solver setting, without simulating.
+"""Estimates of the error, the cost and the frame time of a solver setting, without simulating.
 
 Error of motion: measured by `taichi-cloth bench --error` on the swinging curtain, or from a scaling law. It is the root
 mean square of all position errors over the first second of a swing from 45°, as a fraction of the side. Errors of
@@ -22,6 +22,7 @@ one thread. The estimate scales them by particles and springs, substeps and iter
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import exp, hypot, log, sqrt
@@ -47,7 +48,7 @@ from ..geometry.stability_bounds import (
 )
 from ..geometry.topology import Topology
 from ..scene.presets import asset_folder
-from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene
+from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene, Solver
 from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid
 from ..system.errors import UsageError
 from ..system.taichi_runtime import memory_bytes
@@ -107,7 +108,7 @@ def cells_of(scene: Scene) -> int:
     return max(scene.cloth.rows, scene.cloth.columns) - 1
 
 
-def settings_near(cells: int) -> list[MeasuredSetting]:
+def settings_near(cells: float) -> list[MeasuredSetting]:
     """Return the measured settings of the grid closest in size."""
     grid = min({row.cells for row in measured()}, key=lambda n: (abs(log(n / cells)), n))
     return [row for row in measured() if row.cells == grid]
@@ -314,6 +315,41 @@ def _min_substeps(scene: Scene, topology: Topology, extent: float) -> int:
         return MIN_STABLE_SUBSTEPS[name](frequency, damping_time, FRAME_SECONDS)
     needed = min_force_substeps(frequency, FRAME_SECONDS)
     return max(needed, min_line_substeps(topology, extent, FRAME_SECONDS)) if name == "lines" else needed
+
+
+# -- frame time --------------------------------------------------------------------------------------------------------
+
+MIN_GAIN = 0.85  # part of the present frame time below which a solver that is still too slow is worth a change
+
+
+def nearest_setting(cells: float, solver: str, substeps: int, iterations: int) -> MeasuredSetting:
+    """Return the measured setting of a solver that is nearest in work, with its time in proportion to the work.
+
+    Work is substeps times iterations. The time is that of a swinging sheet on the machine that measured it: only the
+    ratio of two such times applies to other scenes and machines.
+    """
+    work = substeps * iterations
+    row = min(
+        (row for row in settings_near(cells) if row.solver == solver),
+        key=lambda row: (abs(log(row.substeps * row.iterations / work)), abs(log(row.iterations / iterations))),
+    )
+    return replace(row, ms=row.ms * (work / (row.substeps * row.iterations)))
+
+
+def faster_solver(cells: float, running: Solver, others: Sequence[Solver], ms: float, limit_ms: float) -> str:
+    """Return the most accurate of other solvers that takes at most `limit_ms`, or else the fastest; "" if none helps.
+
+    `cells` along a side. `running`: the present solver and setting, whose frame takes `ms` [ms]. Contact is taken to
+    slow all solvers by the same factor.
+    """
+    present = nearest_setting(cells, running.name, running.substeps, running.iterations)
+    rows = [nearest_setting(cells, other.name, other.substeps, other.iterations) for other in others]
+    rows = [replace(row, ms=ms * row.ms / present.ms) for row in rows]
+    fast = [row for row in rows if row.ms <= limit_ms]
+    if fast:
+        return min(fast, key=lambda row: row.error).solver
+    gains = [row for row in rows if row.ms < MIN_GAIN * ms]
+    return min(gains, key=lambda row: row.ms).solver if gains else ""
 
 
 # -- artificial stretch ------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from base64 import b64decode
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..collision.colliders import colliders_of
 from ..geometry.scene_loader import check_geometry
 from ..kernels.step_params import MAX_GRABS
+from ..scene.overrides import with_solver
 from ..scene.presets import with_fabric
 from ..scene.reader import scene_from_toml
 from ..scene.schema import COLLIDERS, PRESET_NAMES
@@ -77,13 +78,9 @@ def set_param(simulation: Simulation, name: str, value: float | bool) -> None:
 def switch_solver(simulation: Simulation, name: str) -> None:
     if name not in SOLVER_CATALOG:
         raise UsageError(f"unknown solver {name!r}{choose_from(name, SOLVER_CATALOG, RENAMED_SOLVERS)}")
-    original = simulation.original_scene.solver
-    substeps, iterations = SOLVER_CATALOG[name].defaults
-    if name == original.name:
-        substeps, iterations = original.substeps, original.iterations
-    solver = replace(original, name=name, substeps=substeps, iterations=iterations)
-    scene = replace(simulation.scene, solver=solver)
-    simulation.rebuild(scene, simulation.built.pin_changes, substeps=substeps, iterations=iterations)
+    scene = with_solver(simulation.scene, name, simulation.original_scene)
+    setting = {"substeps": scene.solver.substeps, "iterations": scene.solver.iterations}
+    simulation.rebuild(scene, simulation.built.pin_changes, **setting)
 
 
 def switch_fabric(simulation: Simulation, name: str) -> None:

@@ -4,19 +4,26 @@ All geometry is computed in NumPy and needs no display. Only `CurveDrawing` uses
 """
 
 from collections import deque
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..geometry.topology import ClothMetrics
+from ..geometry.topology import ClothMetrics, Topology
+from ..scene.schema import FRAME_SECONDS
 
 CHART_SECONDS = 5.0  # [s] simulated time that a chart shows
 MAX_SAMPLES = 320  # samples in that time: one a frame, and some to spare
 CHART_SIZE = (0.42, 0.16)  # width and height of a chart [heights of the window]
 CHART_GAP = 0.02  # between charts, and from the edge of the window [heights of the window]
-MIN_RANGE = 1e-9  # upper limit of a chart whose values are all zero
+
+# Lowest upper limits of the charts. With smaller ones a cloth at rest would fill them with rounding errors and with its
+# creep on colliders, which reach 4e-6 of m·g·L on the shipped scenes.
+MIN_RISE = 1e-4  # energy that raises the cloth by this part of its longer side: a tenth of a pixel in a large image
+STANDARD_GRAVITY = 9.80665  # [m/s²] not the slider, which would change the scale
+MIN_STRAIN = 0.1  # [%] resolution of the strain in the statistics
 
 Rgb = tuple[float, float, float]
 FRAME_COLOR: Rgb = (0.45, 0.45, 0.48)
@@ -37,29 +44,36 @@ CHARTS = (
     (Curve("kinetic energy", "J", 1, (1.0, 0.62, 0.2)), Curve("potential energy", "J", 2, (0.45, 0.75, 1.0))),
     (Curve("max strain", "%", 3, (1.0, 0.38, 0.38)), Curve("mean strain", "%", 4, (0.55, 0.9, 0.5))),
 )
+MIN_TIMES = 3  # samples for a median, so that a frame that compiled does not count
 SEGMENTS = sum(
     4 + len(curves) * (MAX_SAMPLES - 1) for curves in CHARTS
 )  # capacity: line segments of all frames and curves
 
 
 class History:
-    """Metrics of the last `CHART_SECONDS` seconds.
+    """Metrics of the last `CHART_SECONDS` seconds, and times of frames.
 
     A row has the time [s], kinetic and potential energy [J], and max and mean strain [%].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, topology: Topology) -> None:
         self._rows: deque[tuple[float, ...]] = deque(maxlen=MAX_SAMPLES)
+        self._times: deque[tuple[float, float]] = deque(maxlen=MAX_SAMPLES)  # number of frames, and time of one [ms]
+        self.min_limits = MIN_RISE * topology.mass.sum() * STANDARD_GRAVITY * topology.longest_side, MIN_STRAIN
+        """Lowest upper limit of each chart, in the unit of its curves."""
 
-    def add(self, seconds: float, metrics: ClothMetrics) -> None:
-        """Add the metrics at a simulated time [s]. A time before the last one clears the history first.
+    def add(self, seconds: float, metrics: ClothMetrics, frame_ms: float = 0.0) -> None:
+        """Add the metrics at a simulated time [s], and the time of a frame [ms]. An earlier time clears the history.
 
         Ignores a second sample at the last time, and metrics that are not finite.
         """
         if self._rows and seconds < self._rows[-1][0]:
             self._rows.clear()
+            self._times.clear()
         if (self._rows and seconds == self._rows[-1][0]) or not metrics.finite:
             return
+        if self._rows:
+            self._times.append(((seconds - self._rows[-1][0]) / FRAME_SECONDS, frame_ms))
         strains = 100 * metrics.max_strain, 100 * metrics.mean_strain
         self._rows.append((seconds, metrics.kinetic_energy, metrics.potential_energy, *strains))
         while self._rows[-1][0] - self._rows[0][0] > CHART_SECONDS:
@@ -72,23 +86,35 @@ class History:
         rows[:, 2] -= rows[:, 2].min(initial=np.inf) if len(rows) else 0.0
         return rows
 
+    @property
+    def frame_ms(self) -> float:
+        """Median time of the frames that took the last second of wall time [ms]; 0 if all took less than that."""
+        recent: list[float] = []
+        total = 0.0
+        for frames, ms in reversed(self._times):
+            recent.append(ms)
+            total += frames * ms
+            if total >= 1000.0 and len(recent) >= MIN_TIMES:
+                return median(recent)
+        return 0.0
 
-def legend(rows: NDArray[np.float64]) -> list[tuple[str, Rgb]]:
+    @property
+    def limits(self) -> list[float]:
+        """Upper limit of each chart: its largest value, but not less than `min_limits`."""
+        rows = self.rows
+        columns = [[curve.column for curve in curves] for curves in CHARTS]
+        return [float(rows[:, c].max(initial=lowest)) for c, lowest in zip(columns, self.min_limits, strict=True)]
+
+
+def legend(history: History) -> list[tuple[str, Rgb]]:
     """Return a line of text and the color of every curve: its current value, and the upper limit of its chart."""
-    line_segments = []
-    for curves in CHARTS:
-        full_scale = upper_limit(rows, curves)
+    rows, lines = history.rows, []
+    for curves, full_scale in zip(CHARTS, history.limits, strict=True):
         for curve in curves:
             now = rows[-1, curve.column] if len(rows) else 0.0
-            line_segments.append(
-                (f"{curve.name}: {now:.3g} {curve.unit}, full scale {full_scale:.3g} {curve.unit}", curve.color)
-            )
-    return line_segments
-
-
-def upper_limit(rows: NDArray[np.float64], curves: tuple[Curve, ...]) -> float:
-    """Return the largest value in a chart."""
-    return max(float(rows[:, curve.column].max(initial=0.0)) for curve in curves)
+            line = f"{curve.name}: {now:.3g} {curve.unit}, full scale {full_scale:.3g} {curve.unit}"
+            lines.append((line, curve.color))
+    return lines
 
 
 def chart_boxes(aspect: float) -> list[NDArray[np.float64]]:
@@ -103,18 +129,17 @@ def top() -> float:
     return CHART_GAP + len(CHARTS) * (CHART_SIZE[1] + CHART_GAP)
 
 
-def line_segments(rows: NDArray[np.float64], aspect: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def line_segments(history: History, aspect: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the ends of all line segments as screen points, (2·`SEGMENTS`, 2), and their colors, (2·`SEGMENTS`, 3).
 
     Time runs to the right, and the right edge is now. Unused segments at the end of the arrays lie outside the window.
     """
     ends, colors = np.full((SEGMENTS, 2, 2), -1.0), np.zeros((SEGMENTS, 2, 3))
-    first = 0
-    for box, curves in zip(chart_boxes(aspect), CHARTS, strict=True):
+    rows, first = history.rows, 0
+    for box, curves, full_scale in zip(chart_boxes(aspect), CHARTS, history.limits, strict=True):
         (left, bottom), (right, top) = box
         corners = np.array([[left, bottom], [right, bottom], [right, top], [left, top], [left, bottom]])
         paths = [(corners, FRAME_COLOR)]
-        full_scale = max(upper_limit(rows, curves), MIN_RANGE)
         for curve in curves:
             if len(rows) > 1:
                 time = 1 + (rows[:, 0] - rows[-1, 0]) / CHART_SECONDS
@@ -147,7 +172,7 @@ class CurveDrawing:
 
     def draw(self, canvas: ti.ui.Canvas, history: History, aspect: float) -> None:
         """Draw the charts over the image on the canvas. `aspect`: width over height of the window."""
-        ends, colors = line_segments(history.rows, aspect)
+        ends, colors = line_segments(history, aspect)
         self._ends.from_numpy(ends)
         self._colors.from_numpy(colors)
         self._background.from_numpy(background(aspect))

@@ -143,7 +143,8 @@ class Deferred:
 # -- lists to choose from ----------------------------------------------------------------------------------------------
 
 FABRICS = ("", *PRESET_NAMES)  # "": the scene's own
-LISTS: dict[str, tuple[str, ...]] = {"solver": SOLVER_NAMES, "fabric": FABRICS, "view": VIEWS}
+SPEEDS = {"1": 1.0, "1/2": 0.5, "1/4": 0.25, "1/8": 0.125}  # simulated time per wall time, by name
+LISTS: dict[str, tuple[str, ...]] = {"solver": SOLVER_NAMES, "fabric": FABRICS, "view": VIEWS, "speed": tuple(SPEEDS)}
 
 # Actions that choose the neighbor of the present name in a list: kind and step.
 NEIGHBORS = {
@@ -155,7 +156,7 @@ NEIGHBORS = {
 
 
 def names(session: Session, kind: str) -> tuple[str, ...]:
-    """Return the names of a list: of the scenes, solvers, fabrics or views."""
+    """Return the names of a list: of the scenes, solvers, fabrics, views or speeds."""
     return session.scenes if kind == "scene" else LISTS[kind]
 
 
@@ -163,7 +164,7 @@ def chosen(session: Session, kind: str) -> str:
     """Return the name that is in use."""
     simulation = session.simulation
     in_use = {"scene": simulation.scene.name, "solver": simulation.solver.name}
-    return (in_use | {"fabric": session.fabric, "view": session.view})[kind]
+    return (in_use | {"fabric": session.fabric, "view": session.view, "speed": session.speed})[kind]
 
 
 def neighbor(session: Session, kind: str, name: str, step: int) -> str:

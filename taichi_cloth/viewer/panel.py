@@ -9,19 +9,22 @@ import math
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import taichi as ti
 
+from ..scene.overrides import with_solver
 from ..scene.parameters import Parameter, parameters_of
 from ..scene.schema import FRAME_SECONDS
+from ..scene.solver_catalog import SOLVER_CATALOG
+from ..simulation.builder import unsupported_by
 from ..simulation.copies import FeatureTimes
-from ..simulation.error_estimate import estimate
+from ..simulation.error_estimate import estimate, faster_solver
 from ..simulation.simulation import Simulation
 from . import charts
 from .error_process import ErrorProcess
-from .input import ARROWS, HELP, MENU, MOUSE, PAGES, SHORTCUTS, Progress, Refusal, chosen, display_name, names
+from .input import ARROWS, HELP, MENU, MOUSE, PAGES, SHORTCUTS, SPEEDS, Progress, Refusal, chosen, display_name, names
 from .session import Session
 
 # -- position of the panel ---------------------------------------------------------------------------------------------
@@ -153,7 +156,7 @@ class Panel:
                     gui.text(line)
             if session.charts and session.page not in LIST_PAGES:
                 gui.text(f"charts of the last {charts.CHART_SECONDS:g} s:")
-                for line, color in charts.legend(session.history.rows):
+                for line, color in charts.legend(session.history):
                     gui.text(line, color=color)
         return changed
 
@@ -209,7 +212,7 @@ class Panel:
             changed = True
         changed |= apply_changes(gui, session, buttons=[("time_features", "Time features")])
         if times:
-            gui.text(f"timed from frame {times.frame}: {times.ms:.2f} ms per frame")
+            gui.text(timing_line(times))
         return changed
 
     def _statistics_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
@@ -259,6 +262,11 @@ def with_cost(feature: str, times: FeatureTimes | None) -> str:
     """Return the label of a feature, with the time it adds to a frame if that was measured."""
     label = display_name(feature).capitalize()
     return f"{label} {times.cost_ms[feature]:+.2f} ms" if times and feature in times.cost_ms else label
+
+
+def timing_line(times: FeatureTimes) -> str:
+    """Return what the times of features were measured on."""
+    return f"timed from frame {times.frame}: {times.ms:.2f} ms per frame"
 
 
 def help_for(name: str, keys: Mapping[str, Parameter]) -> str:
@@ -320,18 +328,18 @@ def wrapped_lines(lines: Sequence[str]) -> list[str]:
     return [part for line in lines for part in wrap(line)]
 
 
-def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "drawing") -> str:
+def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "drawing", view: str | None = None) -> str:
     """Return lines of text: what runs, with speed, accuracy and size of the simulation.
 
     `draw_ms`: time to draw a displayed frame, or of another step that `drawing` names [ms]. `fps`: displayed frames per
-    second.
+    second. `view`: shown in place of the session's, for a display with a view of its own.
     """
     simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
     physics, drawn, measuring = (f"{t:.{int(t < 10)}f}" for t in (session.physics_ms, draw_ms, session.measuring_ms))
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
     lines = (
         f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {session.fabric or OWN_FABRIC}"
-        f" · {session.view}",
+        f" · {view or session.view}",
         f"frame {simulation.frame} · {fps:.0f} fps",
         f"physics {physics} + {drawing} {drawn} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
@@ -345,6 +353,28 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         *filter(None, [simulation.warnings]),
     )
     return "\n".join(lines)
+
+
+def slow_line(session: Session) -> str:
+    """Return a line if the simulation falls behind the wall clock, with a faster choice; else an empty one."""
+    simulation, ms, limit = session.simulation, session.history.frame_ms, 1e3 * FRAME_SECONDS / SPEEDS[session.speed]
+    if session.frozen or ms <= limit:
+        return ""
+    scene, original, topology = simulation.scene, simulation.original_scene, simulation.topology
+    iterations = 1 if simulation.solver.info.is_explicit else int(simulation.params["iterations"])
+    running = replace(scene.solver, substeps=simulation.substeps, iterations=iterations)
+    needs_grid = unsupported_by(scene, topology).grid_only
+    others = [
+        with_solver(scene, name, original).solver
+        for name, info in SOLVER_CATALOG.items()
+        # The substeps of explicit solvers depend on the fabric.
+        if name != running.name and not info.is_explicit and not (info.grid_only and needs_grid)
+    ]
+    faster = faster_solver(math.sqrt(topology.particle_count) - 1, running, others, ms, limit)
+    if not faster:
+        fewer = {"iterations": iterations > 1, "substeps": simulation.substeps > simulation.min_stable_substeps}
+        faster = next((f"fewer {name}" for name, possible in fewer.items() if possible), "a coarser cloth")
+    return f"too slow: a frame needs {ms:.3g} ms of {limit:.1f}; try {faster}"
 
 
 def error_lines(meter: ErrorProcess | None) -> list[str]:

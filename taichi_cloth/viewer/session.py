@@ -66,6 +66,7 @@ class Session:
         self.hidden = False
         """Whether the panel is hidden."""
         self.view = VIEWS[0]
+        self.speed = "1"  # simulated time per wall time, by its name in `SPEEDS`
         self.page = PAGES[0]
         """Page of the panel."""
         self.charts = False
@@ -82,8 +83,7 @@ class Session:
         self.meter: ErrorProcess | None = None  # if errors of frames are measured
         self.deferred = Deferred()  # until the next frame was displayed
         self.capture = Capture(out)
-        self._initial_scene = scene
-        self.layout, self.export = layout, export
+        self._initial_scene, self.layout, self.export = scene, layout, export
         self._open(scene)
 
     def _open(self, scene: Scene) -> None:
@@ -92,7 +92,7 @@ class Session:
         self._full_scene = scene  # with all its features
         self.fabric = ""
         """Name of a shipped fabric, or an empty string for the scene's own."""
-        self.history = History()
+        self.history = History(self.simulation.topology)
         self.past = Past(self.simulation)
         self.feature_times: FeatureTimes | None = None
         self._cursor: tuple[tuple[float, float], tuple[int, int]] | None = None
@@ -395,5 +395,5 @@ class Session:
         start = time.perf_counter()
         self.metrics = self.simulation.metrics()
         self.measuring_ms = 1e3 * (time.perf_counter() - start)
-        self.history.add(self.simulation.seconds, self.metrics)
+        self.history.add(self.simulation.seconds, self.metrics, self.physics_ms)
         return self.metrics

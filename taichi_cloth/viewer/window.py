@@ -112,13 +112,16 @@ class FrameClock:
         self.elapsed = 0.0
         """Time between the last two calls of `due` [s]."""
 
-    def due(self, now: float) -> int:
-        """Return the number of frames to simulate before the image displayed at `now` [s]."""
+    def due(self, now: float, speed: float = 1.0) -> int:
+        """Return the number of frames to simulate before the image displayed at `now` [s].
+
+        `speed`: simulated time per wall time.
+        """
         self.elapsed = now - self._last
         self._last = now
         passed = self.elapsed / FRAME_SECONDS
         # The interval of a 60 Hz display jitters around one frame: without snapping, 0 and 2 frames would alternate.
-        self._pending += 1.0 if abs(passed - 1) < INTERVAL_TOLERANCE else passed
+        self._pending += speed * (1.0 if abs(passed - 1) < INTERVAL_TOLERANCE else passed)
         frames = int(self._pending)
         self._pending -= frames
         return min(frames, MAX_FRAMES)

@@ -15,10 +15,10 @@ from ..scene import scene_names
 from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..viewer.dragging import pick_under_cursor
-from ..viewer.input import COMPILING_ACTIONS, LISTS, NEIGHBORS
+from ..viewer.input import COMPILING_ACTIONS, LISTS, NEIGHBORS, SPEEDS
 from ..viewer.panel import GRAB_RADIUS
 from ..viewer.session import Session
-from ..viewer.window import FrameClock
+from ..viewer.window import MAX_FRAMES, FrameClock
 from .protocol import Command, MessageBuilder, PageView, ProtocolError, pack_message
 from .server import WebServer
 
@@ -97,7 +97,10 @@ class CommandHandler:
         names = self.scenes if kind == "scene" else LISTS[kind]
         if name not in names:
             raise ProtocolError(f"unknown {kind} {name!r}: {', '.join(names)}")
-        session.choose(kind, name)
+        if kind == "speed":
+            session.speed = name
+        else:
+            session.choose(kind, name)
 
     def _press(self, client: int, view: PageView) -> None:
         """Begin a drag at the cursor with a free grab. Reply whether it grabbed the cloth."""
@@ -145,7 +148,8 @@ class WebApp:
         frames = FrameClock(clock())
         self._publish("scene", self._messages.scene())
         while True:
-            self.step(clock(), frames.due(clock()))
+            due = frames.due(clock(), SPEEDS[self.session.speed])
+            self.step(clock(), min(due, self._most_frames()))
             if not self.server.clients:
                 self._wait()
                 frames = FrameClock(clock())
@@ -160,6 +164,10 @@ class WebApp:
         self.publish_updates(now)
         if self.session.run_deferred():
             self._published.pop("panel", None)  # a choice that failed must be reset in every panel
+
+    def _most_frames(self) -> int:
+        """Return how many frames to simulate for an update: a slow scene gets more updates, not more frames in each."""
+        return max(int(MAX_FRAMES * 1e3 * FRAME_SECONDS / max(self.session.physics_ms, 1e-9)), 1)
 
     def apply_commands(self) -> None:
         """Apply all commands for this scene. `release` is applied for any scene, so no grab outlives its drag."""

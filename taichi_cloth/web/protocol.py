@@ -26,10 +26,20 @@ from ..render.draw_list import GRABBED_COLOR, PINNED_COLOR, marker_radius, with_
 from ..render.fill import FULL_STRAIN, strain_colors
 from ..render.webgl import Solids, air, quantize, remaining_triangles
 from ..scene.parameters import Parameter
-from ..scene.schema import PRESET_NAMES, SOLVER_NAMES
+from ..scene.schema import SOLVER_NAMES
 from ..system.errors import short_repr
-from ..viewer.input import HELD_KEY_RATES, MOUSE, REWIND_RATES, SHORTCUTS
-from ..viewer.panel import GRAB_RADIUS, GRAB_RADIUS_HELP, acting_parameters, statistics, with_cost, wrapped_lines
+from ..viewer.charts import CHART_SECONDS, CHARTS
+from ..viewer.input import HELD_KEY_RATES, LISTS, MOUSE, REWIND_RATES, SHORTCUTS, Progress, Refusal
+from ..viewer.panel import (
+    GRAB_RADIUS,
+    OWN_FABRIC,
+    acting_parameters,
+    help_for,
+    slow_line,
+    statistics,
+    timing_line,
+    with_cost,
+)
 from ..viewer.session import Session
 
 MAX_BYTES = 2048  # size limit of a message [bytes]
@@ -44,7 +54,7 @@ ACTIONS = (
     "time_features",
     *(key.action for key in SHORTCUTS if key.action not in (*PAGE_ACTIONS, *FORBIDDEN_ACTIONS)),
 )
-CHOICES = ("scene", "solver", "fabric")
+CHOICES = ("scene", "solver", "fabric", "speed")
 # Cost of expensive commands against the rate limit; all others cost 1.
 COSTS = {"action": 15, "switch": 15, "choose": 15, "press": 15, "pin": 15}
 
@@ -191,6 +201,9 @@ READERS = {
 }
 
 
+# The view in the statistics, which a page replaces with its own.
+PAGE_VIEW = "{view}"
+NOTE_KINDS = {Refusal: "refusal", Progress: "progress", str: "success"}
 STRAIN_COLORS = 129  # colors of the strain scale, from shortened to stretched
 SLIDER_STEPS = 400  # of a slider over its range
 
@@ -257,6 +270,9 @@ class MessageBuilder:
                 [key.code, key.label, key.action, key.help] for key in SHORTCUTS if key.action not in FORBIDDEN_ACTIONS
             ],
             "mouse": MOUSE,
+            "charts": [[(curve.column, curve.name, curve.unit) for curve in curves] for curves in CHARTS],
+            "chartSeconds": CHART_SECONDS,
+            "chartLimits": self._session.history.min_limits,
             **air(scene),
         }
         arrays = [
@@ -298,7 +314,8 @@ class MessageBuilder:
     def panel(self, scenes: list[str]) -> bytes:
         """Return the message with the choices, switches and sliders of the panel."""
         session, scene, times = self._session, self._scene, self._session.feature_times
-        sliders = [_slider(parameter) for parameter in self._parameters.values()]
+        helps = {name: help_for(name, self._parameters) for name in (*self._parameters, GRAB_RADIUS)}
+        sliders = [{**_slider(parameter), "help": helps[name]} for name, parameter in self._parameters.items()]
         radius = {"min": 0.0, "max": session.max_grab_radius, "value": session.default_grab_radius}
         radius |= {"step": session.max_grab_radius / SLIDER_STEPS}
         return pack_message(
@@ -309,13 +326,15 @@ class MessageBuilder:
                 "scene": scene.name,
                 "solvers": SOLVER_NAMES,
                 "solver": scene.solver.name,
-                "fabrics": PRESET_NAMES,
+                "fabrics": {name: name or OWN_FABRIC for name in LISTS["fabric"]},
                 "fabric": session.fabric,
+                "speeds": LISTS["speed"],
                 "features": {name: [with_cost(name, times), on] for name, on in session.features.items()},
                 "wind": with_cost("wind", times) if scene.wind else "",
+                "timing": timing_line(times) if times else "",
                 "sliders": [
                     *sliders,
-                    {"name": GRAB_RADIUS, "label": "Grab radius", "unit": "m", "help": GRAB_RADIUS_HELP, **radius},
+                    {"name": GRAB_RADIUS, "label": "Grab radius", "unit": "m", "help": helps[GRAB_RADIUS], **radius},
                 ],
             }
         )
@@ -334,10 +353,12 @@ class MessageBuilder:
                 "kind": "metrics",
                 "sceneId": self.scene_id,
                 "frozen": session.frozen,
+                "speed": session.speed,
+                "errors": session.meter is not None,
                 "note": session.note,
-                "statistics": "\n".join(
-                    wrapped_lines(statistics(session, sending_ms, update_rate, "sending").splitlines())
-                ),
+                "noteKind": NOTE_KINDS[type(session.note)],
+                "slow": slow_line(session),
+                "statistics": statistics(session, sending_ms, update_rate, "sending", PAGE_VIEW),
                 "parameters": {name: simulation.params[name] for name in self._parameters}
                 | {GRAB_RADIUS: session.grab_radius},
                 "wind": simulation.params["wind"],
@@ -349,5 +370,5 @@ class MessageBuilder:
 
 def _slider(parameter: Parameter) -> dict[str, object]:
     step = 1 if parameter.is_int else (parameter.slider_max - parameter.slider_min) / SLIDER_STEPS
-    text = {"name": parameter.name, "label": parameter.label, "unit": parameter.unit, "help": parameter.help}
+    text = {"name": parameter.name, "label": parameter.label, "unit": parameter.unit}
     return text | {"min": parameter.slider_min, "max": parameter.slider_max, "step": step, "value": parameter.value}

@@ -19,7 +19,9 @@ from taichi_cloth.simulation.error_estimate import (
     MIN_STABLE_SUBSTEPS,
     cost_of,
     estimate,
+    faster_solver,
     measured,
+    nearest_setting,
     scaling_law,
     settings_for_error,
     settings_near,
@@ -34,6 +36,40 @@ def square(cells: int) -> Scene:
 
 def test_every_solver_was_measured() -> None:
     assert {row.solver for row in measured()} == set(SOLVER_NAMES)
+
+
+@pytest.mark.parametrize("cells", sorted({row.cells for row in measured()}))
+def test_a_measured_setting_is_nearest_to_itself(cells: int) -> None:
+    for row in settings_near(cells):
+        assert nearest_setting(cells, row.solver, row.substeps, row.iterations) == row
+    assert {nearest_setting(cells, name, 10, 3).solver for name in SOLVER_NAMES} == set(SOLVER_NAMES)
+
+
+def test_the_time_of_a_setting_that_was_not_measured_is_in_proportion_to_its_work() -> None:
+    row = nearest_setting(64, "xpbd", 120, 4)
+    measured_row = next(r for r in settings_near(64) if r.setting == "xpbd 60×4")
+    assert row.ms == pytest.approx(2 * measured_row.ms)
+
+
+def test_a_faster_solver_is_the_most_accurate_that_is_fast_enough_or_else_the_fastest() -> None:
+    solvers = {
+        name: Solver(name=name, substeps=n, iterations=i)
+        for name, n, i in (("verlet", 5, 12), ("xpbd", 60, 4), ("lines", 10, 2), ("projective", 20, 20))
+    }
+
+    def faster(name: str, ms: float, limit_ms: float) -> str:
+        others = [solver for solver in solvers.values() if solver.name != name]
+        return faster_solver(64, solvers[name], others, ms, limit_ms)
+
+    ms = {name: nearest_setting(64, name, s.substeps, s.iterations).ms for name, s in solvers.items()}
+    assert ms["verlet"] < ms["lines"] < ms["xpbd"] < ms["projective"]
+    times = {
+        limit: faster("projective", ms["projective"], limit) for limit in (100.0, 16.7, ms["xpbd"] - 0.1, 2.0, 1.0)
+    }
+    assert [*times.values()] == ["lines", "lines", "lines", "verlet", "verlet"]
+    assert faster("xpbd", 10 * ms["xpbd"], 16.7) == "verlet"
+    assert faster("verlet", 100.0, 16.7) == ""
+    assert faster_solver(64, solvers["xpbd"], [], 100.0, 16.7) == ""
 
 
 IN_RANGE_OF_LAW = [row for row in measured() if row.substeps <= MAX_LAW_SUBSTEPS.get(row.solver, 0)]

@@ -295,6 +295,19 @@ def test_the_page_plays_pauses_rotates_and_zooms(browser: Any, curtain: Curtain)
     assert browser.errors == []
 
 
+def test_a_button_shows_the_edges_of_the_mesh(browser: Any, curtain: Curtain) -> None:
+    browser.open(curtain.path, f"#frame={SHOWN}")
+    before = browser.picture().astype(int)
+    browser.drag((612, 26), (612, 26))  # the button in the upper right corner
+    assert browser.value("edges.ariaPressed") == "true"
+    browser.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+    darker = (browser.picture() - before).sum(axis=2)[60:300] < -60
+    assert 0.01 < (darker & red(before.astype(np.uint8))[60:300]).mean() < 0.2
+    assert browser.errors == []
+    browser.open(curtain.path, f"?plain#frame={SHOWN}")
+    assert not browser.value("edges.checkVisibility()")
+
+
 def test_a_clip_restarts_at_its_end(browser: Any, curtain: Curtain) -> None:
     browser.open(curtain.path, f"#frame={FRAMES - 3}")
     browser.key("Space", " ")

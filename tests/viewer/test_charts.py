@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from taichi_cloth.geometry.cloth_builder import build_topology
+from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.geometry.topology import ClothMetrics
 from taichi_cloth.viewer import charts
 from taichi_cloth.viewer.charts import CHART_GAP, CHART_SECONDS, CHART_SIZE, CHARTS, MAX_SAMPLES, SEGMENTS, History
 
 ASPECT = 16 / 9
+SHEET = build_topology(load_scene("drape15"), "verlet")
 
 
 def metrics(kinetic: float, height: float, strain: float, finite: bool = True) -> ClothMetrics:
@@ -17,7 +20,7 @@ def metrics(kinetic: float, height: float, strain: float, finite: bool = True) -
 
 
 def filled(samples: int) -> History:
-    history = History()
+    history = History(SHEET)
     for k in range(samples):
         history.add(k / 60, metrics(k, 100.0 - k, 0.01 * k))
     return history
@@ -43,7 +46,7 @@ def test_a_time_is_stored_once_and_an_earlier_time_clears_the_history() -> None:
 
 @pytest.mark.parametrize("samples", [0, 1, 2, 1000])
 def test_segments_lie_in_their_chart_or_outside_the_window(samples: int) -> None:
-    ends, colors = charts.line_segments(filled(samples).rows, ASPECT)
+    ends, colors = charts.line_segments(filled(samples), ASPECT)
     assert ends.shape == (2 * SEGMENTS, 2)
     assert colors.shape == (2 * SEGMENTS, 3)
     seen = ends[(ends >= 0).all(axis=1)]
@@ -56,8 +59,7 @@ def test_segments_lie_in_their_chart_or_outside_the_window(samples: int) -> None
 
 
 def test_a_chart_ends_at_the_current_time_and_is_scaled_to_its_maximum() -> None:
-    rows = filled(301).rows
-    ends, colors = charts.line_segments(rows, ASPECT)
+    ends, colors = charts.line_segments(filled(301), ASPECT)
     (left, bottom), (right, top) = charts.chart_boxes(ASPECT)[0]
     kinetic = ends[(colors == np.array(CHARTS[0][0].color, np.float32)).all(axis=1)]
     assert kinetic[0] == pytest.approx([left, bottom], abs=1e-6)
@@ -67,14 +69,52 @@ def test_a_chart_ends_at_the_current_time_and_is_scaled_to_its_maximum() -> None
 
 
 def test_the_legend_has_the_current_value_and_the_full_scale_of_each_curve() -> None:
-    lines = [line for line, _ in charts.legend(filled(3).rows)]
+    lines = [line for line, _ in charts.legend(filled(3))]
     assert lines == [
         "kinetic energy: 2 J, full scale 2 J",
         "potential energy: 0 J, full scale 2 J",
         "max strain: 2 %, full scale 2 %",
         "mean strain: 0.5 %, full scale 2 %",
     ]
-    assert len(charts.legend(History().rows)) == 4
+    assert len(charts.legend(History(SHEET))) == 4
+
+
+def test_a_cloth_at_rest_has_flat_curves() -> None:
+    """Rounding errors and creep do not fill the chart; a motion that is visible does."""
+    energy = SHEET.mass.sum() * 9.81 * SHEET.longest_side
+    history = History(SHEET)
+    for k in range(100):
+        history.add(k / 60, metrics(1e-8 * energy * (k % 2), 1e-6 * energy * (k % 2), 1e-6 * (k % 2)))
+    ends, _ = charts.line_segments(history, ASPECT)
+    for low, high in charts.chart_boxes(ASPECT):
+        curves = ends[((ends > low + 1e-6) & (ends < high - 1e-6)).all(axis=1)]  # without the frame
+        assert (curves[:, 1] - low[1]).max(initial=0.0) < 0.02 * (high - low)[1]
+    assert history.limits == pytest.approx([1e-4 * energy, 0.1], rel=1e-3)
+    assert charts.legend(history)[0][0].endswith(f"full scale {history.limits[0]:.3g} J")
+    history.add(100 / 60, metrics(0.0, 1e-3 * energy, 0.002))
+    assert history.limits == pytest.approx([1e-3 * energy, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("ms", "median"),
+    [
+        ([250.0] * 3, 0.0),  # not yet a second
+        ([250.0] * 4, 250.0),
+        ([10.0] * 60, 0.0),  # real time: a second of simulation takes less
+        ([3000.0, 10.0, 10.0], 10.0),  # the first frame compiled
+        ([3000.0], 0.0),
+        ([400.0] * 20 + [30.0] * 40, 30.0),  # only the last second counts
+        ([20.0, 30.0] * 40, 30.0),
+    ],
+)
+def test_the_frame_time_is_the_median_over_the_last_second(ms: list[float], median: float) -> None:
+    history = History(SHEET)
+    history.add(0.0, metrics(0.0, 0.0, 0.0), 1e6)  # frames before the first sample are not known
+    for k, time in enumerate(ms):
+        history.add((k + 1) / 60, metrics(0.0, 0.0, 0.0), time)
+    assert history.frame_ms == pytest.approx(median, abs=10 if median == 30 and 20.0 in ms else 1e-9)
+    history.add(0.0, metrics(0.0, 0.0, 0.0))  # a reset
+    assert history.frame_ms == 0.0
 
 
 def test_the_background_covers_the_charts() -> None:

@@ -28,6 +28,12 @@ def test_common_refresh_rates_get_an_even_pattern_of_frames(rate: float, pattern
     assert [clock.due((k + 1) / rate + 1e-9) for k in range(4)] == pattern
 
 
+@pytest.mark.parametrize(("speed", "pattern"), [(0.5, [0, 1, 0, 1]), (0.25, [0, 0, 0, 1])])
+def test_slow_motion_gets_an_even_pattern_of_frames(speed: float, pattern: list[int]) -> None:
+    clock = FrameClock(0.0)
+    assert [clock.due((k + 1) / 60 + 1e-9, speed) for k in range(8)] == 2 * pattern
+
+
 def test_a_60_hz_display_with_jitter_gets_one_frame_per_displayed_frame() -> None:
     random = np.random.default_rng(0)
     times = np.arange(1, 500) / 60 + random.uniform(-0.0007, 0.0007, 499)

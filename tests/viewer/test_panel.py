@@ -32,6 +32,7 @@ from taichi_cloth.viewer.panel import (
     error_text,
     help_lines,
     saved_panel_rect,
+    slow_line,
     statistics,
 )
 from taichi_cloth.viewer.session import Session
@@ -297,6 +298,47 @@ def test_the_error_of_the_setting_is_not_shown_as_one_of_now(drawn: Drawn) -> No
     assert [text for text in gui.texts if "error" in text] == ["error of a frame: not measured (U)"]
     _, gui, _ = drawn("drape15", "Statistics")
     assert "this setting in the reference swing: error about 4.7" in gui.texts
+
+
+def slow(session: Session, ms: float) -> str:
+    """Return the line after a second of frames that took `ms` [ms]."""
+    for k in range(1, 61):
+        session.history.add(session.history.rows[-1, 0] + k / 60, session.metrics, ms)
+    return slow_line(session)
+
+
+def test_a_scene_that_is_too_slow_names_a_faster_choice() -> None:
+    session = Session(load_scene("drape15"))
+    assert slow_line(session) == ""
+    session.change_solver("projective")
+    assert slow(session, 16.0) == ""
+    assert slow(session, 123.4) == "too slow: a frame needs 123 ms of 16.7; try lines"
+    assert slow(session, 20.04) == "too slow: a frame needs 20 ms of 16.7; try lines"
+    session.speed = "1/8"
+    assert slow(session, 123.4) == ""
+    session.speed = "1/2"
+    assert slow(session, 50.0).startswith("too slow: a frame needs 50 ms of 33.3; try ")
+    session.speed = "1"
+    session.frozen = True
+    assert slow(session, 123.4) == ""
+    session.close()
+
+
+def test_the_cheapest_solver_needs_fewer_iterations_or_substeps() -> None:
+    session = Session(load_scene("drape15"))  # verlet 1×5
+    tries = []
+    for setting in ({}, {"iterations": 1, "substeps": 2}, {"substeps": 1}):
+        for name, value in setting.items():
+            session.simulation.params[name] = value
+        tries.append(slow(session, 40.0).partition("try ")[2])
+    assert tries == ["fewer iterations", "fewer substeps", "a coarser cloth"]
+    session.close()
+
+
+def test_a_solver_that_the_cloth_does_not_support_is_not_named() -> None:
+    session = Session(load_scene("tear", solver="projective"))
+    assert slow(session, 125.0) == "too slow: a frame needs 125 ms of 16.7; try xpbd"  # lines would be more accurate
+    session.close()
 
 
 def test_errors_below_the_smallest_shown_one_are_reported_as_below_it() -> None:

@@ -82,6 +82,57 @@ def test_a_new_scene_is_sent_with_its_panel_and_its_metrics(app: WebApp) -> None
     assert [kind for kind in kinds if kind != "update"] == ["scene", "panel", "metrics"]
 
 
+class Ended(Exception):
+    """Ends the loop of a test."""
+
+
+def run_loops(app: WebApp, monkeypatch: pytest.MonkeyPatch, loops: int, seconds: float) -> None:
+    """Run the loop a number of times, each with the same duration on a clock of the test [s]."""
+    times = iter(k * seconds for k in range(1, loops + 1))
+    now = [0.0]
+
+    def sleep(_: float) -> None:
+        now[0] = next(times, np.inf)
+        if now[0] == np.inf:
+            raise Ended
+
+    monkeypatch.setattr("taichi_cloth.web.app.time.sleep", sleep)
+    with pytest.raises(Ended):
+        app.run(lambda: now[0])
+
+
+@pytest.mark.parametrize(("speed", "frames"), [("1", 80), ("1/2", 40), ("1/4", 20), ("1/8", 10)])
+def test_slow_motion_runs_fewer_frames_of_the_same_length(
+    app: WebApp, monkeypatch: pytest.MonkeyPatch, speed: str, frames: int
+) -> None:
+    app.session.speed = speed
+    run_loops(app, monkeypatch, 80, 1 / 60)
+    assert app.session.simulation.frame == frames
+    assert app.session.simulation.seconds == pytest.approx(frames / 60)
+
+
+def test_a_slow_scene_gets_more_updates_not_more_frames_in_each(app: WebApp, monkeypatch: pytest.MonkeyPatch) -> None:
+    due = []
+    for ms in (1.0, 20.0, 250.0):
+        frames: list[int] = []
+        monkeypatch.setattr(app.session, "advance", frames.append)
+        app.session.physics_ms = ms
+        run_loops(app, monkeypatch, 5, 1.0)
+        due.append({*frames[1:]})
+    assert due == [{4}, {3}, {1}]
+
+
+def test_pages_show_that_a_scene_is_too_slow(app: WebApp) -> None:
+    newest = cast(FakeServer, app.server).newest
+    app.step(10.0, 1)
+    assert b'"slow":""' in newest["metrics"]
+    for k in range(1, 7):
+        app.session.history.add(1.0 + k / 60, app.session.metrics, 250.0)
+    app.session.simulation.frame = 70
+    app.step(11.0, 0)
+    assert b'"slow":"too slow: a frame needs 250 ms of 16.7; try ' in newest["metrics"]
+
+
 def test_pages_show_why_a_diverged_cloth_is_frozen_and_continue_after_a_reset(app: WebApp) -> None:
     session, newest = app.session, cast(FakeServer, app.server).newest
     now = time.perf_counter()

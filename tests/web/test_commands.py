@@ -125,11 +125,25 @@ def test_sliders_are_clamped_and_integers_are_rounded(pages: Pages) -> None:
 
 
 def test_only_available_names_can_be_chosen(pages: Pages) -> None:
-    for choice in (("scene", "flag"), ("scene", "/etc/passwd.toml"), ("solver", "magic"), ("fabric", "wool")):
+    for choice in (
+        ("scene", "flag"),
+        ("scene", "/etc/passwd.toml"),
+        ("solver", "magic"),
+        ("fabric", "wool"),
+        ("speed", "2"),
+    ):
         with pytest.raises(ProtocolError, match="unknown"):
             pages.send(1, "choose", choice)
     with pytest.raises(ProtocolError, match="cannot switch"):
         pages.send(1, "switch", {"cloth": False})
+
+
+def test_the_speed_of_the_simulation_is_that_of_all_pages(pages: Pages) -> None:
+    assert pages.session.speed == "1"
+    pages.send(1, "choose", ("speed", "1/8"))
+    assert pages.session.speed == "1/8"
+    pages.session.open_scene("drape15")
+    assert pages.session.speed == "1/8"
 
 
 def test_choices_are_deferred_until_the_note_was_sent(pages: Pages) -> None:

@@ -233,6 +233,163 @@ def test_the_strain_view_has_colors_and_a_scale(page: Browser) -> None:
     page.until("!isStrainView && find('.scale').hidden")
 
 
+def test_mesh_edges_are_drawn_over_the_cloth_also_after_a_tear(page: Browser) -> None:
+    page.value("send('action', 'freeze'); find('.messages').hidden = true")
+    page.until("find('[data-action=freeze]').ariaPressed === 'true'")
+
+    def picture(code: str) -> np.ndarray:
+        """Return the picture beside the panel after a change of the page."""
+        page.value(f"{code}; setFrame(); requestDraw()")
+        page.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+        return page.picture()[:, 280:].astype(int)
+
+    def darker(image: np.ndarray, before: np.ndarray) -> np.ndarray:
+        return (image - before).sum(axis=2) < -60
+
+    click = "find('[name=edges]').click()"
+    last_hundred = (
+        "Uint8Array.from({ length: Math.ceil(scene.triangles / 8) }, (_, k) => k < scene.triangles / 8 - 13 ? 0 : 255)"
+    )
+    plain = picture("0")
+    edges = picture(click)
+    torn = picture(f"removeTornTriangles({last_hundred})")
+    without_edges = picture(click)
+    whole = picture("removeTornTriangles(new Uint8Array(0))")
+    page.value("send('action', 'freeze'); find('.messages').hidden = false")
+    height = len(plain)
+    assert 0.02 < darker(edges, plain).mean() < 0.2
+    assert darker(edges, plain)[: height // 2].mean() > 0.02
+    assert 0.002 < darker(torn, without_edges).mean() < 0.05
+    assert not darker(torn, without_edges)[: height // 2].any(), "edges of triangles that are torn"
+    assert (whole == plain).all()
+
+
+def test_the_speed_is_the_same_on_every_page_and_slows_the_cloth(page: Browser, second: Browser) -> None:
+    speeds = "[...find('select[name=speed]').options].map((option) => option.value)"
+    assert page.value(speeds) == ["1", "1/2", "1/4", "1/8"]
+    choose = "select = find('select[name=speed]'); select.value = '%s'; select.dispatchEvent(new Event('change'))"
+    page.value(choose % "1/8")
+    second.until("find('select[name=speed]').value === '1/8'")
+    # A page may be some updates behind when the speed changes.
+    assert any(0 < frames_per_second(page) < 60 / 8 + 3 for _ in range(10))
+    second.value(choose % "1")
+    page.until("find('select[name=speed]').value === '1'")
+
+
+def frames_per_second(page: Browser) -> float:
+    """Return the number of frames that a page shows in a second [1/s]."""
+    frame, start = page.value("[update.frame, performance.now()]")
+    page.until(f"performance.now() > {start} + 1000")
+    later, end = page.value("[update.frame, performance.now()]")
+    return float(1000 * (later - frame) / (end - start))
+
+
+# Sizes of pages [pixels], and whether a finger is the pointer: a phone upright and on its side, and two windows.
+PAGE_SIZES = [((390, 844), True), ((844, 390), True), ((1000, 600), False), ((1280, 720), False)]
+VISIBLE_BOXES = """((selector) => [...document.querySelectorAll(selector)].filter((e) => e.checkVisibility())
+  .map((e) => { const { left, top, right, bottom } = e.getBoundingClientRect();
+    return [e.className || e.nodeName, left, top, right, bottom]; }).filter(([, l, t, r, b]) => r > l && b > t))"""
+
+
+def resized(page: Browser, size: tuple[int, int], touch: bool) -> None:
+    """Change the size of a page and its pointer."""
+    page.size = size
+    page.call("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
+    page.call("Emulation.setTouchEmulationEnabled", enabled=touch)
+    pointer = "coarse" if touch else "fine"
+    page.call("Emulation.setEmulatedMedia", features=[{"name": "pointer", "value": pointer}])
+
+
+@pytest.mark.parametrize(("size", "touch"), PAGE_SIZES)
+@pytest.mark.parametrize("hidden", [False, True], ids=["panel", "no panel"])
+def test_the_cloth_is_visible_and_nothing_overlaps(
+    page: Browser, server: Server, size: tuple[int, int], touch: bool, hidden: bool
+) -> None:
+    """Also with the scale of the strain view, and with every message."""
+    other = page.another()
+    resized(other, size, touch)
+    open_page(other, server)
+    assert other.value("document.body.classList.contains('panel-hidden')") is touch, "a phone shows the cloth first"
+    other.value(f"document.body.classList.toggle('panel-hidden', {str(hidden).lower()}); setView('strain')")
+    other.value(
+        "HANDLERS.metrics = () => {};"
+        "find('.slow').textContent = 'too slow: a frame needs 250 ms of 16.7; try lines';"
+        "showNote('nothing to pin: no cloth under the cursor', 'refusal')"
+    )
+    other.until("find('.statistics').children.length > 8 && find('.slow').checkVisibility()")
+    other.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+    boxes = other.value(f"{VISIBLE_BOXES}('aside, .panel-toggle, .column > *, .messages > *')")
+    names = {name for name, *_ in boxes}
+    assert {"panel-toggle", "scale", "slow", "note refusal"} <= names
+    assert ("ASIDE" in names) is not hidden
+    for k, (name, *box) in enumerate(boxes):
+        assert 0 <= box[0] < box[2] <= size[0], name
+        assert 0 <= box[1] < box[3] <= size[1], name
+        for other_name, *second_box in boxes[k + 1 :]:
+            if {name, other_name} != {"panel-toggle", "ASIDE"}:
+                assert not overlap(box, second_box), (name, other_name)
+    covered = np.zeros((size[1], size[0]), bool)
+    for _, left, top, right, bottom in boxes:
+        covered[int(top) : round(bottom), int(left) : round(right)] = True
+    width, height = other.value("[canvas.clientWidth, canvas.clientHeight]")
+    assert (~covered[:height, :width]).sum() > 0.5 * size[0] * size[1]
+    frame = "Array.from({length: scene.particles}, (_, k) => %s)" % (
+        ON_SCREEN % "cloth.positions.slice(3 * k, 3 * k + 3)"
+    )
+    u, v = np.array(other.value(frame)).T.astype(int)
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    assert (inside & ~covered[v.clip(0, height - 1), u.clip(0, width - 1)]).mean() > 0.9
+    other.kill()
+
+
+def overlap(a: list[float], b: list[float]) -> bool:
+    """Return whether two boxes (left, top, right, bottom) overlap by more than rounding."""
+    return min(a[2], b[2]) - max(a[0], b[0]) > 0.5 and min(a[3], b[3]) - max(a[1], b[1]) > 0.5
+
+
+@pytest.mark.parametrize("size", [size for size, touch in PAGE_SIZES if touch])
+def test_every_control_is_large_enough_for_a_finger(page: Browser, server: Server, size: tuple[int, int]) -> None:
+    other = page.another()
+    resized(other, size, touch=True)
+    open_page(other, server)
+    other.value("find('.panel-toggle').click(); document.querySelectorAll('details').forEach((d) => (d.open = true))")
+    # A check box is as large as its label, which a touch of it presses too; a slider is not.
+    sizes = other.value("""[...document.querySelectorAll("button, select, summary, input, a")].map((control) => {
+      const label = control.type === "checkbox" ? control.closest("label") : null;
+      const { width, height } = (label ?? control).getBoundingClientRect();
+      return [control.outerHTML.slice(0, 60), width, height];
+    })""")
+    assert len(sizes) > 20
+    assert [control for control, width, height in sizes if min(width, height) < 44] == []
+    other.kill()
+
+
+def test_a_cloth_at_rest_has_flat_curves(page: Browser) -> None:
+    legends = "[...document.querySelectorAll('.legend')].map((legend) => legend.lastChild.textContent)"
+    page.value("metrics = HANDLERS.metrics; HANDLERS.metrics = () => {}; chartRows.length = 0")
+    page.value("for (let k = 0; k < 50; k++) addChartRow([k / 10, 1e-5 * (k % 2), 70 + 1e-5 * (k % 2), 1e-4, 1e-4])")
+    energy = page.value("scene.chartLimits[0]")
+    assert 1e-3 < energy < 0.1
+    assert page.value(legends) == [f"full scale {energy:.3g} J", "full scale 0.1 %"]
+    page.value("addChartRow([5, 3, 70, 2, 1])")
+    assert page.value(legends) == ["full scale 3 J", "full scale 2 %"]
+    page.value("HANDLERS.metrics = metrics")
+
+
+def test_the_statistics_have_the_view_of_their_page(page: Browser, second: Browser) -> None:
+    second.value("setView('strain')")
+    second.until("find('.statistics').firstChild.textContent.endsWith(' · strain')")
+    page.until("find('.statistics').firstChild.textContent.endsWith(' · own fabric · shaded')")
+
+
+def test_a_slider_that_is_moved_shows_its_help(page: Browser) -> None:
+    page.value("input = find('input[name=gravity]'); input.value = 9; input.dispatchEvent(new Event('input'))")
+    assert page.value("find('.help').textContent") == (
+        "Gravity: downward acceleration; 0 to 20 m/s², scene default 9.81"
+    )
+    page.value("input.dispatchEvent(new Event('change'))")
+
+
 def test_statistics_and_charts_are_drawn(page: Browser) -> None:
     page.until("chartRows.length > 20 && find('.statistics').textContent.includes('curtain')")
     ink = "(c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(v => v))"

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import re
 from math import isfinite
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichi_cloth.viewer.input import SHORTCUTS
+from taichi_cloth.viewer import panel
+from taichi_cloth.viewer.input import PAGES, SHORTCUTS
 from taichi_cloth.web.protocol import (
     ACTIONS,
     FORBIDDEN_ACTIONS,
@@ -36,6 +38,7 @@ def test_valid_messages_are_parsed() -> None:
     assert parse_message(message(set=["gravity", 3])).argument == ("gravity", 3.0)
     assert parse_message(message(switch={"wind": False})).argument == {"wind": False}
     assert parse_message(message(choose=["fabric", ""])).argument == ("fabric", "")
+    assert parse_message(message(choose=["speed", "1/4"])).argument == ("speed", "1/4")
     assert parse_message(message(release=None)).name == "release"
     assert parse_message(message(displayed=12)).argument == 12
     view = PageView((0.5, 0.25), (640, 360), 0.1, 0.2, 7.0, (0.0, 2.0, 0.0), 0.0)
@@ -54,6 +57,17 @@ def test_the_page_has_all_page_actions_and_only_valid_buttons() -> None:
     assert table is not None
     assert {*re.findall(r"^  (\w+):", table[1], re.MULTILINE)} == {*PAGE_ACTIONS}
     assert {*re.findall(r'data-action="(\w+)"', page)} <= {*ACTIONS}
+
+
+def test_the_page_has_the_words_of_the_window() -> None:
+    page, window = PAGE_FILE.read_text(encoding="utf-8"), Path(panel.__file__).read_text(encoding="utf-8")
+    assert {*re.findall(r"<summary>(.*?)</summary>", page)} <= {*PAGES}
+    lists = {name + "s" for name in re.findall(r"<span>(\w+)</span><select", page)}
+    assert lists - {"Speeds"} == {*panel.LIST_PAGES}
+    labels = re.findall(r"<button data-[^>]*>(.*?)</button>", page) + re.findall(r'type="checkbox"[^>]*>(.*?)<', page)
+    assert len(labels) == 8
+    assert [label for label in labels if f'"{label}"' not in window] == ["Mesh edges"]
+    assert 'aria-label="show/hide panel"' in page
 
 
 def test_views_are_clamped() -> None:
@@ -87,8 +101,8 @@ def test_views_are_clamped() -> None:
         (message(set=["gravity"]), "a name and a number"),
         (message(set=["g" * (MAX_NAME + 1), 1]), "expected a name"),
         (message(switch={"wind": 1}), "features with true or false"),
-        (message(choose=["file", "x"]), "one of scene, solver, fabric"),
-        (message(choose=[[], "x"]), "one of scene, solver, fabric"),
+        (message(choose=["file", "x"]), "one of scene, solver, fabric, speed"),
+        (message(choose=[[], "x"]), "one of scene, solver, fabric, speed"),
         (message(press=VIEW[:-1]), "expected eleven numbers"),
         (message(press=[None, *VIEW[1:]]), "expected a number, got None"),
         (message(release=1), "expected null, got 1"),
