@@ -75,7 +75,7 @@ def run_session(recording: Recording, args: argparse.Namespace) -> ReplaySession
     size = args.size or recording.size
     if not (args.check or args.headless or args.video):
         from ..export.clip import export_snapshot
-        from ..viewer.display_probe import window_obstacle
+        from ..viewer.toolkit import window_obstacle
 
         obstacle = window_obstacle()
         if obstacle is None:

@@ -106,7 +106,7 @@ def run_scene(args: argparse.Namespace) -> int:
     """Run the command `run`."""
     check_log(args.log)
     scene = chosen_scene(args)
-    from ..viewer.display_probe import window_obstacle
+    from ..viewer.toolkit import window_obstacle
 
     obstacle = "--headless" if args.headless else window_obstacle()
     if obstacle is None:

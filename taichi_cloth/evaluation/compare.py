@@ -84,7 +84,7 @@ def compare(args: argparse.Namespace) -> int:
         raise UsageError(
             "both sides are the same scene: set a difference, such as --a solver=verlet --b solver=explicit"
         )
-    from ..viewer.display_probe import window_obstacle
+    from ..viewer.toolkit import window_obstacle
 
     obstacle = "--headless" if args.headless or args.out else window_obstacle()
     if obstacle is None:

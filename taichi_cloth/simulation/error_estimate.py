@@ -22,7 +22,6 @@ one thread. The estimate scales them by particles and springs, substeps and iter
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import exp, hypot, log, sqrt
@@ -48,7 +47,7 @@ from ..geometry.stability_bounds import (
 )
 from ..geometry.topology import Topology
 from ..scene.presets import asset_folder
-from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene, Solver
+from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene
 from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid
 from ..system.errors import UsageError
 from ..system.taichi_runtime import memory_bytes
@@ -270,16 +269,10 @@ def cost_of(scene: Scene) -> Cost:
     springs = topology.spring_count + len(topology.bending_links.ends)
     springs = round(springs * particles / topology.particle_count)
     cells = max(1, round(sqrt(particles)) - 1)
-    row = min(
-        (row for row in settings_near(cells) if row.solver == name),
-        key=lambda row: abs(log(row.substeps / substeps)) + abs(log(row.iterations / iterations)),
-    )
+    row = nearest_setting(cells, name, substeps, 1 if info.is_explicit else iterations)
     its_particles, its_springs = (row.cells + 1) ** 2, 2 * row.cells * (row.cells + 1)
-    ms = row.ms * (particles + springs) / (its_particles + its_springs) * substeps / row.substeps
-    setting = f"{name} {substeps}"
-    if not info.is_explicit:
-        ms *= iterations / row.iterations
-        setting += f"×{iterations}"
+    ms = row.ms * (particles + springs) / (its_particles + its_springs)
+    setting = f"{name} {substeps}" + ("" if info.is_explicit else f"×{iterations}")
     if no_grid or cloth.layers > 1:
         ms *= SERIAL_FACTOR
     return Cost(particles, springs, setting, substeps, ms, cells <= 2 * row.cells)
@@ -319,8 +312,6 @@ def _min_substeps(scene: Scene, topology: Topology, extent: float) -> int:
 
 # -- frame time --------------------------------------------------------------------------------------------------------
 
-MIN_GAIN = 0.85  # part of the present frame time below which a solver that is still too slow is worth a change
-
 
 def nearest_setting(cells: float, solver: str, substeps: int, iterations: int) -> MeasuredSetting:
     """Return the measured setting of a solver that is nearest in work, with its time in proportion to the work.
@@ -334,22 +325,6 @@ def nearest_setting(cells: float, solver: str, substeps: int, iterations: int) -
         key=lambda row: (abs(log(row.substeps * row.iterations / work)), abs(log(row.iterations / iterations))),
     )
     return replace(row, ms=row.ms * (work / (row.substeps * row.iterations)))
-
-
-def faster_solver(cells: float, running: Solver, others: Sequence[Solver], ms: float, limit_ms: float) -> str:
-    """Return the most accurate of other solvers that takes at most `limit_ms`, or else the fastest; "" if none helps.
-
-    `cells` along a side. `running`: the present solver and setting, whose frame takes `ms` [ms]. Contact is taken to
-    slow all solvers by the same factor.
-    """
-    present = nearest_setting(cells, running.name, running.substeps, running.iterations)
-    rows = [nearest_setting(cells, other.name, other.substeps, other.iterations) for other in others]
-    rows = [replace(row, ms=ms * row.ms / present.ms) for row in rows]
-    fast = [row for row in rows if row.ms <= limit_ms]
-    if fast:
-        return min(fast, key=lambda row: row.error).solver
-    gains = [row for row in rows if row.ms < MIN_GAIN * ms]
-    return min(gains, key=lambda row: row.ms).solver if gains else ""
 
 
 # -- artificial stretch ------------------------------------------------------------------------------------------------

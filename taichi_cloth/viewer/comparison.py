@@ -24,13 +24,12 @@ from .panel import (
     NOTE_COLORS,
     PANEL_MARGIN,
     PANEL_WIDTH,
-    PanelRect,
     error_lines,
     has_changed,
-    saved_panel_rect,
     wrap,
 )
 from .session import Session
+from .toolkit import PanelRect, saved_panel_rect
 from .window import (
     MAX_HOLD_SECONDS,
     STATISTICS_EVERY,
@@ -209,7 +208,7 @@ def run(open_pair: Callable[[], Comparison], *, size: tuple[int, int], frames: i
     """Open a window on a comparison. Return when the user closes it, or after `frames` displayed frames.
 
     `open_pair` makes the comparison. `size`: of the window [pixels]. Taichi must have been started, and a display must
-    be available (`display_probe.window_obstacle`). Raises OSError if `log` cannot be written.
+    be available (`toolkit.window_obstacle`). Raises OSError if `log` cannot be written.
     """
     with contextlib.ExitStack() as stack:
         frame_log = stack.enter_context(FrameLog(log)) if log else None

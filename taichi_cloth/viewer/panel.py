@@ -6,68 +6,26 @@ It has pages, since the toolkit has no collapsible sections.
 from __future__ import annotations
 
 import math
-import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import taichi as ti
 
 from ..scene.overrides import with_solver
 from ..scene.parameters import Parameter, parameters_of
-from ..scene.schema import FRAME_SECONDS
+from ..scene.schema import FRAME_SECONDS, Solver
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.builder import unsupported_by
 from ..simulation.copies import FeatureTimes
-from ..simulation.error_estimate import estimate, faster_solver
+from ..simulation.error_estimate import estimate, nearest_setting
 from ..simulation.simulation import Simulation
 from . import charts
 from .error_process import ErrorProcess
 from .input import ARROWS, HELP, MENU, MOUSE, PAGES, SHORTCUTS, SPEEDS, Progress, Refusal, chosen, display_name, names
 from .session import Session
-
-# -- position of the panel ---------------------------------------------------------------------------------------------
-
-# The toolkit does not report it, but saves it to its settings file some seconds after a move.
-
-TITLE_HEIGHT = 19  # [pixels] height of a collapsed panel
-
-# A section of imgui.ini. "Collapsed" is 1 if the user has collapsed the panel to its title bar.
-SECTION = r"\[Window\]\[{name}\]\nPos=(-?\d+),(-?\d+)\nSize=(\d+),(\d+)\nCollapsed=(\d)"
-
-
-@dataclass(frozen=True)
-class PanelRect:
-    """The rectangle of a panel, in pixels from the top left corner of the window."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    @property
-    def right(self) -> int:
-        """Right edge [pixels]."""
-        return self.left + self.width
-
-    def contains(self, cursor: tuple[float, float], size: tuple[int, int]) -> bool:
-        """Return whether a screen point (from the bottom left, 0…1) of a window of `size` [pixels] lies in it."""
-        x, y = cursor[0] * size[0] - self.left, (1 - cursor[1]) * size[1] - self.top
-        return 0 <= x <= self.width and 0 <= y <= self.height
-
-
-def saved_panel_rect(settings: Path, name: str) -> PanelRect | None:
-    """Return the rectangle of the panel `name` from the toolkit's settings file, or None if it is not there yet."""
-    try:
-        match = re.search(SECTION.format(name=re.escape(name)), settings.read_text(encoding="utf-8"))
-    except OSError:
-        return None
-    if match is None:
-        return None
-    left, top, width, height, collapsed = map(int, match.groups())
-    return PanelRect(left, top, width, TITLE_HEIGHT if collapsed else height)
-
+from .toolkit import PanelRect, saved_panel_rect
 
 # -- panel -------------------------------------------------------------------------------------------------------------
 
@@ -353,6 +311,25 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         *filter(None, [simulation.warnings]),
     )
     return "\n".join(lines)
+
+
+MIN_GAIN = 0.85  # part of the present frame time below which a solver that is still too slow is worth a change
+
+
+def faster_solver(cells: float, running: Solver, others: Sequence[Solver], ms: float, limit_ms: float) -> str:
+    """Return the most accurate of other solvers that takes at most `limit_ms`, or else the fastest; "" if none helps.
+
+    `cells` along a side. `running`: the present solver and setting, whose frame takes `ms` [ms]. Contact is taken to
+    slow all solvers by the same factor.
+    """
+    present = nearest_setting(cells, running.name, running.substeps, running.iterations)
+    rows = [nearest_setting(cells, other.name, other.substeps, other.iterations) for other in others]
+    rows = [replace(row, ms=ms * row.ms / present.ms) for row in rows]
+    fast = [row for row in rows if row.ms <= limit_ms]
+    if fast:
+        return min(fast, key=lambda row: row.error).solver
+    gains = [row for row in rows if row.ms < MIN_GAIN * ms]
+    return min(gains, key=lambda row: row.ms).solver if gains else ""
 
 
 def slow_line(session: Session) -> str:

@@ -151,7 +151,7 @@ def run(
     """Open a window on a session. Return the closed session when the user quits, or after `frames` displayed frames.
 
     `open_session` makes the session. `size`: of the window [pixels]. `announce` is called before the first frame.
-    Taichi must have been started, and `display_probe.window_obstacle()` must have returned None: if it cannot open a
+    Taichi must have been started, and `toolkit.window_obstacle()` must have returned None: if it cannot open a
     window, Taichi ends the process. Raises OSError if `log` cannot be written.
     """
     with contextlib.ExitStack() as stack:

@@ -19,7 +19,6 @@ from taichi_cloth.simulation.error_estimate import (
     MIN_STABLE_SUBSTEPS,
     cost_of,
     estimate,
-    faster_solver,
     measured,
     nearest_setting,
     scaling_law,
@@ -28,6 +27,7 @@ from taichi_cloth.simulation.error_estimate import (
 )
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
+from taichi_cloth.viewer.panel import faster_solver
 
 
 def square(cells: int) -> Scene:

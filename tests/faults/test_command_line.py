@@ -24,7 +24,7 @@ from taichi_cloth.evaluation.validate import references as measuring
 from taichi_cloth.scene.overrides import override_targets
 from taichi_cloth.system import taichi_runtime as runtime
 from taichi_cloth.system.errors import UsageError
-from taichi_cloth.viewer import display_probe as display
+from taichi_cloth.viewer import toolkit as display
 
 MODULES = (run, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
 STOPPED = "stopped before the run"

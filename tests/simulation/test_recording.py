@@ -483,9 +483,7 @@ def test_the_valid_file_is_replayed(good: str, tmp_path: Path) -> None:
 def test_files_that_are_not_recordings_are_refused(tmp_path: Path, make: Callable[[Path], object]) -> None:
     path = tmp_path / "bad.toml"
     make(path)
-    with pytest.raises(
-        UsageError, match=r"bad\.toml(: cannot be read|: not a rec| is a folder, not a rec)"
-    ):
+    with pytest.raises(UsageError, match=r"bad\.toml(: cannot be read|: not a rec| is a folder, not a rec)"):
         read_recording(path)
 
 

@@ -25,17 +25,15 @@ from taichi_cloth.viewer.panel import (
     PANEL_MARGIN,
     PANEL_NAME,
     PANEL_WIDTH,
-    TITLE_HEIGHT,
     Panel,
-    PanelRect,
     error_lines,
     error_text,
     help_lines,
-    saved_panel_rect,
     slow_line,
     statistics,
 )
 from taichi_cloth.viewer.session import Session
+from taichi_cloth.viewer.toolkit import TITLE_HEIGHT, PanelRect, saved_panel_rect
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from screen import Screen, no_window
 
 import taichi_cloth
-from taichi_cloth.viewer.display_probe import window_obstacle
+from taichi_cloth.viewer.toolkit import window_obstacle
 
 TIMEOUT = 120.0  # [s] reached only by tests that fail
 BUTTONS = {"left": 1, "middle": 2, "right": 3}

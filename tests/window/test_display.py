@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from taichi_cloth.viewer import display_probe
-from taichi_cloth.viewer.display_probe import window_obstacle
+from taichi_cloth.viewer import toolkit
+from taichi_cloth.viewer.toolkit import window_obstacle
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the obstacles are those of X11")
 
@@ -40,7 +40,7 @@ def test_a_display_without_a_server_is_reported(display: str, monkeypatch: pytes
 
 
 def test_a_server_that_does_not_answer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(display_probe, "TIMEOUT", 0.1)
+    monkeypatch.setattr(toolkit, "TIMEOUT", 0.1)
     with socket.socket(socket.AF_UNIX) as server:
         server.bind("\0/tmp/.X11-unix/X4712")  # an abstract socket leaves no file
         server.listen()
@@ -57,5 +57,5 @@ def test_a_missing_vulkan_driver_is_reported(drivers: str, screen: Any, monkeypa
 
 def test_a_missing_vulkan_library_is_reported(screen: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", screen.display)
-    monkeypatch.setattr(display_probe, "VULKAN", "libno-such-vulkan.so.1")
+    monkeypatch.setattr(toolkit, "VULKAN", "libno-such-vulkan.so.1")
     assert "Vulkan is missing" in str(window_obstacle())

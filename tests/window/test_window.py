@@ -25,7 +25,8 @@ from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.simulation.recording import Recorder, read_recording
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.viewer.input import HELP, MENU, PAGES
-from taichi_cloth.viewer.panel import PANEL_HEIGHT, PANEL_MARGIN, PANEL_NAME, PANEL_WIDTH, saved_panel_rect
+from taichi_cloth.viewer.panel import PANEL_HEIGHT, PANEL_MARGIN, PANEL_NAME, PANEL_WIDTH
+from taichi_cloth.viewer.toolkit import saved_panel_rect
 from taichi_cloth.viewer.window import WINDOW_POSITION
 
 Start = Callable[..., Any]

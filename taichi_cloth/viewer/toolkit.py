@@ -1,10 +1,16 @@
-"""Check whether a window can open, before one is opened: on failure, Taichi's window ends the process."""
+"""What the UI toolkit does not report: whether a window can open, and where its panel is.
+
+If a window cannot open, Taichi ends the process.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import os
+import re
 import sys
+from dataclasses import dataclass
+from pathlib import Path
 from threading import Thread
 
 VULKAN = "vulkan-1.dll" if sys.platform == "win32" else "libvulkan.so.1"
@@ -78,3 +84,45 @@ def _vulkan_obstacle() -> str | None:
     failed = vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None) != 0
     vulkan.vkDestroyInstance(instance, None)
     return "Vulkan has no graphics device" if failed or count.value == 0 else None
+
+
+# -- position of the panel ---------------------------------------------------------------------------------------------
+
+# The toolkit does not report it, but saves it to its settings file some seconds after a move.
+
+TITLE_HEIGHT = 19  # [pixels] height of a collapsed panel
+
+# A section of imgui.ini. "Collapsed" is 1 if the user has collapsed the panel to its title bar.
+SECTION = r"\[Window\]\[{name}\]\nPos=(-?\d+),(-?\d+)\nSize=(\d+),(\d+)\nCollapsed=(\d)"
+
+
+@dataclass(frozen=True)
+class PanelRect:
+    """The rectangle of a panel, in pixels from the top left corner of the window."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def right(self) -> int:
+        """Right edge [pixels]."""
+        return self.left + self.width
+
+    def contains(self, cursor: tuple[float, float], size: tuple[int, int]) -> bool:
+        """Return whether a screen point (from the bottom left, 0…1) of a window of `size` [pixels] lies in it."""
+        x, y = cursor[0] * size[0] - self.left, (1 - cursor[1]) * size[1] - self.top
+        return 0 <= x <= self.width and 0 <= y <= self.height
+
+
+def saved_panel_rect(settings: Path, name: str) -> PanelRect | None:
+    """Return the rectangle of the panel `name` from the toolkit's settings file, or None if it is not there yet."""
+    try:
+        match = re.search(SECTION.format(name=re.escape(name)), settings.read_text(encoding="utf-8"))
+    except OSError:
+        return None
+    if match is None:
+        return None
+    left, top, width, height, collapsed = map(int, match.groups())
+    return PanelRect(left, top, width, TITLE_HEIGHT if collapsed else height)
