@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.cli import exporting, replaying, run, scenes, serve
+from taichi_cloth.cli import exporting, replaying, run, scenes
 from taichi_cloth.cli.main import build_parser
 from taichi_cloth.evaluation import commands as evaluation_commands
 from taichi_cloth.evaluation import compare
@@ -30,7 +30,7 @@ DOCUMENTS = [*TOP.glob("*.md"), *DOCS.rglob("*.md")]
 LINK = re.compile(r"\]\(([^)#]+)[^)]*\)")
 ANCHOR = re.compile(r"\]\(([^)#]*)#([^)]+)\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
-MODULES = (run, serve, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
+MODULES = (run, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
 
 
 def text_of(document: Path) -> str:

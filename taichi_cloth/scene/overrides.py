@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from ..system.errors import SceneError, nearest_name, new_key
-from .keys import keys_of
-from .schema import Scene, Section, sections
+from ..system.errors import SceneError, nearest_name, new_key, short_repr
+from .keys import Section, keys_of
+from .schema import Scene, sections
 from .toml_io import parse_toml
 
 KeyTarget = tuple[Section | None, str]  # a section and its key; None: a key of the scene itself
@@ -29,13 +29,36 @@ def parse_override(text: str) -> tuple[str, object]:
     return key, parsed["value"] if len(parsed) == 1 else value  # several keys: VALUE had several lines
 
 
+def is_section(key: str, value: object) -> bool:
+    """Return whether an override is a section as a whole, or None for no such section."""
+    part = sections().get(key)
+    return part is not None and (value is None or isinstance(value, (dict, list, tuple, part.cls)))
+
+
+def plain_tables(name: str, value: Any) -> Any:
+    """Return a section with new dicts and lists in place of all dicts, tuples and objects of its class."""
+    part = sections().get(name)
+    if part is not None and isinstance(value, (list, tuple)):
+        return [plain_tables(name, one) for one in value]
+    table = value if part is None else part.table(value)
+    return dict(table) if isinstance(table, dict) else table
+
+
 def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> None:
     """Write one override into the parsed TOML of a valid scene. Raises SceneError for an unknown or ambiguous key."""
+    if is_section(key, value):
+        if value is None and sections()[key].optional:
+            data.pop(key, None)
+        else:
+            data[key] = plain_tables(key, value)
+        return
     names = override_targets()
     if key not in names:
         if (new := new_key(key)) in names:
             raise SceneError(file, key, f"was renamed to {new}")
-        hint = nearest_name(key, names)
+        if key in sections():
+            raise SceneError(file, key, f"must be a table, got {short_repr(value)}", nearest_name(key, names))
+        hint = nearest_name(key, [*names, *sections()])
         raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth schema` lists them"), hint)
     targets = [target for target in names[key] if target[0] is None or target[0].name in data] or names[key]
     if len(targets) > 1:

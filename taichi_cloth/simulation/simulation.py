@@ -7,7 +7,8 @@ from base64 import b64encode
 from collections.abc import Callable
 from functools import partial
 from os import PathLike
-from typing import Self
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,8 +47,10 @@ class Simulation(RunningCloth):
     All changes are events: `apply` applies one and calls the `listeners`.
     """
 
-    def __init__(self, scene: Scene, layout: str | None = None) -> None:
-        """`layout`: "simd", "serial" or "parallel"; chosen for the cloth and the backend if None.
+    def __init__(self, scene: Scene | str | Path | dict[str, Any], layout: str | None = None) -> None:
+        """`scene`: made in Python, or a name, path or dict for `load_scene`.
+
+        `layout`: "simd", "serial" or "parallel"; chosen for the cloth and the backend if None.
 
         Raises SceneError for an invalid scene, and UsageError for a layout that is not supported and for springs that
         would take too many substeps.
@@ -111,7 +114,7 @@ class Simulation(RunningCloth):
         """
         self.apply(Event("switch_fabric", (name,)))
 
-    def switch_scene(self, scene: Scene) -> None:
+    def switch_scene(self, scene: Scene | str | Path | dict[str, Any]) -> None:
         """Continue with another scene of the same sheet, from the same positions and velocities, with pins and grabs.
 
         Its fabric, solver, forces and colliders apply from now on; a collider that appears around the cloth lets it out

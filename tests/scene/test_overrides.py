@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene import Scene, SceneError, Wind, parse_override
+from taichi_cloth.scene import Scene, SceneError, Sphere, Wind, parse_override
 from taichi_cloth.scene.overrides import override_targets
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
@@ -70,9 +72,30 @@ def test_an_override_changes_only_the_first_sphere(write: Write) -> None:
     assert [s.radius for s in load_scene(path, sphere_radius=0.5).spheres] == [0.5, 2.0]
 
 
+def test_an_override_replaces_a_section_as_a_whole() -> None:
+    curtain, wind = load_scene("curtain"), {"z": np.float32(6.0)}
+    assert curtain.wind is not None
+    assert curtain.wind.x != 0
+    for section in (wind, Wind(z=6.0)):
+        assert load_scene("curtain", wind=section).wind == Wind(z=6.0)
+        assert load_scene("curtain", wind_x=2, wind=section).wind == Wind(x=2.0, z=6.0)
+    assert wind == {"z": 6.0}  # not changed
+    assert load_scene("curtain", wind=None) == replace(curtain, wind=None)
+    assert load_scene("curtain", spheres=None).spheres == ()
+    spheres = load_scene("curtain", spheres=[{"radius": 0.1}, Sphere()], sphere_radius=0.2).spheres
+    assert spheres == (Sphere(radius=0.2), Sphere())
+    assert load_scene("drape15", solver={"name": "lines"}) == load_scene("drape15", solver="lines", damping=1.5)
+    assert load_scene("curtain", fabric={"preset": "silk"}) == load_scene("curtain", fabric="silk")
+
+
 @pytest.mark.parametrize(
     ("override", "line"),
     [
+        ({"wind": {"zz": 1}}, "wind.zz: unknown key (did you mean 'z'?)"),
+        ({"wind": "strong"}, "wind: must be a table, got 'strong' (did you mean 'wind_z'?)"),
+        ({"cloth": None}, "cloth: must be a table, got None"),
+        ({"sphers": []}, "sphers: unknown key (did you mean 'spheres'?)"),
+        ({"spheres": [3]}, "spheres[0]: must be a table, got 3"),
         ({"wind_zz": 1}, "wind_zz: unknown key (did you mean 'wind_z'?)"),
         ({"qqqq": 1}, "qqqq: unknown key; `taichi-cloth schema` lists them"),
         ({"name_or_path": 1}, "name_or_path: unknown key; `taichi-cloth schema` lists them"),
