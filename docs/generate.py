@@ -537,6 +537,7 @@ SIMULATION_MEMBERS = {
     "Time": ("step", "step_by_substep", "reset", "seconds", "substeps", "min_stable_substeps", "close", "closed"),
     "State": ("positions", "velocities", "set_state", "save", "load", "torn", "untear"),
     "Metrics": ("metrics", "intersections", "colliders", "features", "method", "warnings"),
+    "Forces": ("forces", "reaction_forces"),
     "Grabs and pins": ("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins"),
     "Changes": ("switch_solver", "switch_fabric", "switch_scene", "apply"),
     "Internals": ("solver", "cloth"),

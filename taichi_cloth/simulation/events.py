@@ -196,6 +196,12 @@ class GrabHandle:
         """Indices of the grabbed particles, first the one passed to `grab`; empty once released."""
         return self._grab.particles if self.active else np.zeros(0, np.int64)
 
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """Force of the grab on the cloth [N], (3,): the sum of `reaction_forces` of its particles; 0 once released."""
+        total: NDArray[np.float64] = self._simulation.reaction_forces()[self.particles].sum(axis=0)
+        return total
+
     def move_to(self, target: ArrayLike) -> None:
         """Move the grab to `target` (x, y, z) [m] within the next frame. Raises ValueError, also after its release."""
         point = check_target(target)
