@@ -28,6 +28,7 @@ from ..state.constraint_data import upload_grabbed
 from ..state.field_pool import upload, upload_all
 from ..system.errors import UsageError, short_repr
 from ..system.taichi_compat import ProgramRef
+from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
 from .grabbing import Grab, all_grabbed
 from .parameter_values import Parameters
@@ -40,6 +41,7 @@ class RunningCloth:
 
     def __init__(self, scene: Scene, layout: str | None, on_set: Callable[[str, float | bool], None]) -> None:
         """`scene` is checked; `on_set` is called when a runtime parameter is to be set."""
+        check_thread()
         self.requested_layout = layout
         self.original_scene = scene
         self.params = Parameters(on_set)
@@ -97,7 +99,11 @@ class RunningCloth:
 
     @property
     def solver(self) -> Solver:
-        """The running solver. Raises RuntimeError once the simulation is closed, or Taichi has ended."""
+        """The running solver. Raises RuntimeError once the simulation is closed, or Taichi has ended.
+
+        Raises UsageError in another thread than the one that started Taichi: all methods use the solver.
+        """
+        check_thread()
         if self._solver is None:
             raise RuntimeError("this simulation is closed")
         if not self._program.runs():
@@ -173,11 +179,11 @@ class RunningCloth:
 
     # -- state ---------------------------------------------------------------------------------------------------------
 
-    def positions(self) -> Floats:
+    def positions(self) -> NDArray[np.float64]:
         """Return the position of every particle [m], (N, 3)."""
         return self.cloth.to_numpy(self.cloth.x).astype(np.float64) + self.topology.origin
 
-    def velocities(self) -> Floats:
+    def velocities(self) -> NDArray[np.float64]:
         """Return the velocity of every particle [m/s], (N, 3)."""
         return self.solver.velocities(self.h)
 
@@ -220,7 +226,7 @@ class RunningCloth:
 
     # -- forces --------------------------------------------------------------------------------------------------------
 
-    def forces(self) -> Floats:
+    def forces(self) -> NDArray[np.float64]:
         """Return the force of springs, bending, gravity and wind on every particle [N], (N, 3), as the cloth is now.
 
         It is computed in float64 from positions and velocities, and does not depend on the solver. Not included are
@@ -240,7 +246,7 @@ class RunningCloth:
             force += wind.force(x, v, self.seconds)
         return np.ascontiguousarray(force.T)
 
-    def reaction_forces(self) -> Floats:
+    def reaction_forces(self) -> NDArray[np.float64]:
         """Return the force that holds each particle [N], (N, 3): that of its pin, attachment or grab; 0 if it is free.
 
         With this force and `forces`, a held particle has the acceleration of its prescribed motion, taken over the last

@@ -21,6 +21,7 @@ from ..kernels.step_params import MAX_GRABS
 from ..scene import Scene, scene_to_toml
 from ..state.contact_data import attach_self_contact
 from ..system.errors import UsageError
+from ..system.taichi_runtime import check_thread
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
 from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle
@@ -72,6 +73,7 @@ class Simulation(RunningCloth):
         An event that raises has changed nothing. An exception is a switch to a solver or fabric that the cloth does not
         support: it may change the last bits of the state, and listeners receive it too.
         """
+        check_thread()
         try:
             EVENTS[event.name].handler(self, *event.arguments)
         except UsageError:
@@ -169,6 +171,11 @@ class Simulation(RunningCloth):
     def min_stable_substeps(self) -> int:
         """The fewest substeps at which the solver is stable."""
         return self.built.min_stable_substeps
+
+    @property
+    def triangles(self) -> NDArray[np.int32]:
+        """The three particles of every triangle that is not torn, (T, 3)."""
+        return self.topology.triangles.copy()
 
     @property
     def added_pins(self) -> NDArray[np.int64]:
