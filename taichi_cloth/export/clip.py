@@ -1,4 +1,4 @@
-"""Run a simulation and export it: the cloth after some frames, or a clip of all frames."""
+"""Run a simulation and export it: the cloth after some frames, or a clip of all frames. `tc.Simulation`."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from itertools import count
 from os import PathLike
 from pathlib import Path
 
+from ..render.image import render_image
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.divergence import DivergenceGuard
-from ..simulation.simulation import Simulation
-from ..system.errors import Diverged
+from ..simulation.recording import read_recording, run_recording
+from ..simulation.simulation import Simulation as BaseSimulation
+from ..system.errors import Diverged, UsageError
 from ..system.files import next_free_path
 from .mesh_files import ExportMesh, export_mesh_of, pc2_clip, rotate_to_up, vertex_normals, write_obj, write_ply
-from .output import Output, format_of
+from .output import BY_SUFFIX, CLIP_ONLY_FORMATS, UP_AXES, Output
 
 Add = Callable[[], None]  # adds a sample to a clip: the cloth and the colliders as they are now
 
 
-def export(simulation: Simulation, output: Output, on_frame: Callable[[int], None]) -> None:
+def export(simulation: BaseSimulation, output: Output, on_frame: Callable[[int], None]) -> None:
     """Run the simulation for `output.frames` frames and write its output. The folder must exist.
 
     `on_frame(k)` is called after frame k. Raises Diverged if the cloth blows up, and OSError if a file cannot be
@@ -37,7 +39,7 @@ def export(simulation: Simulation, output: Output, on_frame: Callable[[int], Non
         write_frame(output.path, output.format, simulation, output.up)
 
 
-def write_frame(path: Path, format: str, simulation: Simulation, up: str = "y") -> None:
+def write_frame(path: Path, format: str, simulation: BaseSimulation, up: str = "y") -> None:
     """Write the cloth as it is now, without torn triangles, to an OBJ, PLY or USD file. Raises OSError."""
     sheet, x = _sheet(simulation), simulation.positions()
     if format == "usd":
@@ -51,14 +53,46 @@ def write_frame(path: Path, format: str, simulation: Simulation, up: str = "y") 
 
 
 def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y") -> None:
-    """Write the cloth as it is now to an OBJ, PLY or USD file, by the suffix of `path`. `up`: "y" or "z".
+    """Write the cloth as it is now, as `Simulation.export` does."""
+    file = Path(path)
+    format = BY_SUFFIX.get(file.suffix.lower(), "")
+    if not format or format in CLIP_ONLY_FORMATS:
+        suffixes = [suffix for suffix, name in BY_SUFFIX.items() if name not in CLIP_ONLY_FORMATS]
+        problem = f"{CLIP_ONLY_FORMATS[format]} a clip, not one frame" if format else f"unknown suffix {file.suffix!r}"
+        raise UsageError(f"{file}: {problem}; use {', '.join(suffixes)}")
+    if up not in UP_AXES:
+        raise UsageError(f"unknown axis {up!r}: {', '.join(UP_AXES)}")
+    write_frame(file, format, simulation, up)
 
-    Raises UsageError for another suffix, and OSError; a partial file never remains.
+
+class Simulation(BaseSimulation):  # with what the base class cannot import, as it is used there
+    __doc__ = BaseSimulation.__doc__
+
+    def export(self, path: str | PathLike[str], up: str = "y") -> None:
+        """Write the cloth as it is now to an OBJ, PLY or USD file, by the suffix of `path`. `up`: "y" or "z".
+
+        Raises UsageError for another suffix or axis, and OSError; a partial file never remains.
+        """
+        export_mesh(self, path, up)
+
+    def _repr_png_(self) -> bytes | None:
+        """Return an image of the current frame as a PNG file; None for a closed simulation."""
+        return None if self.closed else render_image(self)._repr_png_()
+
+
+def replay(path: str | PathLike[str]) -> Simulation:
+    """Replay a recording without drawing it. Return the simulation after its last frame.
+
+    Raises UsageError and SceneError, one line, for a file that is not a recording and for an event that the scene does
+    not support.
     """
-    write_frame(Path(path), format_of(Path(path), None, clip=False), simulation, up)
+    recording = read_recording(Path(path))
+    simulation = Simulation(recording.scene, recording.layout)
+    run_recording(recording, simulation)
+    return simulation
 
 
-def export_snapshot(simulation: Simulation, folder: Path) -> Path:
+def export_snapshot(simulation: BaseSimulation, folder: Path) -> Path:
     """Write the cloth as it is now to a new OBJ file in a folder. Return its path. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     path = next_free_path(folder, "mesh").with_suffix(".obj")
@@ -66,11 +100,11 @@ def export_snapshot(simulation: Simulation, folder: Path) -> Path:
     return path
 
 
-def _sheet(simulation: Simulation) -> ExportMesh:
+def _sheet(simulation: BaseSimulation) -> ExportMesh:
     return export_mesh_of(simulation.scene.name, simulation.topology)
 
 
-def _frames(simulation: Simulation, frames: range, on_frame: Callable[[int], None]) -> Iterator[int]:
+def _frames(simulation: BaseSimulation, frames: range, on_frame: Callable[[int], None]) -> Iterator[int]:
     """Yield the index of each frame before it is simulated. Raises Diverged."""
     guard = DivergenceGuard(simulation)
     for k in frames:
@@ -82,7 +116,7 @@ def _frames(simulation: Simulation, frames: range, on_frame: Callable[[int], Non
 
 
 @contextmanager
-def _clip(output: Output, simulation: Simulation) -> Iterator[Add]:
+def _clip(output: Output, simulation: BaseSimulation) -> Iterator[Add]:
     """Yield a function that adds a sample to a clip. A clip in one file has the triangles of its first sample."""
     if output.format == "usd":
         from .usd import usd_clip
@@ -102,7 +136,7 @@ def _clip(output: Output, simulation: Simulation) -> Iterator[Add]:
         yield lambda: write_frame(output.sample_path(next(numbers)), output.format, simulation, output.up)
 
 
-def _point_cache(output: Output, simulation: Simulation) -> Iterator[Add]:
+def _point_cache(output: Output, simulation: BaseSimulation) -> Iterator[Add]:
     sheet, first = _sheet(simulation), rotate_to_up(simulation.positions(), output.up)
     with pc2_clip(output.path, len(sheet.uv), output.samples) as write:
         yield lambda: write(rotate_to_up(simulation.positions(), output.up))

@@ -8,6 +8,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..scene.reader import check_keys
 from ..simulation.simulation import Simulation
 from .camera import OrbitCamera
 from .draw_list import VIEWS, DrawList
@@ -56,25 +57,18 @@ def render_image(
     `view`: "shaded", "strain", "wireframe" or "particles". `eye` and `target`: positions of the camera, and of what it
     looks at [m]; without one, that of the scene's camera.
 
-    Needs neither a display nor a window. Raises ValueError for a size below 1 × 1 and for an unknown view.
+    Needs neither a display nor a window. Raises ValueError for a size below 1 × 1, an unknown view and a position that
+    a scene does not allow.
     """
     if view not in VIEWS:
         raise ValueError(f"unknown view {view!r}: {', '.join(VIEWS)}")
     scene = simulation.scene
     places: dict[str, Any] = {"eye": eye, "target": target}
-    places = {name: tuple(map(float, place)) for name, place in places.items() if place is not None}
-    camera = OrbitCamera.from_scene(replace(scene, camera=replace(scene.camera, **places)))
+    places = {name: place for name, place in places.items() if place is not None}
+    camera = OrbitCamera.from_scene(check_keys(replace(scene, camera=replace(scene.camera, **places))))
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
     try:
         return Image(render_pixels(raster, draw_list, camera, view))
     finally:
         draw_list.close()
-
-
-class NotebookSimulation(Simulation):  # `tc.Simulation`: a simulation cannot import what renders it
-    __doc__ = Simulation.__doc__
-
-    def _repr_png_(self) -> bytes | None:
-        """Return an image of the current frame as a PNG file; None for a closed simulation."""
-        return None if self.closed else render_image(self)._repr_png_()

@@ -25,10 +25,12 @@ from .parameter_values import check_radius, check_target, check_vectors
 
 @dataclass(frozen=True)
 class Event:
-    """One change: a name in `EVENTS`, and its arguments, which TOML can store."""
+    """One change of a simulation, as its listeners get it and recordings store it."""
 
     name: str
+    """Name of the change: that of the method, "set_param", "move_grab", or "release"."""
     arguments: tuple[Any, ...] = ()
+    """Its arguments, which TOML can store."""
 
 
 if TYPE_CHECKING:
