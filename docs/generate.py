@@ -26,13 +26,11 @@ import taichi_cloth as tc
 from taichi_cloth.evaluation.bench import scene_error
 from taichi_cloth.evaluation.bench.scene_error import SceneErrors, ScenePoint
 from taichi_cloth.evaluation.stress.setup import ROBUST
-from taichi_cloth.geometry.topology import ClothMetrics
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import key_table, schema
 from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.scene.schema import PRESET_NAMES
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
-from taichi_cloth.simulation.simulation import GrabHandle
 from taichi_cloth.viewer import input as controls
 
 DOCS = Path(__file__).parent
@@ -535,8 +533,10 @@ def parameters() -> str:
 # Public members of `Simulation` by subject.
 SIMULATION_MEMBERS = {
     "Time": ("step", "step_by_substep", "reset", "seconds", "substeps", "min_stable_substeps", "close", "closed"),
-    "State": ("positions", "velocities", "set_state", "save", "load", "torn", "untear"),
+    "State": ("positions", "velocities", "triangles", "set_state", "save", "load", "torn", "untear"),
+    "Export": ("export",),
     "Metrics": ("metrics", "intersections", "colliders", "features", "method", "warnings"),
+    "Forces": ("forces", "reaction_forces"),
     "Grabs and pins": ("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins"),
     "Changes": ("switch_solver", "switch_fabric", "switch_scene", "apply"),
     "Internals": ("solver", "cloth"),
@@ -569,11 +569,12 @@ def api() -> str:
     for subject, names in SIMULATION_MEMBERS.items():
         blocks.append(f"**{subject}**")
         blocks += [entry("####", f"simulation.{name}", getattr(tc.Simulation, name)) for name in names]
-    blocks.append(f"### Grab\n\nThe result of `simulation.grab`. There are at most {MAX_GRABS} grabs at a time.")
-    blocks += members("grab", GrabHandle)
-    fields = re.findall(r"^    (\w+): ([\w| ]+?)  # (.+)$", inspect.getsource(ClothMetrics), re.MULTILINE)
-    rows = [[f"`{name}`", f"`{kind}`", what] for name, kind, what in fields]
-    blocks.append(f"### Metrics\n\nThe result of `simulation.metrics`.\n\n{table(['name', 'type', 'meaning'], rows)}")
+    blocks.append(f"### tc.GrabHandle\n\nThe result of `simulation.grab`. There are at most {MAX_GRABS} at a time.")
+    blocks += members("grab", tc.GrabHandle)
+    blocks.append(f"### tc.ClothMetrics\n\nThe result of `simulation.metrics`.\n\n{fields_of(tc.ClothMetrics)}")
+    colliders = "One of the list that `simulation.colliders` returns."
+    blocks.append(f"### tc.PosedCollider\n\n{colliders}\n\n{fields_of(tc.PosedCollider)}")
+    blocks.append(f"### tc.Event\n\n{described(tc.Event)}\n\n{fields_of(tc.Event)}")
     blocks.append(f"### tc.Recorder\n\n{described(tc.Recorder)}\n\n{signature('tc.Recorder', tc.Recorder)}")
     blocks += [entry("####", f"recorder.{name}", getattr(tc.Recorder, name)) for name in ("save", "restart", "frames")]
     pixels = "`pixels`: red, green and blue, uint8 (height, width, 3), top row first."
@@ -584,8 +585,16 @@ def api() -> str:
         title = f"[[{section.name}]]" if section.is_array else f"[{section.name}]"
         link = f"Keys of `{title}`: [{section.name}](keys.md#{section.name})."
         blocks.append(f"### tc.{section.cls.__name__}\n\n{described(section.cls)}\n\n{link}")
-    blocks.append(f"### tc.SceneError\n\n{described(tc.SceneError)}")
+    blocks += [f"### tc.{name}\n\n{described(getattr(tc, name))}" for name in ("SceneError", "UsageError")]
     return "\n\n".join(blocks)
+
+
+def fields_of(cls: type) -> str:
+    """Return the table of the fields of a class, which have their meaning in a comment or in the docstring below."""
+    line = r'^    (\w+): (.+?)(?: = .+?)?(?:  # (.+)|\n    """(.+?)""")$'
+    found = re.findall(line, inspect.getsource(cls), re.MULTILINE)
+    rows = [[f"`{name}`", f"`{kind}`", comment or text] for name, kind, comment, text in found]
+    return table(["name", "type", "meaning"], rows)
 
 
 def members(name: str, cls: type) -> list[str]:

@@ -36,15 +36,17 @@ from .scene.schema import (
     VerletSprings,
     Wind,
 )
-from .system.errors import nearest_hint
+from .system.errors import UsageError, nearest_hint
 from .system.taichi_runtime import start as init
 
 if TYPE_CHECKING:
-    from .export.clip import export_mesh
+    from .collision.colliders import PosedCollider
+    from .export.clip import Simulation, export_mesh, replay
     from .geometry.scene_loader import load_scene
+    from .geometry.topology import ClothMetrics
     from .render.image import Image, render_image
-    from .render.image import NotebookSimulation as Simulation
-    from .simulation.recording import Recorder, replay
+    from .simulation.events import Event, GrabHandle
+    from .simulation.recording import Recorder
 
 __version__ = "0.1.0"
 
@@ -54,14 +56,18 @@ __all__ = [
     "Camera",
     "Capsule",
     "Cloth",
+    "ClothMetrics",
+    "Event",
     "Fabric",
     "Forces",
+    "GrabHandle",
     "Ground",
     "Image",
     "Look",
     "Maps",
     "Mesh",
     "Plane",
+    "PosedCollider",
     "Recorder",
     "Region",
     "Scene",
@@ -73,6 +79,7 @@ __all__ = [
     "StrainLimit",
     "Tearing",
     "Tethers",
+    "UsageError",
     "VerletSprings",
     "Wind",
     "__version__",
@@ -85,16 +92,18 @@ __all__ = [
 ]
 
 # Public names that are imported on first use: their modules need NumPy, or Taichi to run.
-_NUMPY = {"load_scene": "geometry.scene_loader"}
+_NUMPY = {"ClothMetrics": "geometry.topology", "load_scene": "geometry.scene_loader"}
 _TAICHI = {
+    "Event": "simulation.events",
+    "GrabHandle": "simulation.events",
     "Image": "render.image",
+    "PosedCollider": "collision.colliders",
     "Recorder": "simulation.recording",
-    "Simulation": "render.image",
+    "Simulation": "export.clip",
     "export_mesh": "export.clip",
     "render_image": "render.image",
-    "replay": "simulation.recording",
+    "replay": "export.clip",
 }
-_OTHER_NAME = {"Simulation": "NotebookSimulation"}
 
 
 def __dir__() -> list[str]:
@@ -108,4 +117,4 @@ def __getattr__(name: str) -> Any:
         start_if_needed()
     elif name not in _NUMPY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}{nearest_hint(name, __all__)}")
-    return getattr(import_module(f".{(_NUMPY | _TAICHI)[name]}", __name__), _OTHER_NAME.get(name, name))
+    return getattr(import_module(f".{(_NUMPY | _TAICHI)[name]}", __name__), name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import shlex
 import shutil
@@ -11,6 +12,7 @@ import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,8 +24,8 @@ from taichi_cloth.cli.main import build_parser
 from taichi_cloth.evaluation import commands as evaluation_commands
 from taichi_cloth.evaluation import compare
 from taichi_cloth.render.image_files import write_png
-from taichi_cloth.scene import parse_override
-from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES
+from taichi_cloth.scene import key_table, parse_override
+from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, sections
 
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"
@@ -241,6 +243,52 @@ def test_the_api_page_describes_all_public_names() -> None:
     page = text_of(DOCS / "api.md")
     public = [name for name in tc.__all__ if not name.startswith("_")]
     assert [name for name in public if f"### tc.{name}\n" not in page] == []
+
+
+# Types in signatures that Python and NumPy have.
+COMMON_TYPES = {"None", "False", "Path", "PathLike", "Callable", "Sequence", "NDArray", "ArrayLike", "Simulation"}
+
+
+def documented_members(generate: ModuleType) -> dict[str, Any]:
+    """Return every function, class and member that the API reference documents, but the internals, by its name."""
+    names = {name: getattr(tc, name) for name in tc.__all__ if not name.startswith("_")}
+    subjects = [of for subject, of in generate.SIMULATION_MEMBERS.items() if subject != "Internals"]
+    names |= {f"Simulation.{name}": getattr(tc.Simulation, name) for of in subjects for name in of}
+    names["Simulation.__init__"] = tc.Simulation.__init__
+    for cls in (tc.GrabHandle, tc.Recorder):
+        names |= {f"{cls.__name__}.{key}": value for key, value in vars(cls).items() if not key.startswith("_")}
+    return names
+
+
+def signature_text(member: Any) -> str:
+    function = member.fget if isinstance(member, property) else member
+    return str(inspect.signature(function)) if inspect.isroutine(function) else ""
+
+
+def test_names_in_docstrings_of_the_api_can_be_reached(generate: ModuleType) -> None:
+    """A name in backticks is public, a parameter or a scene key; so is a type in a signature."""
+    members = documented_members(generate)
+    keys = {name for row in key_table() for name in (row[1], f"{row[0].strip('[]')}.{row[1]}")}
+    known = {*keys, *sections(), *SOLVER_NAMES, *generate.SIMULATION_ATTRIBUTES, *vars(tc.SceneError("", "", ""))}
+    known |= {"section_key", "ti.init", "with"}
+    wrong = []
+    for name, member in members.items():
+        text = signature_text(member)
+        parameters = set(re.findall(r"(\w+):", text))
+        for word in re.findall(r"`([A-Za-z_][\w.]*)`", inspect.getdoc(member) or ""):
+            word = word.removeprefix("tc.")
+            owners = (tc, tc.Simulation, member)
+            if word not in known | parameters and word not in members and not any(hasattr(o, word) for o in owners):
+                wrong.append(f"{name}: {word}")
+        types = set(re.findall(r"\b[A-Z][A-Za-z]+", re.sub(r"'[^']*' = |= '[^']*'", "", text)))
+        wrong += [f"{name}: {word}" for word in sorted(types - COMMON_TYPES) if not hasattr(tc, word)]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("name", tc.__all__)
+def test_every_public_name_is_listed_and_can_be_imported(name: str) -> None:
+    assert name in dir(tc)
+    assert getattr(tc, name) is not None
 
 
 def test_every_strip_of_parameters_has_a_small_image(generate: ModuleType) -> None:

@@ -99,6 +99,11 @@ def test_reference_solutions_share_only_scenes_and_geometry_with_what_they_judge
         assert imported_folders(path) <= {"scene", "geometry", "system", "evaluation"}, path
 
 
+def test_the_float64_model_of_the_references_is_not_used_by_what_they_judge() -> None:
+    users = {folder_of(path) for path in FILES if any("geometry.spring_model" in name for name in imports(path))}
+    assert users == {"evaluation", "simulation"}  # `Simulation.forces`, which moves nothing
+
+
 def test_solvers_do_not_import_each_other() -> None:
     solvers = {path.stem for path in (PACKAGE / "solvers").glob("*.py")} & set(taichi_cloth_solvers())
     for name in solvers:

@@ -37,12 +37,13 @@ class PosedCollider(NamedTuple):
     """A collider at one time."""
 
     collider: Collider | Ground
-    center: Floats
+    """The object of the scene, with the values of its runtime parameters."""
+    center: NDArray[np.float64]
     """(3,) [m]."""
-    axes: Floats
+    axes: NDArray[np.float64]
     """Its own axes x, y and z as columns, (3, 3)."""
-    size: Floats
-    """The lengths of `Shape.size` [m], (3,)."""
+    size: NDArray[np.float64]
+    """Half sides of a box, radius of a sphere, half length and radius of a capsule [m]; else 0, (3,)."""
 
 
 def shape_of(collider: Collider | Ground) -> Shape:

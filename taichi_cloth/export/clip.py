@@ -1,4 +1,4 @@
-"""Run a simulation and export it: the cloth after some frames, or a clip of all frames."""
+"""Run a simulation and export it: the cloth after some frames, or a clip of all frames. `tc.Simulation`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ import numpy as np
 from ..collision.colliders import PosedCollider
 from ..collision.shapes.plane import polygons
 from ..render.draw_list import TriangleSoup, collider_color, pole_mesh
+from ..render.image import render_image
 from ..render.webgl import local_mesh, merge_corners, pose_matrix
 from ..scene.collider_schema import Ground
 from ..scene.schema import FRAME_SECONDS
+from ..simulation.recording import read_recording, run_recording
 from ..simulation.rollback import DivergenceGuard
-from ..simulation.simulation import Simulation
-from ..system.errors import Diverged
+from ..simulation.simulation import Simulation as BaseSimulation
+from ..system.errors import Diverged, UsageError
 from ..system.files import next_free_path
 from .mesh_files import (
     ExportMesh,
@@ -33,12 +35,12 @@ from .mesh_files import (
     write_obj,
     write_ply,
 )
-from .output import Output, check_format, format_of
+from .output import BY_SUFFIX, CLIP_ONLY_FORMATS, Output, check_format
 
 Add = Callable[[], None]  # adds a sample to a clip: the cloth and the colliders as they are now
 
 
-def export(simulation: Simulation, output: Output, on_frame: Callable[[int], None]) -> None:
+def export(simulation: BaseSimulation, output: Output, on_frame: Callable[[int], None]) -> None:
     """Run the simulation for `output.frames` frames and write its output. The folder must exist.
 
     `on_frame(k)` is called after frame k. Raises Diverged if the cloth blows up, and OSError if a file cannot be
@@ -56,7 +58,7 @@ def export(simulation: Simulation, output: Output, on_frame: Callable[[int], Non
         write_frame(output.path, output.format, simulation, output.up)
 
 
-def write_frame(path: Path, format: str, simulation: Simulation, up: str = "y") -> None:
+def write_frame(path: Path, format: str, simulation: BaseSimulation, up: str = "y") -> None:
     """Write the cloth as it is now, without torn triangles, to an OBJ, PLY, USD or glTF file. Raises OSError."""
     sheet, x = _sheet(simulation), simulation.positions()
     if format == "usd":
@@ -73,17 +75,46 @@ def write_frame(path: Path, format: str, simulation: Simulation, up: str = "y") 
 
 
 def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y") -> None:
-    """Write the cloth as it is now to an OBJ, PLY, USD or glTF file, by the suffix of `path`. `up`: "y" or "z".
-
-    Raises UsageError for another suffix, for another axis, and for z in a glTF file, and OSError; a partial file never
-    remains.
-    """
-    format = format_of(Path(path), None, clip=False)
+    """Write the cloth as it is now, as `Simulation.export` does."""
+    file = Path(path)
+    format = BY_SUFFIX.get(file.suffix.lower(), "")
+    if not format or format in CLIP_ONLY_FORMATS:
+        suffixes = [suffix for suffix, name in BY_SUFFIX.items() if name not in CLIP_ONLY_FORMATS]
+        problem = f"{CLIP_ONLY_FORMATS[format]} a clip, not one frame" if format else f"unknown suffix {file.suffix!r}"
+        raise UsageError(f"{file}: {problem}; use {', '.join(suffixes)}")
     check_format(format, up)
-    write_frame(Path(path), format, simulation, up)
+    write_frame(file, format, simulation, up)
 
 
-def export_snapshot(simulation: Simulation, folder: Path) -> Path:
+class Simulation(BaseSimulation):  # with what the base class cannot import, as it is used there
+    __doc__ = BaseSimulation.__doc__
+
+    def export(self, path: str | PathLike[str], up: str = "y") -> None:
+        """Write the cloth as it is now to an OBJ, PLY, USD or glTF file, by the suffix of `path`. `up`: "y" or "z".
+
+        Raises UsageError for another suffix, for another axis, and for z in a glTF file, and OSError; a partial file
+        never remains.
+        """
+        export_mesh(self, path, up)
+
+    def _repr_png_(self) -> bytes | None:
+        """Return an image of the current frame as a PNG file; None for a closed simulation."""
+        return None if self.closed else render_image(self)._repr_png_()
+
+
+def replay(path: str | PathLike[str]) -> Simulation:
+    """Replay a recording without drawing it. Return the simulation after its last frame.
+
+    Raises UsageError and SceneError, one line, for a file that is not a recording and for an event that the scene does
+    not support.
+    """
+    recording = read_recording(Path(path))
+    simulation = Simulation(recording.scene, recording.layout)
+    run_recording(recording, simulation)
+    return simulation
+
+
+def export_snapshot(simulation: BaseSimulation, folder: Path) -> Path:
     """Write the cloth as it is now to a new OBJ file in a folder. Return its path. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     path = next_free_path(folder, "mesh").with_suffix(".obj")
@@ -91,11 +122,11 @@ def export_snapshot(simulation: Simulation, folder: Path) -> Path:
     return path
 
 
-def _sheet(simulation: Simulation) -> ExportMesh:
+def _sheet(simulation: BaseSimulation) -> ExportMesh:
     return export_mesh_of(simulation.scene, simulation.topology)
 
 
-def _solids(simulation: Simulation) -> list[Solid]:
+def _solids(simulation: BaseSimulation) -> list[Solid]:
     """Return the colliders, each in its own coordinates, and the pole."""
     return [*starmap(_collider, enumerate(simulation.colliders())), *_pole(simulation)]
 
@@ -110,7 +141,7 @@ def _collider(number: int, posed: PosedCollider) -> Solid:
     return Solid(name, np.array(collider_color(posed)), corners, up, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def _pole(simulation: Simulation) -> list[Solid]:
+def _pole(simulation: BaseSimulation) -> list[Solid]:
     """Return the pole in world space, if the scene has one."""
     if not simulation.scene.look.pole:
         return []
@@ -122,7 +153,7 @@ def _solid(name: str, soup: TriangleSoup) -> Solid:
     return Solid(name, soup[2][0], vertices[:, :3], vertices[:, 3:], corners.reshape(-1, 3))
 
 
-def _poses(simulation: Simulation) -> Floats:
+def _poses(simulation: BaseSimulation) -> Floats:
     """Return the current pose of each of the `_solids` as a matrix, (K, 4, 4)."""
     poses = [pose_matrix(posed, posed.size[0]) for posed in simulation.colliders()]
     if simulation.scene.look.pole:
@@ -130,7 +161,7 @@ def _poses(simulation: Simulation) -> Floats:
     return np.array(poses).reshape(-1, 4, 4)
 
 
-def _frames(simulation: Simulation, frames: range, on_frame: Callable[[int], None]) -> Iterator[int]:
+def _frames(simulation: BaseSimulation, frames: range, on_frame: Callable[[int], None]) -> Iterator[int]:
     """Yield the index of each frame before it is simulated. Raises Diverged."""
     guard = DivergenceGuard(simulation)
     for k in frames:
@@ -142,7 +173,7 @@ def _frames(simulation: Simulation, frames: range, on_frame: Callable[[int], Non
 
 
 @contextmanager
-def _clip(output: Output, simulation: Simulation) -> Iterator[Add]:
+def _clip(output: Output, simulation: BaseSimulation) -> Iterator[Add]:
     """Yield a function that adds a sample to a clip. A clip in one file has the triangles of its first sample."""
     rate = 1 / (FRAME_SECONDS * output.every)
     if output.format == "usd":
@@ -165,7 +196,7 @@ def _clip(output: Output, simulation: Simulation) -> Iterator[Add]:
         yield lambda: write_frame(output.sample_path(next(numbers)), output.format, simulation, output.up)
 
 
-def _point_cache(output: Output, simulation: Simulation) -> Iterator[Add]:
+def _point_cache(output: Output, simulation: BaseSimulation) -> Iterator[Add]:
     sheet, first = _sheet(simulation), rotate_to_up(simulation.positions(), output.up)
     with pc2_clip(output.path, len(sheet.uv), output.samples) as write:
         yield lambda: write(rotate_to_up(simulation.positions(), output.up))

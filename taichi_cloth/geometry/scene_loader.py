@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from ..scene.keys import GROUP, REGION, keys_of
 from ..scene.reader import check_keys, pins_by_key, read_scene, read_with_mistakes
 from ..scene.schema import MAP_NAMES, Cloth, Scene
-from ..system.errors import Mistakes, SceneError, short_repr
+from ..system.errors import Mistakes
 from .cloth_builder import attached_particles, build_particles, check_mesh, weight_map
 from .signed_distance import check_solid
 
 
-def load_scene(name_or_path: str | Path, /, **overrides: object) -> Scene:
-    """Load a shipped scene by name, or a TOML file by path, with keys set by `overrides`.
+def load_scene(source: str | Path | dict[str, Any], /, **overrides: object) -> Scene:
+    """Load a shipped scene by name, a TOML file by path, or a dict as TOML has it, with keys set by `overrides`.
 
     The name of an override is `section_key` (`wind_z=6`, `cloth_rows=12`) or, if only one section of the scene has the
     key, the key alone (`substeps=10`). The name of a section sets its name (`solver="lines"`) or preset
     (`fabric="denim"`). In an array of tables, such as spheres and boxes, an override sets a key of the first table
     (`sphere_radius=0.4`). A section that the file does not have is added with its defaults.
 
+    An override can also replace a section as a whole: by a dict or an object of its class (`wind={"z": 6}`), by a list
+    of them (`spheres=[{"radius": 0.4}]`), or by None, which leaves it out (`wind=None`).
+
     Another solver gets its own default substeps and iterations. A preset replaces all fabric keys of the file.
 
     Raises SceneError: one line with file, key, reason and the nearest valid name.
     """
-    scene, file = read_scene(name_or_path, overrides)
+    scene, file = read_scene(source, overrides)
     check_geometry(scene, file)
     return scene
 
@@ -41,13 +45,13 @@ def load_with_mistakes(name_or_path: str | Path) -> tuple[Scene | None, Mistakes
     return scene, mistakes
 
 
-def check_scene(scene: Scene) -> Scene:
-    """Check a scene made in Python as a file is checked, and return it. Lists become tuples.
+def check_scene(scene: Scene | str | Path | dict[str, Any]) -> Scene:
+    """Return a scene made in Python after checking it as a file is checked; load a scene by name, path or dict.
 
     Raises SceneError: one line with the name of the scene, key and reason.
     """
     if not isinstance(scene, Scene):
-        raise SceneError("scene", "", f"must be a Scene, as load_scene returns it, got {short_repr(scene)}")
+        return load_scene(scene)
     checked = check_keys(scene)
     check_geometry(checked, checked.name)
     return checked

@@ -69,16 +69,17 @@ def render_image(
     `view`: "shaded", "strain", "wireframe" or "particles". `eye` and `target`: positions of the camera, and of what it
     looks at [m]; without one, that of the scene's camera.
 
-    Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, for an
-    unknown view, and for a camera that is not at three numbers or looks straight up or down.
+    Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, an
+    unknown view, and a position that a scene does not allow: one not of three numbers, or a camera that looks straight
+    up or down.
     """
     if view not in VIEWS:
         raise ValueError(f"unknown view {view!r}{choose_from(view, VIEWS)}")
     if np.shape(size) != (2,) or not all(isinstance(n, (int, np.integer)) and 1 <= n <= MAX_SIDE for n in size):
         raise ValueError(f"size must be width and height, 1 to {MAX_SIDE} pixels each, not {short_repr(size)}")
     places: dict[str, Any] = {"eye": eye, "target": target}
-    places = {name: np.asarray(place).tolist() for name, place in places.items() if place is not None}
     scene = simulation.scene
+    places = {name: place for name, place in places.items() if place is not None}
     camera = OrbitCamera.from_scene(check_keys(replace(scene, camera=replace(scene.camera, **places))))
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
@@ -86,11 +87,3 @@ def render_image(
         return Image(render_pixels(raster, draw_list, camera, view))
     finally:
         draw_list.close()
-
-
-class NotebookSimulation(Simulation):  # `tc.Simulation`: a simulation cannot import what renders it
-    __doc__ = Simulation.__doc__
-
-    def _repr_png_(self) -> bytes | None:
-        """Return an image of the current frame as a PNG file; None for a closed simulation."""
-        return None if self.closed else render_image(self)._repr_png_()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .keys import Keyframes, Pins, Vec3, key_field
+from .keys import Keyframes, Pins, Table, Vec3, key_field
 
 # Contact responses: positional projection, velocity reflection, penalty force (`collision/response.py`).
 RESPONSES = ("projection", "reflection", "repulsion")
@@ -12,7 +12,7 @@ PROJECTION, REFLECTION, REPULSION = range(3)
 
 
 @dataclass(frozen=True)
-class ContactProperties:
+class ContactProperties(Table):
     """Contact with a collider. `continuous` and collision with triangles require projection."""
 
     margin: float = key_field(0.02, "distance from the surface at which contact begins", "m", min=0.0, max=10.0)
@@ -31,7 +31,7 @@ class ContactProperties:
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(Table):
     """Motion of a collider or attachment. Its center is at center + oscillation·sin(2π·t/period + phase) + keyframes.
 
     It rotates about its center: by `rocking`, with the same period and phase, then by `keyframes`, then by `spin`.

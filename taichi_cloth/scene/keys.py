@@ -1,14 +1,15 @@
-"""Metadata of scene keys, and the check of a value against it: type, range and choices."""
+"""Metadata of scene keys, and checks against it: values (type, range, choices), tables of keys, and sections."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from math import isfinite
-from typing import Any, get_type_hints
+from typing import Any, ClassVar, NamedTuple, get_type_hints
 
-from ..system.errors import RENAMED_SOLVERS, SceneError, nearest_name, short_repr
+from ..system.errors import RENAMED_SOLVERS, Mistakes, SceneError, nearest_name, new_key, short_repr
 
 Vec3 = tuple[float, float, float]
 Keyframes = tuple[tuple[float, ...], ...]
@@ -19,6 +20,7 @@ EDGES = ("top", "bottom", "left", "right")
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 GROUP, REGION = "group:", "region:"  # prefixes: a group of a mesh file; one of [[regions]]
 PIN_NAMES = (*EDGES, *CORNERS)
+MAX_TABLES = 16  # tables of one section, such as [[spheres]]
 
 _TYPE_NAMES = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # including line ends and surrogates
@@ -52,6 +54,7 @@ def key_field(default: Any, help: str, unit: str = "", **bounds: Any) -> Any:
     return field(default=default, metadata={"key": Key(help, unit, **bounds)})
 
 
+@cache
 def keys_of(section: type) -> dict[str, Key]:
     """Return the metadata of a section's keys by name, as in `keys_of(Wind)["x"].unit`."""
     return {f.name: f.metadata["key"] for f in fields(section) if "key" in f.metadata}
@@ -65,6 +68,7 @@ def types_of(section: type) -> dict[str, object]:
 
 def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     """Return `value` as the type `hint`. Raises SceneError if its type is wrong or `key` does not allow it."""
+    value = _without_numpy(value)
     if hint == Vec3:
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise SceneError(file, where, f"must be three numbers, as in [0.0, 1.0, 0.0], got {short_repr(value)}")
@@ -72,9 +76,11 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     if hint == Keyframes:
         return _keyframes(value, key, file, where)
     if hint == Pins:
+        if isinstance(value, (str, int)):  # a single pin without brackets
+            value = [value]
         if not isinstance(value, (list, tuple)):
             raise SceneError(file, where, f'must be a list, as in ["top", 17], got {short_repr(value)}')
-        return tuple(_pin(v, file, f"{where}[{k}]") for k, v in enumerate(value))
+        return tuple(_pin(_without_numpy(v), file, f"{where}[{k}]") for k, v in enumerate(value))
     accepted: Any = (int, float) if hint is float else hint
     if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):
         raise SceneError(file, where, f"must be {_TYPE_NAMES[hint]}, got {short_repr(value)}")
@@ -83,6 +89,12 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     elif hint is not bool:
         _check_number(value, key, file, where)
     return hint(value)
+
+
+def _without_numpy(value: Any) -> Any:
+    """Return numbers, strings and arrays of NumPy as Python's own; other values are returned unchanged."""
+    to_python = None if isinstance(value, type) else getattr(value, "tolist", None)
+    return to_python() if callable(to_python) else value
 
 
 def range_text(key: Key) -> str:
@@ -143,3 +155,91 @@ def _pin(value: object, file: str, where: str) -> str | int:
         f"{REGION}NAME or {GROUP}NAME"
     )
     raise SceneError(file, where, reason, nearest_name(value, PIN_NAMES) if isinstance(value, str) else "")
+
+
+# -- tables and sections -----------------------------------------------------------------------------------------------
+
+
+class Table:
+    """Base of the dataclasses of sections and scene: a keyword that is no field is refused as a key in a file is."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __new__(cls, *args: Any, **keywords: Any) -> Any:
+        for name in keywords:
+            if name not in cls.__dataclass_fields__:
+                raise SceneError(cls.__name__, name, *_unknown_key("", name, list(cls.__dataclass_fields__)))
+        return super().__new__(cls)
+
+
+class Section(NamedTuple):
+    """One section of a scene: its table in a file, and its class."""
+
+    name: str
+    """Name of the table: "wind", "spheres"."""
+    cls: type
+    """Dataclass of the section."""
+    is_array: bool
+    """Whether it is an array of tables, as [[spheres]]."""
+    optional: bool
+    """Whether a scene may have no such section."""
+
+    @property
+    def singular(self) -> str:
+        """Name of one table: "wind", "sphere"."""
+        return self.cls.__name__.lower() if self.is_array else self.name
+
+    def checked(self, value: Any, mistakes: Mistakes) -> Any:
+        """Return the section as a scene stores it: an object of its class, a tuple of them if it is an array, or None.
+
+        `value`: the same, or dicts in place of objects and a list in place of a tuple; None: no such section.
+        """
+        if value is None and self.optional:
+            return () if self.is_array else None
+        if not self.is_array:
+            if isinstance(value, (list, tuple)) and value and isinstance(value[0], (dict, self.cls)):
+                mistakes.add(self.name, f"write [{self.name}] with single brackets: a scene has only one")
+                return self.cls()
+            return self._object(value, mistakes, self.name)
+        if not isinstance(value, (list, tuple)):
+            reason = f"write [[{self.name}]] with two brackets: it is an array of tables; in Python, pass a list"
+            mistakes.add(self.name, reason)
+            return ()
+        if len(value) > MAX_TABLES:
+            mistakes.add(self.name, f"has {len(value)} tables, at most {MAX_TABLES} are allowed")
+            return ()
+        return tuple(self._object(one, mistakes, f"{self.name}[{k}]") for k, one in enumerate(value))
+
+    def _object(self, value: Any, mistakes: Mistakes, where: str) -> Any:
+        is_object, values = isinstance(value, self.cls), check_table(self.cls, self.table(value), mistakes, where)
+        return replace(value, **values) if is_object else self.cls(**values)
+
+    def table(self, value: Any) -> Any:
+        """Return an object of the class as a dict of its keys; other values are returned unchanged."""
+        return {name: getattr(value, name) for name in keys_of(self.cls)} if isinstance(value, self.cls) else value
+
+
+def check_table(cls: type, table: Any, mistakes: Mistakes, where: str = "", also: Iterable[str] = ()) -> dict[str, Any]:
+    """Return the valid keys of a table. Messages name it `where`, and suggest the names in `also` as well."""
+    if not isinstance(table, dict):
+        mistakes.add(where, f"must be a table, got {short_repr(table)}")
+        return {}
+    keys, hints = keys_of(cls), types_of(cls)
+    values = {}
+    for name, value in table.items():
+        key = f"{where}.{name}" if where else f"{name}"
+        if name in keys:
+            with mistakes.collect():
+                values[name] = check_value(value, hints[name], keys[name], mistakes.file, key)
+        else:
+            mistakes.add(key, *_unknown_key(where, f"{name}", [*keys, *also]))
+    return values
+
+
+def _unknown_key(where: str, name: str, known: list[str]) -> tuple[str, str]:
+    """Return why a key of the table `where` is refused, and a hint: its new name or the nearest of the `known` ones."""
+    section = where.partition("[")[0]
+    if new := new_key(f"{section}_{name}" if section else name):
+        return f"was renamed to {new.removeprefix(f'{section}_')}", ""
+    hint = nearest_name(name, known)
+    return "unknown key" + ("" if hint else f"; allowed: {', '.join(known)}"), hint

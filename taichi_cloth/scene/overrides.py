@@ -8,9 +8,9 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from ..system.errors import SceneError, nearest_name, new_key
-from .keys import Pins, keys_of, types_of
-from .schema import Scene, Section, sections
+from ..system.errors import Mistakes, SceneError, nearest_name, new_key
+from .keys import Section, keys_of
+from .schema import Scene, sections
 from .solver_catalog import SOLVER_CATALOG
 from .toml_io import parse_toml
 
@@ -35,17 +35,41 @@ def parse_override(text: str, option: str = "--set") -> tuple[str, object]:
     return key, parsed["value"] if len(parsed) == 1 else value  # several keys: VALUE had several lines
 
 
+def is_section(key: str, value: object) -> bool:
+    """Return whether an override is a section as a whole, or None for no such section."""
+    part = sections().get(key)
+    return part is not None and (value is None or isinstance(value, (dict, list, tuple, part.cls)))
+
+
+def plain_tables(name: str, value: Any) -> Any:
+    """Return a section with new dicts and lists in place of all dicts, tuples and objects of its class."""
+    part = sections().get(name)
+    if part is not None and isinstance(value, (list, tuple)):
+        return [plain_tables(name, one) for one in value]
+    table = value if part is None else part.table(value)
+    return dict(table) if isinstance(table, dict) else table
+
+
 def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> None:
     """Write one override into the parsed TOML of a valid scene. Raises SceneError for an unknown or ambiguous key."""
+    if is_section(key, value):
+        mistakes = Mistakes(file)
+        sections()[key].checked(value, mistakes)
+        mistakes.raise_first()
+        if value is None:
+            data.pop(key, None)
+        else:
+            data[key] = plain_tables(key, value)
+        return
     name, index = _without_dots(key)
     names = override_targets()
     if name not in names:
         if part := sections().get(name):
             example = f"{part.name}.{next(iter(keys_of(part.cls)))}"
-            raise SceneError(file, key, f"is a section: set one of its keys, such as {example}")
+            raise SceneError(file, key, f"is a section: set one of its keys, such as {example}, or give it a table")
         if (new := new_key(name)) in names:
             raise SceneError(file, key, f"was renamed to {_dotted(new) if '.' in key else new}")
-        hint = nearest_name(key, map(_dotted, names)) if "." in key else nearest_name(key, names)
+        hint = nearest_name(key, map(_dotted, names) if "." in key else [*names, *sections()])
         raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth schema` lists them"), hint)
     in_file = [target for target in names[name] if target[0] is None or target[0].name in data]
     in_every_scene = [target for target in names[name] if target[0] and not target[0].optional]
@@ -56,8 +80,6 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
         )
     [(part, name)] = targets
     table = data if part is None else _table(data, part, index, file, key)
-    if part is not None and types_of(part.cls)[name] == Pins and isinstance(value, (str, int)):
-        value = [value]
     table[name] = value
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .keys import Key, check_value, keys_of
-from .schema import Scene, Section, sections
+from .keys import Key, Section, check_value, keys_of
+from .schema import Scene, sections
 
 # First parameters of the panel; the others follow in the order of the schema.
 _ORDER = ("gravity", "wind_x", "wind_z", "stiffness", "damping", "sphere_radius", "iterations", "substeps")

@@ -7,42 +7,48 @@ from math import hypot
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..system.errors import Mistakes, SceneError, nearest_name, new_key, short_repr
+from ..system.errors import Mistakes, SceneError, nearest_name, short_repr
 from .collider_schema import PROJECTION, RESPONSES, ContactProperties, Mesh, RoundCollider
-from .keys import check_value, keys_of, types_of
-from .overrides import apply_override, targets_of
+from .keys import check_table, check_value, keys_of, types_of
+from .overrides import apply_override, is_section, plain_tables, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
-from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Scene, Section, sections
+from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Scene, sections
 from .solver_catalog import SOLVER_CATALOG
 from .toml_io import parse_toml
 
 MAX_BYTES = 1_000_000  # of a scene file
-MAX_TABLES = 16  # tables of one section, such as [[spheres]]
 SOLVER_DEFAULT_KEYS = (
     "substeps",
     "iterations",
 )  # keys of [solver] with defaults per solver, as in `SolverInfo.defaults`
-_GRID_DEFAULTS = (*GRID_KEYS, "pins")  # keys of [cloth] whose defaults apply to grids only
 MeshOrCloth = TypeVar("MeshOrCloth", Mesh, Cloth)
 
 
-def read_scene(name_or_path: str | Path, overrides: dict[str, Any]) -> tuple[Scene, str]:
-    """Return the scene of a file with overrides, as `geometry.scene_loader.load_scene` does, and its name in messages.
+def read_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any]) -> tuple[Scene, str]:
+    """Return a scene with overrides, as `geometry.scene_loader.load_scene` does, and its name in messages.
 
     Nothing that needs the contents of mesh and map files is checked. Raises SceneError.
     """
-    path, file = scene_path(name_or_path), str(name_or_path)
-    data = _parse(path)
+    if isinstance(source, dict):
+        path, file = Path("scene.toml"), "scene"  # in the working folder: mesh files are relative to it
+        data = {key: plain_tables(key, value) for key, value in source.items()}
+    elif isinstance(source, (str, Path)):
+        path, file = scene_path(source), str(source)
+        data = _parse(path)
+    else:
+        reason = f"must be the name of a shipped scene, the path of a TOML file, or a dict, got {short_repr(source)}"
+        raise SceneError("scene", "", reason)
     scene = scene_from(data, file, path)  # the file must be valid without overrides too
     if not overrides:
         return scene, file
     file += " (override)"
     dropped = {key: _dropped_keys(key, value, scene) for key, value in overrides.items()}
-    for key in sorted(overrides, key=lambda key: not dropped[key]):  # those that drop keys of the file first
+    # Sections first, then what drops keys of the file, then single keys.
+    for key in sorted(overrides, key=lambda key: (not is_section(key, overrides[key]), not dropped[key])):
         apply_override(data, key, overrides[key], file)
         for section, names in dropped[key].items():
             for name in names:
-                data.get(section, {}).pop(name, None)
+                _table_of(data, section).pop(name, None)
     return scene_from(data, file, path), file
 
 
@@ -68,41 +74,18 @@ def scene_from_toml(text: str, like: Scene) -> Scene:
 
 
 def check_keys(scene: Scene) -> Scene:
-    """Check the keys of a scene made in Python as those of a file, and return it. Lists become tuples.
+    """Check the keys of a scene made in Python against each other, and return it; a mesh file has no pins by default.
 
     Raises SceneError: one line with the name of the scene, key and reason.
     """
-    data: dict[str, Any] = {key: getattr(scene, key) for key in keys_of(Scene)}
-    for part in sections().values():
-        value = getattr(scene, part.name)
-        if part.is_array:
-            data[part.name] = [_table(part, one) for one in value] if isinstance(value, (list, tuple)) else value
-        elif value is not None or not part.optional:
-            data[part.name] = _table(part, value)
-    if isinstance(scene.cloth, Cloth) and scene.cloth.file:  # a mesh has no grid keys: drop defaults
-        defaults = Cloth()
-        data["cloth"] = {
-            k: v for k, v in data["cloth"].items() if not (k in _GRID_DEFAULTS and v == getattr(defaults, k))
-        }
-    mistakes = Mistakes(scene.name)
-    checked = _sections(data, scene.name, mistakes)
+    cloth, defaults, mistakes = scene.cloth, Cloth(), Mistakes(scene.name)
+    if cloth.file:
+        _check_no_grid_keys([key for key in GRID_KEYS if getattr(cloth, key) != getattr(defaults, key)], mistakes)
+        if cloth.pins == defaults.pins:
+            scene = replace(scene, cloth=replace(cloth, pins=()))
+    _check_consistency(scene, mistakes)
     mistakes.raise_first()
-    meshes = tuple(
-        replace(mesh, folder=original.folder) for mesh, original in zip(checked.meshes, scene.meshes, strict=True)
-    )
-    checked = replace(checked, meshes=meshes, cloth=replace(checked.cloth, folder=scene.cloth.folder))
-    if checked.maps and scene.maps:
-        checked = replace(checked, maps=replace(checked.maps, folder=scene.maps.folder))
-    _check_consistency(checked, mistakes)
-    mistakes.raise_first()
-    return scene if checked == scene else checked
-
-
-def _table(part: Section, section: Any) -> Any:
-    """Return a section as a table of keys, as the TOML parser returns it. Other objects are returned unchanged."""
-    if not isinstance(section, part.cls):
-        return section
-    return {name: getattr(section, name) for name in keys_of(part.cls)}
+    return scene
 
 
 def _dropped_keys(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ...]]:
@@ -110,6 +93,9 @@ def _dropped_keys(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ..
 
     A fabric preset replaces all fabric keys; another solver replaces substeps and iterations.
     """
+    if is_section(key, value):  # it has replaced its own keys
+        preset = key == "fabric" and isinstance(value, dict) and value.get("preset")
+        return {name: keys for name, keys in PRESET_KEYS.items() if name != key} if preset else {}
     targets = [(part.name, name) for part, name in targets_of(key) if part]
     if targets == [("fabric", "preset")]:
         return PRESET_KEYS
@@ -163,21 +149,21 @@ def _sections(data: dict[str, Any], name: str, mistakes: Mistakes) -> Scene:
     """Return the scene of parsed TOML, with each section checked by itself."""
     known = sections()
     top_level = {key: value for key, value in data.items() if key not in known}
-    values = _values(Scene, top_level, mistakes, also=list(known))
+    values = check_table(Scene, top_level, mistakes, also=known)
     for part in known.values():
         if part.name in data:
-            values[part.name] = _part(part, data[part.name], mistakes)
+            values[part.name] = part.checked(data[part.name], mistakes)
     if "cloth" in values and values["cloth"].file:
-        values["cloth"] = _mesh_cloth(values["cloth"], data["cloth"], mistakes)
+        _check_no_grid_keys([key for key in GRID_KEYS if key in data["cloth"]], mistakes)
+        if "pins" not in data["cloth"]:  # a mesh file has none by default
+            values["cloth"] = replace(values["cloth"], pins=())
     return Scene(**values, name=name)
 
 
-def _mesh_cloth(cloth: Cloth, data: dict[str, Any], mistakes: Mistakes) -> Cloth:
-    """Return the cloth of a mesh file, which has no pins by default, and check that no grid key is set."""
-    for key in GRID_KEYS:
-        if key in data:
-            mistakes.add(f"cloth.{key}", "applies to grids only, but cloth.file names a mesh: remove one")
-    return cloth if "pins" in data else replace(cloth, pins=())
+def _check_no_grid_keys(keys: list[str], mistakes: Mistakes) -> None:
+    """Check that a cloth from a mesh file sets no `keys` of a grid."""
+    for key in keys:
+        mistakes.add(f"cloth.{key}", "applies to grids only, but cloth.file names a mesh: remove one")
 
 
 def _table_of(data: dict[str, Any], section: str) -> dict[str, Any]:
@@ -232,45 +218,6 @@ def _located(mesh: MeshOrCloth, folder: Path, where: str, mistakes: Mistakes) ->
         )
         mistakes.add(where, reason, nearest_name(mesh.file, mesh_names()))
     return mesh
-
-
-def _part(part: Section, data: Any, mistakes: Mistakes) -> Any:
-    """Return a section, or the tuple of all tables of a section that is an array of tables."""
-    if not part.is_array:
-        if isinstance(data, list) and data and isinstance(data[0], dict):
-            mistakes.add(part.name, f"write [{part.name}] with single brackets: a scene has only one")
-            return part.cls()
-        return part.cls(**_values(part.cls, data, mistakes, part.name))
-    if not isinstance(data, list):
-        mistakes.add(part.name, f"write [[{part.name}]] with two brackets: it is an array of tables")
-        return ()
-    if len(data) > MAX_TABLES:
-        mistakes.add(part.name, f"has {len(data)} tables, at most {MAX_TABLES} are allowed")
-        return ()
-    return tuple(part.cls(**_values(part.cls, table, mistakes, f"{part.name}[{k}]")) for k, table in enumerate(data))
-
-
-def _values(
-    section: type, data: Any, mistakes: Mistakes, where: str = "", also: list[str] | None = None
-) -> dict[str, Any]:
-    """Return the valid keys of one table. Messages name it `where`, and suggest the names in `also` as well."""
-    if not isinstance(data, dict):
-        mistakes.add(where, f"must be a table, got {short_repr(data)}")
-        return {}
-    keys, hints = keys_of(section), types_of(section)
-    values = {}
-    for name, value in data.items():
-        key = f"{where}.{name}" if where else name
-        if name in keys:
-            with mistakes.collect():
-                values[name] = check_value(value, hints[name], keys[name], mistakes.file, key)
-        elif new := new_key(f"{where.partition('[')[0]}_{name}" if where else name):
-            mistakes.add(key, f"was renamed to {new.removeprefix(where.partition('[')[0] + '_')}")
-        else:
-            known = [*keys, *(also or [])]
-            hint = nearest_name(name, known)
-            mistakes.add(key, "unknown key" + ("" if hint else f"; allowed: {', '.join(known)}"), hint)
-    return values
 
 
 def _check_response(collider: ContactProperties, where: str, mistakes: Mistakes) -> None:

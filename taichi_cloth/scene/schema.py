@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, is_dataclass
 from functools import cache
-from typing import NamedTuple, get_args, get_origin
+from typing import get_args, get_origin
 
+from ..system.errors import Mistakes
 from .collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
-from .keys import CORNERS, Pins, Vec3, key_field, types_of
+from .keys import CORNERS, Pins, Section, Table, Vec3, check_table, key_field, keys_of, types_of
 from .solver_catalog import SOLVER_CATALOG
 
 FRAME_SECONDS = 1 / 60  # [s] duration of a frame
@@ -23,7 +24,7 @@ PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # 
 
 
 @dataclass(frozen=True)
-class Cloth:
+class Cloth(Table):
     """A rectangular grid of particles, or the triangle mesh in `file`.
 
     Before `rotation` a grid lies in the xy plane. Rows run along +x, columns along −y; row 0 is at the top. A mesh file
@@ -91,7 +92,7 @@ GRID_KEYS = (
 
 
 @dataclass(frozen=True)
-class Region:
+class Region(Table):
     """An axis-aligned box. The pin `region:NAME` pins all particles that start inside it."""
 
     name: str = key_field("", "name that pins refer to")
@@ -103,7 +104,7 @@ MAP_NAMES = ("pin", "stiffness", "max_distance")
 
 
 @dataclass(frozen=True)
-class Maps:
+class Maps(Table):
     """Maps assign a number 0…1 to every particle. A map is an image (black is 0, white is 1) or a list of numbers.
 
     An image covers a grid, with the top of the image at the top edge; on a mesh file it follows the texture
@@ -127,7 +128,7 @@ class Maps:
 
 
 @dataclass(frozen=True)
-class VerletSprings:
+class VerletSprings(Table):
     """Stiffness of the distance constraints of solver `verlet`. A family of springs with stiffness 0 is left out."""
 
     structural: float = key_field(
@@ -142,7 +143,7 @@ class VerletSprings:
 
 
 @dataclass(frozen=True)
-class Fabric:
+class Fabric(Table):
     """Spring stiffness in SI units, for all solvers but `verlet`. Springs with stiffness 0 are left out.
 
     `warp` and `weft` are those of the structural springs: forces per strain and meter of width, independent of the
@@ -182,7 +183,7 @@ class Fabric:
 
 
 @dataclass(frozen=True)
-class Solver:
+class Solver(Table):
     """The solver and its settings.
 
     Substeps and iterations that a scene file does not set have the defaults of the solver. In Python they have those of
@@ -211,7 +212,7 @@ class Solver:
 
 
 @dataclass(frozen=True)
-class StrainLimit:
+class StrainLimit(Table):
     """Strain limit (Provot 1995): springs stretched beyond it are shortened after each substep."""
 
     strain: float = key_field(
@@ -227,7 +228,7 @@ class StrainLimit:
 
 
 @dataclass(frozen=True)
-class Tethers:
+class Tethers(Table):
     """Tethers to the pins (Kim et al. 2012) limit the distance of each particle from a pin.
 
     The limit is `slack` times their distance on the flat sheet. All solvers enforce it at the end of each substep.
@@ -245,7 +246,7 @@ class Tethers:
 
 
 @dataclass(frozen=True)
-class Tearing:
+class Tearing(Table):
     """Tearing: overstretched springs break, with the adjacent triangles. `fabric.bending_stiffness` must be 0."""
 
     strain: float = key_field(
@@ -254,7 +255,7 @@ class Tearing:
 
 
 @dataclass(frozen=True)
-class Forces:
+class Forces(Table):
     """Forces on every particle."""
 
     gravity: float = key_field(
@@ -263,7 +264,7 @@ class Forces:
 
 
 @dataclass(frozen=True)
-class Wind:
+class Wind(Table):
     """Wind: every triangle has drag along the relative air velocity, and lift perpendicular to it."""
 
     x: float = key_field(0.0, "wind velocity along x", "m/s", min=-100.0, max=100.0, slider=(-12.0, 12.0))
@@ -277,7 +278,7 @@ class Wind:
 
 
 @dataclass(frozen=True)
-class SelfCollision:
+class SelfCollision(Table):
     """Self-collision. Parts of the cloth that approach by more than two thicknesses in one substep may pass through."""
 
     thickness: float = key_field(
@@ -308,7 +309,7 @@ class SelfCollision:
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Table):
     """The camera of the window and of images."""
 
     eye: Vec3 = key_field((3.5, 2.6, 6.5), "position of the camera", "m", min=-1e5, max=1e5)
@@ -317,7 +318,7 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class Look:
+class Look(Table):
     """Colors and patterns. They do not affect the motion. A fabric preset sets its own."""
 
     color: str = key_field("#b5303c", "first color of the pattern", color=True)
@@ -334,10 +335,13 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Table):
     """A complete, immutable description of a simulation.
 
-    Load one with `load_scene` or create it in Python; `Simulation` checks it as a file is checked (`check_scene`).
+    Load one with `load_scene` or create it in Python. Sections are objects of their classes or dicts with their keys,
+    arrays of sections are tuples or lists, and None is no section. Numbers and arrays of NumPy are stored as Python's.
+    Each key is checked as in a file. Raises SceneError: one line with name of the scene, key, reason and the nearest
+    valid name.
     """
 
     title: str = key_field("", "one line that describes the scene")
@@ -365,27 +369,18 @@ class Scene:
     look: Look = field(default_factory=Look)
     name: str = field(default="scene", metadata={"derived": "stem of the scene file"})
 
+    def __post_init__(self) -> None:
+        mistakes = Mistakes(self.name)
+        values = check_table(Scene, {key: getattr(self, key) for key in keys_of(Scene)}, mistakes)
+        for part in sections().values():
+            values[part.name] = part.checked(getattr(self, part.name), mistakes)
+        mistakes.raise_first()
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
 
 # Sections of `Scene` with colliders, in the order of the collider table.
 COLLIDERS = ("spheres", "capsules", "boxes", "planes", "meshes")
-
-
-class Section(NamedTuple):
-    """One section of a scene: its table in a file, and its class."""
-
-    name: str
-    """Name of the table: "wind", "spheres"."""
-    cls: type
-    """Dataclass of the section."""
-    is_array: bool
-    """Whether it is an array of tables, as [[spheres]]."""
-    optional: bool
-    """Whether a scene may have no such section."""
-
-    @property
-    def singular(self) -> str:
-        """Name of one table: "wind", "sphere"."""
-        return self.cls.__name__.lower() if self.is_array else self.name
 
 
 @cache

@@ -53,9 +53,10 @@ def toml_value(value: object) -> str:
 
 def _keys(section: object) -> list[str]:
     """Return a line for each key of a section, with its unit as a comment. Cloth from a mesh file has no grid keys."""
+    cls: type = type(section)
     return [
         f"{name} = {toml_value(getattr(section, name))}" + (f"  # {key.unit}" if key.unit else "")
-        for name, key in keys_of(type(section)).items()
+        for name, key in keys_of(cls).items()
         if not (isinstance(section, Cloth) and section.file and name in GRID_KEYS)
     ]
 

@@ -26,10 +26,12 @@ from .parameter_values import check_radius, check_target, check_vectors
 
 @dataclass(frozen=True)
 class Event:
-    """One change: a name in `EVENTS`, and its arguments, which TOML can store."""
+    """One change of a simulation, as its listeners get it and recordings store it."""
 
     name: str
+    """Name of the change: that of the method, "set_param", "move_grab", or "release"."""
     arguments: tuple[Any, ...] = ()
+    """Its arguments, which TOML can store."""
 
 
 if TYPE_CHECKING:
@@ -201,6 +203,12 @@ class GrabHandle:
     def particles(self) -> NDArray[np.int64]:
         """Indices of the grabbed particles, first the one passed to `grab`; empty once released."""
         return self._grab.particles if self.active else np.zeros(0, np.int64)
+
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """Force of the grab on the cloth [N], (3,): the sum of `reaction_forces` of its particles; 0 once released."""
+        total: NDArray[np.float64] = self._simulation.reaction_forces()[self.particles].sum(axis=0)
+        return total
 
     def move_to(self, target: ArrayLike) -> None:
         """Move the grab to `target` (x, y, z) [m] within the next frame. Raises ValueError, also after its release."""

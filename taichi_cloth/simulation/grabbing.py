@@ -57,6 +57,12 @@ class Grab:
         travel: Floats = self.history[-1] - self.history[0]
         return travel / (max(len(self.history) - 1, 1) * FRAME_SECONDS)
 
+    def acceleration(self) -> Floats:
+        """Return the acceleration over the last two frames [m/s²]; before the first frame it was at rest."""
+        before, last, now = [self.history[0], self.history[0], *self.history][-3:]
+        change: Floats = now - 2 * last + before
+        return change / FRAME_SECONDS**2
+
 
 def vertices_in_radius(flat: Floats, free: NDArray[np.bool_], index: int, radius: float) -> Ids:
     """Return a particle, followed by all that are `free` within `radius` [m] of it on the flat sheet (N, 3).

@@ -261,14 +261,8 @@ def apply_recorded(simulation: Simulation, event: Event) -> None:
         simulation.apply(event)
 
 
-def replay(path: str | PathLike[str]) -> Simulation:
-    """Replay a recording without drawing it. Return the simulation after its last frame.
-
-    Raises UsageError and SceneError, one line, for a file that is not a recording and for an event that the scene does
-    not support.
-    """
-    recording = read_recording(Path(path))
-    simulation = Simulation(recording.scene, recording.layout)
+def run_recording(recording: Recording, simulation: Simulation) -> None:
+    """Repeat a recording, without drawing it, with a new simulation of its scene. Raises UsageError and SceneError."""
     guard = DivergenceGuard(simulation)
     rows = [row for row in recording.rows if row[1].name not in VIEW_EVENTS]
     for frame in range(recording.frames + 1):
@@ -283,7 +277,6 @@ def replay(path: str | PathLike[str]) -> Simulation:
                 apply_recorded(simulation, event)
             if event.name in REBUILDING:
                 guard = DivergenceGuard(simulation)
-    return simulation
 
 
 def hash_of(simulation: Simulation) -> str:

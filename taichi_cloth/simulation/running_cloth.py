@@ -1,4 +1,4 @@
-"""The moving cloth of a simulation: building it for a scene, stepping, rebuilding while it moves, tearing, timing."""
+"""The moving cloth of a simulation: building it for a scene, stepping, rebuilding while it moves, forces, tearing."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
 from .. import state
-from ..collision.colliders import collider_table, colliders_of
+from ..collision.colliders import collider_table, colliders_of, pose
 from ..collision.response import Depenetration
-from ..geometry.cloth_builder import spring_stiffness
+from ..geometry.cloth_builder import attachment_ids, spring_stiffness
+from ..geometry.spring_model import spring_model, wind_of
 from ..geometry.tearing import TearState
 from ..geometry.topology import spring_strains
 from ..kernels.integration import any_longer_than
@@ -26,6 +28,7 @@ from ..state.constraint_data import upload_grabbed
 from ..state.field_pool import upload, upload_all
 from ..system.errors import UsageError, short_repr
 from ..system.taichi_compat import ProgramRef
+from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
 from .grabbing import Grab, all_grabbed
 from .parameter_values import Parameters
@@ -38,6 +41,7 @@ class RunningCloth:
 
     def __init__(self, scene: Scene, layout: str | None, on_set: Callable[[str, float | bool], None]) -> None:
         """`scene` is checked; `on_set` is called when a runtime parameter is to be set."""
+        check_thread()
         self.requested_layout = layout
         self.original_scene = scene
         self.params = Parameters(on_set)
@@ -95,7 +99,11 @@ class RunningCloth:
 
     @property
     def solver(self) -> Solver:
-        """The running solver. Raises RuntimeError once the simulation is closed, or Taichi has ended."""
+        """The running solver. Raises RuntimeError once the simulation is closed, or Taichi has ended.
+
+        Raises UsageError in another thread than the one that started Taichi: all methods use the solver.
+        """
+        check_thread()
         if self._solver is None:
             raise RuntimeError("this simulation is closed")
         if not self._program.runs():
@@ -171,11 +179,11 @@ class RunningCloth:
 
     # -- state ---------------------------------------------------------------------------------------------------------
 
-    def positions(self) -> Floats:
+    def positions(self) -> NDArray[np.float64]:
         """Return the position of every particle [m], (N, 3)."""
         return self.cloth.to_numpy(self.cloth.x).astype(np.float64) + self.topology.origin
 
-    def velocities(self) -> Floats:
+    def velocities(self) -> NDArray[np.float64]:
         """Return the velocity of every particle [m/s], (N, 3)."""
         return self.solver.velocities(self.h)
 
@@ -215,6 +223,65 @@ class RunningCloth:
         if not 0 <= particle < self.topology.particle_count:
             raise ValueError(f"particle index must be in 0..{self.topology.particle_count - 1}, not {particle}")
         return int(particle)
+
+    # -- forces --------------------------------------------------------------------------------------------------------
+
+    def forces(self) -> NDArray[np.float64]:
+        """Return the force of springs, bending, gravity and wind on every particle [N], (N, 3), as the cloth is now.
+
+        It is computed in float64 from positions and velocities, and does not depend on the solver. Not included are
+        contact, self-collision, tethers, the strain limit, max distances and `damping`. Raises UsageError for `verlet`,
+        whose stiffnesses have no unit.
+        """
+        if self.solver.info.stiffness_section == "verlet":
+            raise UsageError(f"{self.solver.name} has stiffnesses without unit, and so no forces: use another solver")
+        scene = self._scene_with_values()
+        model = spring_model(scene, self.topology)
+        x, v = self.positions().T, self.velocities().T
+        force = model.elastic_force(x) + model.weight()
+        if self.solver.features.spring_damping:
+            force += model.damper_force(model.dampers(x), v)
+        wind = wind_of(scene, model)
+        if wind is not None:
+            force += wind.force(x, v, self.seconds)
+        return np.ascontiguousarray(force.T)
+
+    def reaction_forces(self) -> NDArray[np.float64]:
+        """Return the force that holds each particle [N], (N, 3): that of its pin, attachment or grab; 0 if it is free.
+
+        With this force and `forces`, a held particle has the acceleration of its prescribed motion, taken over the last
+        two frames. What holds a particle against contact, self-collision, tethers, the strain limit and max distances
+        is not included. Forces are too large if the iterations of the solver have not converged: the forces on a cloth
+        at rest then do not add up to its weight. Raises UsageError for `verlet`, whose stiffnesses have no unit.
+        """
+        forces = self._prescribed_acceleration() * self.topology.mass[:, None] - self.forces()
+        held = self.topology.pinned.copy()
+        held[self.grabbed] = True
+        return np.where(held[:, None], forces, 0.0)
+
+    def _prescribed_acceleration(self) -> Floats:
+        """Return the acceleration of held particles over the last two frames [m/s²], (N, 3); 0 for pins at rest."""
+        acceleration = np.zeros_like(self.topology.start)
+        owner = attachment_ids(self.scene, self.topology)
+        for k, attachment in enumerate(self.scene.attachments):
+            local = self.topology.start[owner == k] - pose(attachment, 0.0)[0]
+            poses = [pose(attachment, max(self.seconds - n * FRAME_SECONDS, 0.0)) for n in range(3)]
+            now, last, before = (center + local @ axes.T for center, axes in poses)
+            acceleration[owner == k] = (now - 2 * last + before) / FRAME_SECONDS**2
+        for grab in self.grabs.values():
+            acceleration[grab.particles] = grab.acceleration()
+        return acceleration
+
+    def _scene_with_values(self) -> Scene:
+        """Return the scene with the damping time in use and the runtime parameters, but those of colliders."""
+        values: dict[str, dict[str, float]] = {"fabric": {"damping_time": self.built.damping_time}}
+        for name, parameter in self.params.known().items():
+            if parameter.section not in COLLIDERS:
+                values.setdefault(parameter.section, {})[parameter.key_name] = self.params.values_by_name[name]
+        if not self.params.wind_on and self.scene.wind is not None:
+            values["wind"] |= {"x": 0.0, "z": 0.0}
+        changed: dict[str, Any] = {name: replace(getattr(self.scene, name), **of) for name, of in values.items()}
+        return replace(self.scene, **changed)
 
     # -- tearing -------------------------------------------------------------------------------------------------------
 

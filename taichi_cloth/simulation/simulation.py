@@ -7,7 +7,8 @@ from base64 import b64encode
 from collections.abc import Callable
 from functools import partial
 from os import PathLike
-from typing import Self
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,7 @@ from ..kernels.step_params import MAX_GRABS
 from ..scene import Scene, scene_to_toml
 from ..state.contact_data import attach_self_contact
 from ..system.errors import UsageError, choose_from
+from ..system.taichi_runtime import check_thread
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
 from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle
@@ -46,8 +48,10 @@ class Simulation(RunningCloth):
     All changes are events: `apply` applies one and calls the `listeners`.
     """
 
-    def __init__(self, scene: Scene, layout: str | None = None) -> None:
-        """`layout`: "simd", "serial" or "parallel"; chosen for the cloth and the backend if None.
+    def __init__(self, scene: Scene | str | Path | dict[str, Any], layout: str | None = None) -> None:
+        """`scene`: made in Python, or a name, path or dict for `load_scene`.
+
+        `layout`: "simd", "serial" or "parallel"; chosen for the cloth and the backend if None.
 
         Raises SceneError for an invalid scene, and UsageError for a layout that is not supported and for springs that
         would take too many substeps.
@@ -69,6 +73,7 @@ class Simulation(RunningCloth):
         An event that raises has changed nothing. An exception is a switch to a solver or fabric that the cloth does not
         support: it may change the last bits of the state, and listeners receive it too.
         """
+        check_thread()
         if event.name not in EVENTS:
             raise ValueError(f"unknown event {event.name!r}{choose_from(event.name, EVENTS)}")
         try:
@@ -113,7 +118,7 @@ class Simulation(RunningCloth):
         """
         self.apply(Event("switch_fabric", (name,)))
 
-    def switch_scene(self, scene: Scene) -> None:
+    def switch_scene(self, scene: Scene | str | Path | dict[str, Any]) -> None:
         """Continue with another scene of the same sheet, from the same positions and velocities, with pins and grabs.
 
         Its fabric, solver, forces and colliders apply from now on; a collider that appears around the cloth lets it out
@@ -178,6 +183,11 @@ class Simulation(RunningCloth):
     def min_stable_substeps(self) -> int:
         """The fewest substeps at which the solver is stable."""
         return self.built.min_stable_substeps
+
+    @property
+    def triangles(self) -> NDArray[np.int32]:
+        """The three particles of every triangle that is not torn, (T, 3)."""
+        return self.topology.triangles.copy()
 
     @property
     def added_pins(self) -> NDArray[np.int64]:

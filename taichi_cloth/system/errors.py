@@ -14,7 +14,10 @@ class OutputConflict(ValueError):
 
 
 class UsageError(ValueError):
-    """The program, the scene or the machine does not support what the user requested. Exit code 2."""
+    """The program, the scene or the machine does not support what the user requested. The message is one line.
+
+    A ValueError. The exit code of commands is 2.
+    """
 
 
 class Diverged(RuntimeError):
@@ -63,7 +66,7 @@ def print_note(line: str) -> None:
 class SceneError(ValueError):
     """A scene or an override is invalid. The message is one line: `FILE: KEY: REASON (did you mean HINT?)`.
 
-    `hint` is the nearest valid name, or "".
+    A ValueError. `hint` is the nearest valid name, or "".
     """
 
     def __init__(self, file: str, key: str, reason: str, hint: str = "") -> None:

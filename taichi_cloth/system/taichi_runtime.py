@@ -19,14 +19,19 @@ import shutil
 import struct
 import sys
 import tempfile
+import threading
 import time
 import weakref
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from .errors import UsageError, choose_from
+
+if TYPE_CHECKING:
+    from . import taichi_compat
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first available of the other three
 
@@ -38,6 +43,10 @@ if "HOME" not in os.environ and os.name == "posix":  # Taichi caches there, and 
     os.environ.setdefault("XDG_CACHE_HOME", os.devnull if home == "~" else os.path.join(home, ".cache"))
 
 
+_starting = threading.Lock()  # held while `start_if_needed` starts Taichi
+_started: tuple[taichi_compat.ProgramRef, int] | None = None  # the program that `start` started, and its thread
+
+
 def start(arch: str = "cpu", **options: object) -> str:
     """Start Taichi on `arch`, after ending a running Taichi program. Return the arch that runs.
 
@@ -47,9 +56,11 @@ def start(arch: str = "cpu", **options: object) -> str:
     ValueError for another arch, UsageError for one that this machine does not have, and RuntimeError if there are still
     references to the ended program; the message names them.
     """
+    global _started
     if arch not in ARCHS:
         raise ValueError(f"unknown arch {arch!r}{choose_from(arch, ARCHS)}")
     os.environ.pop("TI_ARCH", None)
+    _import_taichi()
     import taichi as ti
 
     from . import taichi_compat
@@ -77,17 +88,41 @@ def start(arch: str = "cpu", **options: object) -> str:
     with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints its arch and has no option against it
         ti.init(arch=getattr(ti, chosen), **settings)
     taichi_compat.on_start()
+    _started = taichi_compat.ProgramRef(), threading.get_ident()
     return chosen
 
 
 def start_if_needed() -> None:
     """Start Taichi on the CPU unless it runs already."""
-    from . import taichi_compat
+    with _starting:
+        _import_taichi()
+        from . import taichi_compat
 
-    if taichi_compat.running_program() is None:
-        start()
-    else:
-        taichi_compat.install_source_cache()
+        if taichi_compat.running_program() is None:
+            start()
+        else:
+            taichi_compat.install_source_cache()
+
+
+def _import_taichi() -> None:
+    """Import Taichi without its message about graphical shells, which it logs where `sys.stdout` is replaced."""
+    level = os.environ.get("TI_LOG_LEVEL")
+    os.environ["TI_LOG_LEVEL"] = level or "error"
+    import taichi  # noqa: F401
+
+    if level is None:  # `ti.init` prefers it to its argument
+        del os.environ["TI_LOG_LEVEL"]
+
+
+def check_thread() -> None:
+    """Raise UsageError in another thread than the one that started Taichi.
+
+    There Taichi would end in a failed assertion, after which no thread could open a simulation.
+    """
+    if _started is not None and _started[1] != threading.get_ident() and _started[0].runs():
+        raise UsageError(
+            "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes"
+        )
 
 
 def stop() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.step_params import MAX_GRABS
-from taichi_cloth.scene import Scene, SceneError, parameters_of
+from taichi_cloth.scene import Scene, SceneError, parameters_of, scene_to_toml
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
 from taichi_cloth.scene.schema import Cloth, VerletSprings, Wind
 from taichi_cloth.simulation.events import GrabHandle
@@ -266,24 +268,114 @@ def test_lists_in_a_scene_become_tuples() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scene", "line"),
+    ("sections", "line"),
     [
-        (Scene(cloth=Cloth(rows=1)), "scene: cloth.rows: 1 is out of range: 2 to 2048"),
-        (Scene(cloth=None), "scene: cloth: must be a table, got None"),  # type: ignore[arg-type]
-        (Scene(wind=3), "scene: wind: must be a table, got 3"),  # type: ignore[arg-type]
-        (Scene(verlet=VerletSprings(shear=np.nan)), "scene: verlet.shear: must be a finite number, got nan"),
-        (Scene(spheres=Sphere()), "scene: spheres: write [[spheres]] with two brackets: it is an array of tables"),  # type: ignore[arg-type]
-        (Scene(spheres=(Box(),)), "scene: spheres[0]: must be a table, got Box("),  # type: ignore[arg-type]
-        (Scene(boxes=(Box(center="here"),)), "scene: boxes[0].center: must be three numbers"),  # type: ignore[arg-type]
-        (Scene(boxes=(Box(),) * 17), "scene: boxes: has 17 tables, at most 16 are allowed"),
-        (Scene(cloth=Cloth(pins=(720,))), "scene: cloth.pins[0]: 720 is not a particle: indices run from 0 to 719"),
-        (Scene(seed=-1, name="mine"), "mine: seed: -1 is out of range: 0 to 2147483647"),
+        ({"cloth": Cloth(rows=1)}, "scene: cloth.rows: 1 is out of range: 2 to 2048"),
+        ({"cloth": None}, "scene: cloth: must be a table, got None"),
+        ({"cloth": {"row": 20}}, "scene: cloth.row: unknown key (did you mean 'rows'?)"),
+        ({"cloth": {"rows": 10.0}}, "scene: cloth.rows: must be an integer, got 10.0"),
+        ({"cloth": {"rows": np.float64(10)}}, "scene: cloth.rows: must be an integer, got 10.0"),
+        ({"cloth": {"rows": np.int64}}, "scene: cloth.rows: must be an integer, got <class 'numpy.int64'>"),
+        ({"wind": 3}, "scene: wind: must be a table, got 3"),
+        ({"verlet": VerletSprings(shear=np.nan)}, "scene: verlet.shear: must be a finite number, got nan"),
+        ({"spheres": Sphere()}, "scene: spheres: write [[spheres]] with two brackets: it is an array of tables"),
+        ({"spheres": (Box(),)}, "scene: spheres[0]: must be a table, got Box("),
+        ({"spheres": [{"sway": (1, 0, 0)}]}, "scene: spheres[0].sway: was renamed to oscillation"),
+        ({"boxes": (Box(center="here"),)}, "scene: boxes[0].center: must be three numbers"),  # type: ignore[arg-type]
+        ({"boxes": (Box(center=np.zeros(2)),)}, "scene: boxes[0].center: must be three numbers, as in [0.0, 1.0"),
+        ({"boxes": (Box(),) * 17}, "scene: boxes: has 17 tables, at most 16 are allowed"),
+        ({"cloth": Cloth(pins=(720,))}, "scene: cloth.pins[0]: 720 is not a particle: indices run from 0 to 719"),
+        ({"seed": -1, "name": "mine"}, "mine: seed: -1 is out of range: 0 to 2147483647"),
+        ({"sphere": [Sphere()]}, "Scene: sphere: unknown key (did you mean 'spheres'?)"),
     ],
 )
-def test_a_scene_that_would_be_invalid_in_a_file_is_refused(scene: Scene, line: str) -> None:
+def test_a_scene_that_would_be_invalid_in_a_file_is_refused(sections: dict[str, Any], line: str) -> None:
     with pytest.raises(SceneError) as caught:
-        Simulation(scene)
+        Simulation(Scene(**sections))
     assert str(caught.value).startswith(line)
+
+
+@pytest.mark.parametrize(
+    ("section", "keyword", "line"),
+    [
+        (Cloth, "row", "Cloth: row: unknown key (did you mean 'rows'?)"),
+        (Sphere, "raduis", "Sphere: raduis: unknown key (did you mean 'radius'?)"),
+        (Sphere, "sway", "Sphere: sway: was renamed to oscillation"),
+        (Ground, "zzz", "Ground: zzz: unknown key; allowed: margin, friction, continuous, response, restitution, "),
+    ],
+)
+def test_an_unknown_keyword_of_a_section_is_refused(section: type, keyword: str, line: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        section(**{keyword: 1})
+    assert str(caught.value).startswith(line)
+
+
+def test_dicts_stand_for_sections_and_numpy_for_numbers() -> None:
+    scene = Scene(
+        cloth={"rows": np.int64(12), "pins": "top-left"},  # type: ignore[arg-type]
+        spheres=[{"center": np.array([0.0, 1.0, 0.0]), "radius": np.float32(0.5)}, Sphere(margin=np.float64(0.1))],  # type: ignore[arg-type, list-item]
+        boxes=[Box()],  # type: ignore[arg-type]
+        wind=None,
+        planes=None,  # type: ignore[arg-type]
+        ground={"continuous": np.bool_(True)},  # type: ignore[arg-type]
+        seed=np.uint8(3),  # type: ignore[arg-type]
+    )
+    plain = Scene(
+        cloth=Cloth(rows=12, pins=("top-left",)),
+        spheres=(Sphere(center=(0.0, 1.0, 0.0), radius=0.5), Sphere(margin=0.1)),
+        boxes=(Box(),),
+        ground=Ground(continuous=True),
+        seed=3,
+    )
+    assert scene == plain
+    assert hash(scene) == hash(plain)
+    assert repr(scene) == repr(plain)  # so all values are Python's own
+    assert scene_to_toml(scene) == scene_to_toml(plain)
+    assert pickle.loads(pickle.dumps(scene)) == plain
+    assert load_scene({"cloth": {"pins": np.array([0, 5])}}).cloth.pins == (0, 5)
+
+
+def test_a_scene_is_loaded_from_a_dict_as_from_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text("seed = 3\n[cloth]\nrows = 9\n[solver]\nname = 'lines'\n[fabric]\npreset = 'silk'\n[[boxes]]\n")
+    tables = {"seed": 3, "cloth": {"rows": 9}, "solver": {"name": "lines"}, "fabric": {"preset": "silk"}, "boxes": [{}]}
+    before = repr(tables)
+    assert load_scene(tables) == load_scene(file)
+    assert load_scene(tables, rows=12, box_size=(1, 2, 3)) == load_scene(file, rows=12, box_size=(1, 2, 3))
+    assert repr(tables) == before
+    assert load_scene({"wind": None, "boxes": [Box(), {}]}) == Scene(boxes=(Box(), Box()))
+
+
+@pytest.mark.parametrize(
+    ("source", "line"),
+    [
+        ({"cloth": {"row": 20}}, "scene: cloth.row: unknown key (did you mean 'rows'?)"),
+        ({"cloths": {}}, "scene: cloths: unknown key (did you mean 'cloth'?)"),
+        ({3: 4}, "scene: 3: unknown key; allowed: title, seed, cloth, "),
+        ({"cloth": None}, "scene: cloth: must be a table, got None"),
+        ({"cloth": {"pins": ["tp"]}}, "scene: cloth.pins[0]: 'tp' is not a pin"),
+        ("curtan", "curtan: no such scene; use "),
+        (None, "scene: must be the name of a shipped scene, the path of a TOML file, or a dict, got None"),
+    ],
+)
+def test_what_is_no_scene_is_refused_by_one_line(source: Any, line: str) -> None:
+    for use in (load_scene, Simulation):
+        with pytest.raises(SceneError) as caught:
+            use(source)
+        assert str(caught.value).startswith(line)
+        assert str(caught.value).isprintable()
+
+
+def test_a_simulation_opens_a_scene_by_name_path_and_dict(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("[cloth]\nrows = 9\ncolumns = 8\n")
+    for source in (tmp_path / "mine.toml", str(tmp_path / "mine.toml"), {"cloth": {"rows": 9, "columns": 8}}):
+        with Simulation(source) as simulation:
+            assert simulation.topology.shape == (9, 8)
+    with Simulation("drape15", layout="serial") as simulation:
+        assert simulation.scene == load_scene("drape15")
+        simulation.switch_scene("drape15")
+        with pytest.raises(SceneError, match="did you mean 'drape15'"):
+            simulation.switch_scene("drape")
 
 
 def test_an_unknown_layout_is_refused() -> None:

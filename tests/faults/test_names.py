@@ -18,7 +18,7 @@ from taichi_cloth.system.errors import choose_from
 
 SOLVERS = "verlet, xpbd, explicit, lines, rk4, projective"
 FABRICS = "silk, cotton, denim, leather, rubber, chainmail"
-VIEWS = "shaded, strain, wireframe, particles"
+VIEWS = "shaded, strain, error, wireframe, particles"
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ TYPED: dict[str, tuple[Call, str]] = {
     "solver": (lambda s: s.switch_solver("xpdb"), f"unknown solver 'xpdb': {SOLVERS}; did you mean 'xpbd'?"),
     "solver, far": (lambda s: s.switch_solver("zzz"), f"unknown solver 'zzz': {SOLVERS}"),
     "solver, renamed": (lambda s: s.switch_solver("spring"), "unknown solver 'spring': it was renamed to 'explicit'"),
-    "event": (lambda s: s.apply(Event("grabb")), "unknown event 'grabb': set_param, "),
+    "event": (lambda s: s.apply(Event("grabb")), "unknown event 'grabb'; did you mean 'grab'?"),
     "fabric": (lambda s: s.switch_fabric("denin"), f"unknown fabric 'denin': {FABRICS}; did you mean 'denim'?"),
     "view": (lambda s: tc.render_image(s, view="shadde"), f"unknown view 'shadde': {VIEWS}; did you mean 'shaded'?"),
     "view, far": (lambda s: tc.render_image(s, view="normals"), f"unknown view 'normals': {VIEWS}"),
@@ -48,8 +48,8 @@ TYPED: dict[str, tuple[Call, str]] = {
     "scene": (lambda s: tc.load_scene("curtian"), "(did you mean 'curtain'?)"),
     "key": (lambda s: tc.load_scene("curtain", windz=1), "windz: unknown key (did you mean 'wind_z'?)"),
     "preset": (lambda s: load_preset("denin"), "(did you mean 'denim'?)"),
-    "no scene": (lambda s: tc.Simulation("curtain"), "must be a Scene, as load_scene returns it, got 'curtain'"),
-    "no scene to switch to": (lambda s: s.switch_scene("curtain"), "must be a Scene, as load_scene returns it"),
+    "no scene": (lambda s: tc.Simulation(3), "the path of a TOML file, or a dict, got 3"),
+    "no scene to switch to": (lambda s: s.switch_scene("curtian"), "(did you mean 'curtain'?)"),
     "name of the package": (lambda s: tc.Sphre, "has no attribute 'Sphre'; did you mean 'Sphere'?"),
     "particle": (lambda s: s.grab(225), "particle index must be in 0..224, not 225"),
     "particle to pin": (lambda s: s.pin(-1), "particle index must be in 0..224, not -1"),

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.reference.solution import Motion
-from taichi_cloth.evaluation.reference.spring_model import Wind as WindModel
-from taichi_cloth.evaluation.reference.spring_model import parabolic_wave
+from taichi_cloth.geometry.spring_model import Wind as WindModel
+from taichi_cloth.geometry.spring_model import parabolic_wave
 from taichi_cloth.scene.collider_schema import Attachment, Box, Ground, Plane, Sphere
 from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Maps, Scene, Solver, StrainLimit, Tethers, Wind
 

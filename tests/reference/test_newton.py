@@ -7,8 +7,8 @@ import pytest
 
 from taichi_cloth import load_scene
 from taichi_cloth.evaluation.reference.solution import Motion
-from taichi_cloth.evaluation.reference.spring_model import Floats, SpringModel, spring_model
 from taichi_cloth.evaluation.reference.static_solution import BlockSystem
+from taichi_cloth.geometry.spring_model import Floats, SpringModel, spring_model
 from taichi_cloth.scene.schema import FRAME_SECONDS, Scene
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.reference import rest_strain
-from taichi_cloth.evaluation.reference.spring_model import spring_model
 from taichi_cloth.evaluation.reference.static_solution import BlockSystem, rest_positions
+from taichi_cloth.geometry.spring_model import spring_model
 from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene
 
 WARP_ONLY = Fabric(warp=200.0, weft=0.0, shear=0.0, bend_spring=0.0)

@@ -16,7 +16,7 @@ from taichi_cloth.evaluation.reference.solution import (
     solve,
     steps_per_frame,
 )
-from taichi_cloth.evaluation.reference.spring_model import spring_model
+from taichi_cloth.geometry.spring_model import spring_model
 from taichi_cloth.scene.collider_schema import Attachment
 from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver, StrainLimit, Tearing, Wind
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,6 +68,21 @@ def test_the_camera_can_be_moved(taichi: None) -> None:
         assert size_of(tc.render_image(simulation, (96, 54), eye=near)) > 2 * size_of(own)
         above = [0.0, 30.0, 0.0]
         assert size_of(tc.render_image(simulation, (96, 54), target=above)) == 0
+
+
+@pytest.mark.parametrize(
+    ("places", "line"),
+    [
+        ({"eye": (1.0, 2.0)}, "drape15: camera.eye: must be three numbers, as in [0.0, 1.0, 0.0], got (1.0, 2.0)"),
+        ({"eye": (0.0, np.nan, 1.0)}, "drape15: camera.eye[1]: must be a finite number, got nan"),
+        ({"eye": [0, 5, 0], "target": np.zeros(3)}, "drape15: camera.eye: must not be straight above or below camera."),
+    ],
+)
+def test_an_invalid_camera_is_refused_by_one_line(taichi: None, places: dict[str, Any], line: str) -> None:
+    with tc.Simulation(tc.load_scene("drape15", rows=5, columns=5)) as simulation:
+        with pytest.raises(tc.SceneError) as caught:
+            tc.render_image(simulation, (96, 54), **places)
+        assert str(caught.value).startswith(line)
 
 
 def test_a_notebook_shows_the_current_frame(taichi: None) -> None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene.keys import Key, Keyframes, Vec3, keys_of, range_text, types_of
+from taichi_cloth.scene.keys import Key, Keyframes, Pins, Vec3, keys_of, range_text, types_of
 from taichi_cloth.scene.schema import Scene, sections
 from taichi_cloth.scene.toml_io import toml_value
 from taichi_cloth.system.errors import SceneError
@@ -100,7 +100,7 @@ def test_the_ends_of_the_range_are_allowed(write: Write, case: Case) -> None:
 @pytest.mark.parametrize("case", CASES)
 def test_a_value_of_another_type_is_refused(write: Write, refuse: Refuse, case: Case) -> None:
     wrong = ["1979-05-27", "{a = 1}", "[[true]]", "true", "7", "'seven'"]
-    valid = {bool: "true", int: "7", float: "7", str: "'seven'"}.get(case.hint)
+    valid = {bool: "true", int: "7", float: "7", str: "'seven'", Pins: "7"}.get(case.hint)
     for value in wrong:
         if value == valid and not (case.key.choices or case.key.color):
             continue

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene import Scene, SceneError, Wind, key_table, parse_override
+from taichi_cloth.scene import Scene, SceneError, Sphere, Wind, key_table, parse_override
 from taichi_cloth.scene.overrides import override_targets, targets_of
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
@@ -101,9 +103,37 @@ def test_every_key_can_be_named_as_files_write_it(title: str, key: str) -> None:
     assert ((part.name if part else ""), found) == (section, key)
 
 
+def test_an_override_replaces_a_section_as_a_whole() -> None:
+    curtain, wind = load_scene("curtain"), {"z": np.float32(6.0)}
+    assert curtain.wind is not None
+    assert curtain.wind.x != 0
+    for section in (wind, Wind(z=6.0)):
+        assert load_scene("curtain", wind=section).wind == Wind(z=6.0)
+        assert load_scene("curtain", wind_x=2, wind=section).wind == Wind(x=2.0, z=6.0)
+    assert wind == {"z": 6.0}  # not changed
+    assert load_scene("curtain", wind=None) == replace(curtain, wind=None)
+    assert load_scene("curtain", spheres=None).spheres == ()
+    spheres = load_scene("curtain", spheres=[{"radius": 0.1}, Sphere()], sphere_radius=0.2).spheres
+    assert spheres == (Sphere(radius=0.2), Sphere())
+    assert load_scene("drape15", solver={"name": "lines"}) == load_scene("drape15", solver="lines", damping=1.5)
+    assert load_scene("curtain", fabric={"preset": "silk"}) == load_scene("curtain", fabric="silk")
+
+
+TWO_BRACKETS = "write [[spheres]] with two brackets: it is an array of tables; in Python, pass a list"
+
+
 @pytest.mark.parametrize(
     ("override", "line"),
     [
+        ({"wind": {"zz": 1}}, "wind.zz: unknown key (did you mean 'z'?)"),
+        ({"wind": "strong"}, "wind: is a section: set one of its keys, such as wind.x, or give it a table"),
+        ({"cloth": None}, "cloth: must be a table, got None"),
+        ({"sphers": []}, "sphers: unknown key (did you mean 'spheres'?)"),
+        ({"spheres": [3]}, "spheres[0]: must be a table, got 3"),
+        ({"spheres": [3], "sphere_radius": 1}, "spheres[0]: must be a table, got 3"),
+        ({"spheres": {}, "spheres.radius": 1}, "spheres: " + TWO_BRACKETS),
+        ({"wind": [{}], "wind.z": 1}, "wind: write [wind] with single brackets: a scene has only one"),
+        ({"verlet": None, "fabric": "silk"}, "verlet: must be a table, got None"),
         ({"wind_zz": 1}, "wind_zz: unknown key (did you mean 'wind_z'?)"),
         ({"qqqq": 1}, "qqqq: unknown key; `taichi-cloth schema` lists them"),
         ({"name_or_path": 1}, "name_or_path: unknown key; `taichi-cloth schema` lists them"),
@@ -122,8 +152,7 @@ def test_every_key_can_be_named_as_files_write_it(title: str, key: str) -> None:
         ({"spheres[1].radius": 1}, "spheres[1].radius: the scene has no spheres[1]"),
         ({"boxes[0].size": 1}, "boxes[0].size: the scene has no boxes"),
         ({"spheres[0].center[1]": 1}, "spheres[0].center[1]: unknown key (did you mean 'spheres.center'?)"),
-        ({"cloth": 3}, "cloth: is a section: set one of its keys, such as cloth.rows"),
-        ({"wind": 3}, "wind: is a section: set one of its keys, such as wind.x"),
+        ({"cloth": 3}, "cloth: is a section: set one of its keys, such as cloth.rows, or give it a table"),
         ({"a.b.c": 1}, "a.b.c: unknown key; `taichi-cloth schema` lists them"),
         ({"tear.strain": 1}, "tear.strain: was renamed to tearing.strain"),
         ({"spheres.sway": 1}, "spheres.sway: was renamed to spheres.oscillation"),

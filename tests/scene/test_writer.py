@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, key_table, scene_names, scene_to_toml
 from taichi_cloth.scene.collider_schema import Mesh, RoundCollider
-from taichi_cloth.scene.keys import Key, Keyframes, Vec3, keys_of
-from taichi_cloth.scene.schema import GRID_KEYS, MAP_NAMES, Cloth, Maps, Region, Section, SelfCollision, sections
+from taichi_cloth.scene.keys import Key, Keyframes, Section, Vec3, keys_of
+from taichi_cloth.scene.schema import GRID_KEYS, MAP_NAMES, Cloth, Maps, Region, SelfCollision, sections
 
 Write = Callable[[str | bytes], Path]
 

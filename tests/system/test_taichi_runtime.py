@@ -79,3 +79,24 @@ def test_an_error_in_a_kernel_shows_its_line() -> None:
     with pytest.raises(ti.TaichiNameError, match=shown) as error:
         wrong()
     assert "line " + str(wrong.__wrapped__.__code__.co_firstlineno + 2) in str(error.value)
+
+
+REPLACED_STDOUT = """
+import io, os, sys
+sys.stdout = io.StringIO()  # as notebooks do
+import taichi_cloth as tc
+tc.Simulation
+assert sys.stdout.getvalue() == ""
+assert os.environ.get("TI_LOG_LEVEL") == {level!r}
+"""
+
+
+@pytest.mark.parametrize("level", [None, "info"])
+def test_nothing_is_printed_where_stdout_is_replaced(level: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    if level is not None:
+        monkeypatch.setenv("TI_LOG_LEVEL", level)
+    code = REPLACED_STDOUT.format(level=level)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert ("Graphical python shell" in done.stdout + done.stderr) == (level is not None)  # as the user has chosen
+    assert level is not None or done.stdout + done.stderr == ""

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.cloth_builder import attachment_ids, build_particles
+from ...geometry.spring_model import Bools, Floats, Ints, SpringModel, spring_model, wind_of
 from ...geometry.tethers import tethers_of
 from ...scene.collider_schema import Capsule, Sphere
 from ...scene.schema import COLLIDERS, FRAME_SECONDS, Scene
-from .spring_model import Bools, Floats, Ints, SpringModel, spring_model, wind_of
 from .triangle_contact import TriangleContact
 from .unilateral_contact import (
     ColliderState,
@@ -150,21 +150,11 @@ class Motion:
         if model.damping_time == 0:
             change: Floats = right / (model.mass * (1 + damping))
             return change
-        gap = model.link_vectors(x)[:, : len(model.rest)]
-        length = np.sqrt((gap * gap).sum(axis=0))
-        dampers = gap / length * np.sqrt(model.effective_stiffness(length) * model.damping_time)
-        a, b = model.ends[0, : len(model.rest)], model.ends[1, : len(model.rest)]
-        right += h * self._damper_force(dampers, a, b, v) * self._free
-        return self._solve_implicit(dampers, a, b, model.mass * (1 + damping), right)
+        dampers = model.dampers(x)
+        right += h * model.damper_force(dampers, v) * self._free
+        return self._solve_implicit(dampers, model.mass * (1 + damping), right)
 
-    def _damper_force(self, dampers: Floats, a: Ints, b: Ints, v: Floats) -> Floats:
-        """Return the damper forces [N] at velocities `v`, (3, N)."""
-        rate = ((v.take(b, axis=1) - v.take(a, axis=1)) * dampers).sum(axis=0)
-        pull = dampers * rate
-        both, ends = np.concatenate([pull, -pull], axis=1), np.concatenate([a, b])
-        return np.stack([np.bincount(ends, component, v.shape[1]) for component in both])
-
-    def _solve_implicit(self, dampers: Floats, a: Ints, b: Ints, mass: Floats, right: Floats) -> Floats:
+    def _solve_implicit(self, dampers: Floats, mass: Floats, right: Floats) -> Floats:
         """Solve (mass − h/2·∂f/∂v)·u = right for u [m/s], (3, N), with the damper forces f.
 
         Conjugate gradients with a diagonal preconditioner, starting from the velocity change of the last step. Raises
@@ -172,10 +162,10 @@ class Motion:
         """
 
         def apply(u: Floats) -> Floats:
-            product: Floats = (mass * u - self._h / 2 * self._damper_force(dampers, a, b, u)) * self._free
+            product: Floats = (mass * u - self._h / 2 * self._model.damper_force(dampers, u)) * self._free
             return product
 
-        ends, count = np.concatenate([a, b]), len(mass)
+        ends, count = self._model.ends[:, : dampers.shape[1]].reshape(-1), len(mass)
         squares = np.concatenate([dampers**2, dampers**2], axis=1)
         diagonal = mass + self._h / 2 * np.stack([np.bincount(ends, component, count) for component in squares])
         u = self._velocity_change.copy()

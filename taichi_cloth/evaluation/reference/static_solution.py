@@ -17,8 +17,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...geometry.spring_model import Floats, Ints, SpringModel, spring_model
 from ...scene.schema import Camera, Look, Scene
-from .spring_model import Floats, Ints, SpringModel, spring_model
 
 # -- block tridiagonal solver ------------------------------------------------------------------------------------------
 

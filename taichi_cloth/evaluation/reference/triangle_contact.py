@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...geometry.spring_model import Floats, Ints
 from ...scene.collider_schema import Capsule, Sphere
-from .spring_model import Floats, Ints
 from .unilateral_contact import Pose, impulse, pose
 
 MAX_ROUNDS = 200  # over all triangles in contact

@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.signed_distance import collider_surface
+from ...geometry.spring_model import Bools, Floats, Ints
 from ...scene.collider_schema import Box, Capsule, Collider, Ground, Mesh, Motion, Sphere
 from ...scene.schema import Scene
-from .spring_model import Bools, Floats, Ints
 
 # -- signed distance to meshes -----------------------------------------------------------------------------------------
 

@@ -10,12 +10,12 @@ from math import inf
 
 import numpy as np
 
+from ...geometry.spring_model import spring_model
 from ...scene import Scene
 from ...scene.schema import COLLIDERS, FRAME_SECONDS, Solver
 from ...solvers import SOLVERS
 from ...solvers.base import ExplicitSolver
 from ..reference.solution import Motion
-from ..reference.spring_model import spring_model
 from ..reference.static_solution import rest_positions
 from .invariants import Floats, Violation
 from .setup import Setting

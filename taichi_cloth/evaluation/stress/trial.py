@@ -13,12 +13,12 @@ from statistics import median
 
 import numpy as np
 
+from ...geometry.spring_model import spring_model
 from ...scene import parameters_of
 from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Maps, Scene
 from ...simulation.simulation import Simulation
 from ...system.files import cached
 from .. import reference
-from ..reference.spring_model import spring_model
 from ..reference.static_solution import rest_positions
 from .invariants import Extremes, Floats, InvariantMonitor, Violation
 from .setup import Setting

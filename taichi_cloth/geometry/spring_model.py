@@ -1,4 +1,6 @@
-"""The cloth as a mechanical system in float64: its masses, forces, energy and stiffness, and the wind on it.
+"""The cloth as a mechanical system in float64: masses, forces, energy and stiffness, and the wind on it. NumPy only.
+
+The reference solutions and `Simulation.forces` use this model. Solvers and kernels do not, which a test checks.
 
 Per-particle vectors are stored by component, (3, N): gathers and sums then access contiguous memory.
 
@@ -19,13 +21,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.cloth_builder import build_topology, spring_stiffness
-from ...geometry.topology import Topology
-from ...scene.schema import Scene
+from ..scene.schema import Scene
+from .cloth_builder import build_topology, spring_stiffness
+from .topology import Topology
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+TINY = 1e-12  # [m] avoids division by zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +98,25 @@ class SpringModel:
         """Return the force of springs and bending links on every particle [N], (3, N)."""
         gap = self.link_vectors(x)
         length = self.lengths(gap)
-        factor = np.concatenate([self.effective_stiffness(length) * (1 - self.rest / length), self.bending])
+        factor = np.concatenate(
+            [self.effective_stiffness(length) * (1 - self.rest / np.maximum(length, TINY)), self.bending]
+        )
         return self.scatter(gap * factor)
+
+    def dampers(self, x: Floats) -> Floats:
+        """Return the direction of every spring, times the root of its damping coefficient, (3, E)."""
+        gap = self.link_vectors(x)[:, : len(self.rest)]
+        length = np.sqrt((gap * gap).sum(axis=0))
+        vectors: Floats = gap / np.maximum(length, TINY) * np.sqrt(self.effective_stiffness(length) * self.damping_time)
+        return vectors
+
+    def damper_force(self, dampers: Floats, v: Floats) -> Floats:
+        """Return the force of all dampers on every particle [N], (3, N), at velocities [m/s], (3, N)."""
+        ends = self.ends[:, : len(self.rest)]
+        rate = ((v.take(ends[1], axis=1) - v.take(ends[0], axis=1)) * dampers).sum(axis=0)
+        pull = dampers * rate
+        both, ends_of_both = np.concatenate([pull, -pull], axis=1), ends.reshape(-1)
+        return np.stack([np.bincount(ends_of_both, component, v.shape[1]) for component in both])
 
     def weight(self) -> Floats:
         """Return the weight of every particle [N], (3, N)."""
@@ -137,9 +158,12 @@ class SpringModel:
         return strain
 
 
-def spring_model(scene: Scene) -> SpringModel:
-    """Return the model of a scene's cloth, with the constants of its `[fabric]`."""
-    topology = build_topology(scene, "fabric")
+def spring_model(scene: Scene, topology: Topology | None = None) -> SpringModel:
+    """Return the model of a scene's cloth, with the constants of its `[fabric]`.
+
+    `topology`: the cloth as it is now, with other pins and without torn springs; that of the scene if None.
+    """
+    topology = topology or build_topology(scene, "fabric")
     links = topology.bending_links
     return SpringModel(
         topology=topology,

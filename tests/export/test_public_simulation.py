@@ -1,0 +1,86 @@
+"""`tc.Simulation`: the running cloth as a file, as arrays and as an image, also after a replay."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+pytestmark = pytest.mark.usefixtures("serial_layout")
+
+
+def small() -> tc.Scene:
+    return tc.load_scene("drape15", rows=5, columns=6)
+
+
+def rows_of(file: Path, keyword: str) -> np.ndarray:
+    lines = [line.split() for line in file.read_text(encoding="utf-8").splitlines()]
+    return np.array([[float(word.split("/")[0]) for word in words[1:]] for words in lines if words[:1] == [keyword]])
+
+
+def test_the_running_cloth_is_exported(tmp_path: Path) -> None:
+    with tc.Simulation(small()) as simulation:
+        simulation.step(10)
+        simulation.export(tmp_path / "c.obj")
+        tc.export_mesh(simulation, str(tmp_path / "same.obj"))
+        simulation.export(tmp_path / "z.obj", up="z")
+        simulation.export(tmp_path / "c.PLY")
+        assert rows_of(tmp_path / "c.obj", "v") == pytest.approx(simulation.positions(), abs=1e-8)
+        assert (rows_of(tmp_path / "c.obj", "f") == simulation.triangles + 1).all()
+        x, y, z = rows_of(tmp_path / "z.obj", "v").T
+        assert pytest.approx(simulation.positions(), abs=1e-8) == np.array([x, z, -y]).T
+    assert (tmp_path / "same.obj").read_bytes() == (tmp_path / "c.obj").read_bytes()
+    assert (tmp_path / "c.PLY").read_bytes().startswith(b"ply\n")
+
+
+def test_triangles_are_a_copy_in_the_order_of_the_particles() -> None:
+    with tc.Simulation(small()) as simulation:
+        triangles = simulation.triangles
+        assert triangles.shape == (2 * 4 * 5, 3)
+        assert np.issubdtype(triangles.dtype, np.integer)
+        a, b, c = (simulation.positions()[corner] for corner in triangles.T)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+        assert area == pytest.approx(simulation.scene.cloth.width * simulation.scene.cloth.height)
+        triangles[:] = 0
+        assert simulation.triangles.any()
+
+
+@pytest.mark.parametrize(
+    ("name", "up", "line"),
+    [
+        ("c.xyz", "y", "c.xyz: unknown suffix '.xyz'; use .obj, .ply, .usdc, .usda, .usd, .glb"),
+        ("c", "y", "c: unknown suffix ''; use .obj, .ply, .usdc, .usda, .usd, .glb"),
+        ("c.pc2", "y", "c.pc2: a PC2 file holds a clip, not one frame; use .obj, .ply, .usdc, .usda, .usd, .glb"),
+        ("c.glb", "z", "the up axis z does not apply to glTF files, in which y is up"),
+        ("c.obj", "x", "unknown up axis 'x': use y or z"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused_by_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, up: str, line: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with tc.Simulation(small()) as simulation:
+        with pytest.raises(tc.UsageError) as caught:
+            simulation.export(name, up)
+        assert str(caught.value) == line
+        with pytest.raises(OSError, match="gone"):
+            simulation.export(tmp_path / "gone" / "c.obj")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_replayed_simulation_can_do_the_same(tmp_path: Path) -> None:
+    with tc.Simulation(small()) as simulation:
+        recorder = tc.Recorder(simulation)
+        simulation.step(3)
+        simulation.pin(20)
+        simulation.step(3)
+        recorder.save(tmp_path / "run.toml")
+        positions = simulation.positions()
+    with tc.replay(tmp_path / "run.toml") as replayed:
+        assert isinstance(replayed, tc.Simulation)
+        assert (replayed.positions() == positions).all()
+        replayed.export(tmp_path / "c.obj")
+        assert replayed._repr_png_() is not None

@@ -1,0 +1,117 @@
+"""Taichi works in one thread only: others are refused before anything breaks."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.system.taichi_runtime import check_thread
+
+SCENE = {"cloth": {"rows": 5, "columns": 6}}
+LINE = "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes"
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+@pytest.fixture
+def simulation() -> Iterator[tc.Simulation]:
+    with tc.Simulation(SCENE, "serial") as opened:
+        yield opened
+
+
+CALLS: dict[str, Callable[[tc.Simulation], object]] = {
+    "open": lambda simulation: tc.Simulation(SCENE, "serial"),
+    "open a new grid": lambda simulation: tc.Simulation({"cloth": {"rows": 7}}, "serial"),
+    "step": lambda simulation: simulation.step(),
+    "positions": lambda simulation: simulation.positions(),
+    "metrics": lambda simulation: simulation.metrics(),
+    "grab": lambda simulation: simulation.grab(3),
+    "params": lambda simulation: simulation.params.update(gravity=1.0),
+    "set_state": lambda simulation: simulation.set_state(simulation.topology.start),
+    "reset": lambda simulation: simulation.reset(),
+    "pin": lambda simulation: simulation.pin(3),
+    "switch_solver": lambda simulation: simulation.switch_solver("xpbd"),
+    "image": lambda simulation: tc.render_image(simulation, (32, 18)),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_another_thread_is_refused_and_changes_nothing(
+    pool: ThreadPoolExecutor, simulation: tc.Simulation, name: str
+) -> None:
+    grab = simulation.grab(20)
+    simulation.step(2)
+    with pytest.raises(tc.UsageError) as caught:
+        pool.submit(CALLS[name], simulation).result()
+    assert str(caught.value) == LINE
+    assert grab.active
+    simulation.step(2)
+    with tc.Simulation(SCENE, "serial") as again:
+        again.grab(20)
+        again.step(4)
+        assert (simulation.positions() == again.positions()).all()
+
+
+def test_a_simulation_may_be_closed_by_another_thread(pool: ThreadPoolExecutor, simulation: tc.Simulation) -> None:
+    pool.submit(simulation.close).result()
+    assert simulation.closed
+    with tc.Simulation(SCENE, "serial") as again:
+        again.step()
+
+
+def test_the_check_takes_less_than_a_microsecond_of_a_frame() -> None:
+    from timeit import repeat
+
+    assert min(repeat(check_thread, number=1000, repeat=5)) / 1000 < 1e-6  # [s]; a frame makes a few
+
+
+FIRST_USE_IN_THREADS = f"""
+import io
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
+from threading import Barrier
+import taichi_cloth as tc
+together = Barrier(4)
+
+def run(rows):
+    together.wait()
+    try:
+        with tc.Simulation({{"cloth": {{"rows": rows, "columns": 5}}}}, "serial") as simulation:
+            simulation.step()
+            return "stepped"
+    except tc.UsageError as error:
+        return str(error)
+
+with ThreadPoolExecutor(4) as pool:
+    found = sorted(pool.map(run, range(5, 9)))
+assert found == [{LINE!r}] * 3 + ["stepped"], found
+tc.init()  # moves Taichi to this thread
+with tc.Simulation({SCENE!r}, "serial") as simulation:
+    simulation.step()
+
+def restarted_by_its_own_means():
+    import taichi as ti
+    ti.reset()
+    with redirect_stdout(io.StringIO()):
+        ti.init(arch=ti.cpu)
+    with tc.Simulation({SCENE!r}, "serial") as simulation:
+        simulation.step()
+
+with ThreadPoolExecutor(1) as pool:
+    pool.submit(restarted_by_its_own_means).result()
+"""
+
+
+def test_of_threads_that_use_it_first_at_the_same_time_one_works() -> None:
+    done = subprocess.run([sys.executable, "-c", FIRST_USE_IN_THREADS], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout + done.stderr == ""
