@@ -572,6 +572,10 @@ def api() -> str:
     blocks.append(f"### tc.GrabHandle\n\nThe result of `simulation.grab`. There are at most {MAX_GRABS} at a time.")
     blocks += members("grab", tc.GrabHandle)
     blocks.append(f"### tc.ClothMetrics\n\nThe result of `simulation.metrics`.\n\n{fields_of(tc.ClothMetrics)}")
+    measured = (
+        "What `simulation.frame_error` is after `simulation.step(measure_error=True)` ([explained](frame_error.md))."
+    )
+    blocks.append(f"### tc.FrameError\n\n{measured}\n\n{fields_of(tc.FrameError)}")
     colliders = "One of the list that `simulation.colliders` returns."
     blocks.append(f"### tc.PosedCollider\n\n{colliders}\n\n{fields_of(tc.PosedCollider)}")
     blocks.append(f"### tc.Event\n\n{described(tc.Event)}\n\n{fields_of(tc.Event)}")

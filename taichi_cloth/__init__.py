@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .geometry.scene_loader import load_scene
     from .geometry.topology import ClothMetrics
     from .render.image import Image, render_image
+    from .simulation.copies import FrameError
     from .simulation.events import Event, GrabHandle
     from .simulation.recording import Recorder
 
@@ -60,6 +61,7 @@ __all__ = [
     "Event",
     "Fabric",
     "Forces",
+    "FrameError",
     "GrabHandle",
     "Ground",
     "Image",
@@ -95,6 +97,7 @@ __all__ = [
 _NUMPY = {"ClothMetrics": "geometry.topology", "load_scene": "geometry.scene_loader"}
 _TAICHI = {
     "Event": "simulation.events",
+    "FrameError": "simulation.copies",
     "GrabHandle": "simulation.events",
     "Image": "render.image",
     "PosedCollider": "collision.colliders",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import count, starmap
 from os import PathLike
 from pathlib import Path
@@ -12,11 +13,14 @@ import numpy as np
 
 from ..collision.colliders import PosedCollider
 from ..collision.shapes.plane import polygons
+from ..geometry.topology import ClothMetrics
 from ..render.draw_list import TriangleSoup, collider_color, pole_mesh
 from ..render.image import render_image
 from ..render.webgl import local_mesh, merge_corners, pose_matrix
+from ..scene import Scene
 from ..scene.collider_schema import Ground
 from ..scene.schema import FRAME_SECONDS
+from ..simulation.copies import FrameError, FrameErrorMeter
 from ..simulation.recording import read_recording, run_recording
 from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation as BaseSimulation
@@ -88,6 +92,46 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
 
 class Simulation(BaseSimulation):  # with what the base class cannot import, as it is used there
     __doc__ = BaseSimulation.__doc__
+
+    frame_error: FrameError | None = None
+    """Error of the last frame if `step` measured it, else None."""
+    _measured: tuple[Scene, FrameErrorMeter] | None = None
+
+    def step(self, frames: int = 1, *, measure_error: bool = False) -> None:
+        """Advance by frames of 1/60 s.
+
+        `measure_error`: measure the error of the last frame, which `frame_error` and `metrics` have then. The first
+        time, and after a change of the scene, it compiles for some seconds. Raises UsageError if the fabric is too
+        stiff for the reference; nothing has changed then.
+        """
+        if not measure_error:
+            super().step(frames)
+            self.frame_error = None
+        elif frames > 0:
+            meter = self._meter()
+            super().step(frames - 1)
+            self.frame_error = meter.measure_frame(self, super().step)
+
+    def _meter(self) -> FrameErrorMeter:
+        if self._measured is None or self._measured[0] != self.scene:
+            self._close_meter()
+            self._measured = self.scene, FrameErrorMeter(self.scene, self.requested_layout)
+        return self._measured[1]
+
+    def _close_meter(self) -> None:
+        if self._measured is not None:
+            self._measured[1].close()
+        self._measured = None
+
+    def metrics(self) -> ClothMetrics:
+        """Return strain, energy and penetration of the cloth as it is now, and the error of its frame if measured."""
+        found = super().metrics()
+        return replace(found, frame_error=self.frame_error.error) if self.frame_error else found
+
+    def close(self) -> None:
+        """Release the fields for the next simulation. Closing twice does no harm."""
+        self._close_meter()
+        super().close()
 
     def export(self, path: str | PathLike[str], up: str = "y") -> None:
         """Write the cloth as it is now to an OBJ, PLY, USD or glTF file, by the suffix of `path`. `up`: "y" or "z".

@@ -303,7 +303,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ClothMetrics:
-    """The state of a cloth in seven numbers."""
+    """The state of a cloth in eight numbers."""
 
     max_strain: float  # largest length/rest − 1 of the structural springs (of all springs if there are none)
     mean_strain: float  # mean |length/rest − 1| of these springs
@@ -312,6 +312,7 @@ class ClothMetrics:
     penetration: float  # [m] largest depth of a particle below a collider's surface, 0 if there is none
     finite: bool  # whether all positions are finite
     intersections: int | None  # number of edges that pass through a triangle; None without self-collision
+    frame_error: float | None = None  # [m] error of the last frame (docs/frame_error.md); None if it was not measured
 
 
 def spring_strains(topology: Topology, positions: Floats) -> Floats:

@@ -66,7 +66,7 @@ def render_image(
 ) -> Image:
     """Return an image of the current frame. `size`: width and height [pixels].
 
-    `view`: "shaded", "strain", "wireframe" or "particles". `eye` and `target`: positions of the camera, and of what it
+    `view`: "shaded", "strain", "error" (if it was measured), "wireframe" or "particles". `eye` and `target`: positions of the camera, and of what it
     looks at [m]; without one, that of the scene's camera.
 
     Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, an
@@ -83,6 +83,8 @@ def render_image(
     camera = OrbitCamera.from_scene(check_keys(replace(scene, camera=replace(scene.camera, **places))))
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
+    if found := getattr(simulation, "frame_error", None):  # of `tc.Simulation` only
+        draw_list.errors = found.by_particle
     try:
         return Image(render_pixels(raster, draw_list, camera, view))
     finally:
