@@ -166,15 +166,19 @@ class Scale:
     """A color scale: labels at fractions of its largest value, -1…1. It ends at the lowest and the highest label."""
 
     labels: dict[float, str]
+    largest: float
+    """The largest value: a strain, or a distance [m]."""
 
 
-STRAIN_SCALE = Scale({f: f"{100 * f * FULL_STRAIN:+.0f}%" if f else "0%" for f in (-1.0, -0.5, 0.0, 0.5, 1.0)})
+STRAIN_SCALE = Scale(
+    {f: f"{100 * f * FULL_STRAIN:+.0f}%" if f else "0%" for f in (-1.0, -0.5, 0.0, 0.5, 1.0)}, FULL_STRAIN
+)
 
 
 def distance_scale(largest: float) -> Scale:
     """Return the scale of distances from 0 to `largest` [m]."""
     unit, name = (1e-3, "mm") if largest >= 1e-3 else (1e-6, "um")
-    return Scale({f: f"{f * largest / unit:g}{name if f else ''}" for f in (0.0, 0.5, 1.0)})
+    return Scale({f: f"{f * largest / unit:g}{name if f else ''}" for f in (0.0, 0.5, 1.0)}, largest)
 
 
 def rounded_up(value: float) -> float:

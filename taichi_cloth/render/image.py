@@ -66,8 +66,8 @@ def render_image(
 ) -> Image:
     """Return an image of the current frame. `size`: width and height [pixels].
 
-    `view`: "shaded", "strain", "error" (if it was measured), "wireframe" or "particles". `eye` and `target`: positions of the camera, and of what it
-    looks at [m]; without one, that of the scene's camera.
+    `view`: "shaded", "strain", "error" (if it was measured), "wireframe" or "particles". `eye` and `target`: positions
+    of the camera, and of what it looks at [m]; without one, that of the scene's camera.
 
     Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, an
     unknown view, and a position that a scene does not allow: one not of three numbers, or a camera that looks straight

@@ -207,6 +207,7 @@ class WebApp:
             if "panel" not in self._published:
                 self._publish("panel", self._messages.panel(self._scenes))
             self._publish("metrics", self._messages.metrics(self._sending_ms, rate, self.server.clients))
+            self._publish("frameError", self._messages.frame_error())
 
     def _publish(self, kind: str, data: bytes) -> bool:
         """Publish a message unless it equals the last of its kind. Return whether it was published."""

@@ -339,6 +339,14 @@ class MessageBuilder:
             }
         )
 
+    def frame_error(self) -> bytes:
+        """Return the message with the last error of each particle, as shares of the largest one; none before."""
+        draw_list = self._session.draw_list
+        scale, errors = draw_list.scale("error"), draw_list.errors
+        labels = [] if scale is None else [scale.labels[fraction] for fraction in (1.0, 0.5, 0.0)]
+        shares = [] if scale is None or errors is None else [np.rint(255 * errors / scale.largest).astype(np.uint8)]
+        return pack_message({"kind": "frameError", "sceneId": self.scene_id, "labels": labels}, shares)
+
     def metrics(self, sending_ms: float, update_rate: float, clients: int) -> bytes:
         """Return the message with timings and the session's last metrics.
 

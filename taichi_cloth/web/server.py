@@ -118,7 +118,14 @@ def _content_headers(body: bytes, content_type: str) -> dict[str, str]:
     return {"Content-Type": content_type, "Content-Length": str(len(body)), "Connection": "close"}
 
 
-ORDER = ("scene", "panel", "reply", "metrics", "update")  # of sending: a scene before the messages about it
+ORDER = (
+    "scene",
+    "panel",
+    "reply",
+    "metrics",
+    "frameError",
+    "update",
+)  # of sending: a scene before the messages about it
 IN_FLIGHT = 4  # limit of updates that were sent and not displayed yet; more would only add latency
 RATE, BURST = 150.0, 300.0  # rate limit [messages/s] and burst limit [messages]; a mouse sends 60 moves a second
 

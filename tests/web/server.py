@@ -14,9 +14,10 @@ from pathlib import Path
 class Server:
     """The process of `taichi-cloth web …`, once it has printed its address."""
 
-    def __init__(self, folder: Path, *arguments: str) -> None:
+    def __init__(self, folder: Path, *arguments: str, errors: bool = False) -> None:
+        options = [] if errors else ["--no-errors"]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "taichi_cloth", "web", *arguments, "--port", "0", "--no-errors"],
+            [sys.executable, "-m", "taichi_cloth", "web", *arguments, "--port", "0", *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

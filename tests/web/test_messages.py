@@ -159,3 +159,16 @@ def test_titles_are_escaped() -> None:
     finally:
         session.close()
     assert pack_message({"a": "ä"})[4:] == b'{"a":"\\u00e4"}  '
+
+
+def test_the_error_of_each_particle_is_sent_as_a_share_of_the_largest(session: Session) -> None:
+    builder = MessageBuilder(session, 1)
+    before = Decoded(builder.frame_error())
+    assert (before.head["labels"], before.rest) == ([], b"")
+    errors = np.linspace(0, 0.004, 72)
+    session.draw_list.errors = errors
+    message = Decoded(builder.frame_error())
+    assert message.head["labels"] == ["5mm", "2.5mm", "0"]
+    shares = message.take("u1", 72)
+    np.testing.assert_allclose(shares / 255 * 0.005, errors, atol=0.005 / 255)
+    assert message.rest == b""

@@ -225,12 +225,28 @@ def test_moves_are_sent_at_most_sixty_times_a_second(page: Browser) -> None:
 def test_the_strain_view_has_colors_and_a_scale(page: Browser) -> None:
     before = page.picture()
     page.key("KeyV", "v")
-    page.until("update && isStrainView && !find('.scale').hidden")
+    page.until("update && shownView === 'strain' && !find('.scale').hidden")
     page.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
     after = page.picture()
     assert np.abs(after.astype(int) - before).mean() > 5
+    page.value("setView('shaded')")
+    page.until("shownView === 'shaded' && find('.scale').hidden")
+
+
+def test_the_error_view_has_colors_and_a_scale_once_it_is_measured(page: Browser) -> None:
+    page.value("setView('strain')")
     page.key("KeyV", "v")
-    page.until("!isStrainView && find('.scale').hidden")
+    page.until("shownView === 'error' && find('.scale').hidden")
+    before = page.picture().astype(int)
+    page.value(
+        "HANDLERS.frameError({ labels: ['5mm', '2.5mm', '0'] }, (type, count) => new Uint8Array(count).fill(220))"
+    )
+    page.until("!find('.scale').hidden && find('.scale').textContent === '5mm2.5mm0'")
+    page.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+    redness = np.subtract(*np.moveaxis(page.picture().astype(int) - before, 2, 0)[[0, 2]])
+    assert (redness > 60).mean() > 0.02
+    page.key("KeyV", "v")
+    page.until("shownView === 'shaded' && find('.scale').hidden")
 
 
 def test_mesh_edges_are_drawn_over_the_cloth_also_after_a_tear(page: Browser) -> None:
