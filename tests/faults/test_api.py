@@ -13,6 +13,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from taichi_cloth.export.clip import replay
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import Scene, SceneError, parameters_of, scene_to_toml
@@ -20,6 +21,7 @@ from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
 from taichi_cloth.scene.schema import Cloth, VerletSprings, Wind
 from taichi_cloth.simulation.events import GrabHandle
 from taichi_cloth.simulation.parameter_values import MAX_COORDINATE
+from taichi_cloth.simulation.recording import Recorder
 from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
@@ -333,6 +335,7 @@ def test_dicts_stand_for_sections_and_numpy_for_numbers() -> None:
     assert scene_to_toml(scene) == scene_to_toml(plain)
     assert pickle.loads(pickle.dumps(scene)) == plain
     assert load_scene({"cloth": {"pins": np.array([0, 5])}}).cloth.pins == (0, 5)
+    assert repr(load_scene({"cloth": {"pins": [np.int64(5), np.str_("left")]}}).cloth.pins) == "(5, 'left')"
 
 
 def test_a_scene_is_loaded_from_a_dict_as_from_a_file(tmp_path: Path) -> None:
@@ -376,6 +379,22 @@ def test_a_simulation_opens_a_scene_by_name_path_and_dict(tmp_path: Path) -> Non
         simulation.switch_scene("drape15")
         with pytest.raises(SceneError, match="did you mean 'drape15'"):
             simulation.switch_scene("drape")
+
+
+def test_calls_take_numbers_of_numpy(tmp_path: Path) -> None:
+    with Simulation(SCENE, "serial") as simulation:
+        recorder = Recorder(simulation)
+        simulation.params["wind_z"] = np.float32(2.5)
+        simulation.params["iterations"] = np.int64(3)
+        grab = simulation.grab(np.int32(20), radius=np.float32(0.1))  # type: ignore[arg-type]
+        grab.move_to(np.float32([0.0, 2.0, 0.5]))
+        simulation.step(np.int64(2))  # type: ignore[arg-type]
+        assert (simulation.params["wind_z"], simulation.params["iterations"]) == (2.5, 3)
+        assert [type(simulation.params[name]) for name in ("wind_z", "iterations")] == [float, int]
+        recorder.save(tmp_path / "run.toml")
+        positions = simulation.positions()
+    with replay(tmp_path / "run.toml") as replayed:
+        assert (replayed.positions() == positions).all()
 
 
 def test_an_unknown_layout_is_refused() -> None:

@@ -117,6 +117,7 @@ def test_an_override_replaces_a_section_as_a_whole() -> None:
     assert spheres == (Sphere(radius=0.2), Sphere())
     assert load_scene("drape15", solver={"name": "lines"}) == load_scene("drape15", solver="lines", damping=1.5)
     assert load_scene("curtain", fabric={"preset": "silk"}) == load_scene("curtain", fabric="silk")
+    assert load_scene("curtain", fabric={"preset": "silk", "warp": 5}).fabric.warp == 5.0
 
 
 TWO_BRACKETS = "write [[spheres]] with two brackets: it is an array of tables; in Python, pass a list"
