@@ -111,6 +111,8 @@ def test_an_override_replaces_a_section_as_a_whole() -> None:
         assert load_scene("curtain", wind=section).wind == Wind(z=6.0)
         assert load_scene("curtain", wind_x=2, wind=section).wind == Wind(x=2.0, z=6.0)
     assert wind == {"z": 6.0}  # not changed
+    assert load_scene("curtain", **dict([parse_override("wind={z=6}")])).wind == Wind(z=6.0)
+    assert load_scene("curtain", cloth={"pins": 17}) == load_scene("curtain", cloth={"pins": [17]})
     assert load_scene("curtain", wind=None) == replace(curtain, wind=None)
     assert load_scene("curtain", spheres=None).spheres == ()
     spheres = load_scene("curtain", spheres=[{"radius": 0.1}, Sphere()], sphere_radius=0.2).spheres
