@@ -179,7 +179,7 @@ def read_recording(path: Path) -> Recording:
     if kind:
         raise UsageError(f"{path} is {kind}: give the recording {path.with_suffix('.toml').name} beside it")
     if path.is_dir():
-        raise UsageError(f"{path} is a folder, not a recording")
+        raise UsageError(f"{path}: not a recording: it is a folder")
     try:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)

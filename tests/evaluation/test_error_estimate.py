@@ -202,7 +202,8 @@ def test_the_cost_has_the_substeps_and_springs_of_the_simulation(scene: Scene, s
 @pytest.mark.parametrize("solver", SOLVER_NAMES)
 def test_a_part_of_a_large_sheet_stands_for_it(monkeypatch: pytest.MonkeyPatch, solver: str) -> None:
     cloth = Cloth(rows=90, columns=150, width=2.0, height=1.0, rotation=(30.0, 0.0, 70.0), pins=("left", 9000))
-    scene = Scene(cloth=cloth, fabric=Fabric(bending_stiffness=1e-4), solver=Solver(solver, substeps=1))
+    bending = 0.0 if solver == "lines" else 1e-4  # transverse waves limit the substeps of `lines`
+    scene = Scene(cloth=cloth, fabric=Fabric(bending_stiffness=bending), solver=Solver(solver, substeps=1))
     whole = cost_of(scene)
     monkeypatch.setattr(error_estimate, "SAMPLE", 40)
     part = cost_of(scene)

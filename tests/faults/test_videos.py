@@ -215,7 +215,7 @@ def test_a_missing_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
             b"",
             "empty.toml: not a recording: it has no [recording]; `taichi-cloth run FILE` opens a scene",
         ),
-        ("folder", None, "folder is a folder, not a recording"),
+        ("folder", None, "folder: not a recording: it is a folder"),
     ],
 )
 def test_a_file_that_is_no_recording_is_one_line(

@@ -97,7 +97,7 @@ LINES: list[tuple[list[str], str]] = [
     (["compare", "ok.toml", "--a", "=3"], "--a: =3: must be KEY=VALUE"),
     (["compare", "folder", "--a", "rows=3"], "folder: is a folder, not a scene file"),
     (["compare", "ok.toml", "--a", "rows=9", "--log", "folder"], "folder is a folder, not a file"),
-    (["replay", "folder"], "folder is a folder, not a recording"),
+    (["replay", "folder"], "folder: not a recording: it is a folder"),
     (["replay", "ok.toml"], "ok.toml: not a recording: it has no [recording]"),
     (["replay", "binary.toml"], "binary.toml: not a recording: not UTF-8 text (byte 2)"),
     (["replay", "picture.png"], "picture.png is an image: give the recording picture.toml beside it"),
