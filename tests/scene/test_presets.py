@@ -185,9 +185,11 @@ def test_an_unknown_preset_is_one_line(
     assert refuse("curtain", fabric=3).reason == "must be a string, got 3"
     assert main(["check", str(path)]) == 2
     assert main(["render", "curtain", "--set", "fabric=denm"]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 2
-    assert all(line.endswith("(did you mean 'denim'?)") for line in lines)
+    out, err = capsys.readouterr()
+    lines = [*out.splitlines(), *err.splitlines()]
+    assert len(lines) == 3
+    assert lines[1] == "taichi-cloth: 1 mistake"
+    assert all(line.endswith("(did you mean 'denim'?)") for line in lines[::2])
     with pytest.raises(SceneError, match="did you mean 'chainmail'"):
         load_preset("chain mail")
 
