@@ -329,6 +329,7 @@ class MessageBuilder:
                 "fabrics": {name: name or OWN_FABRIC for name in LISTS["fabric"]},
                 "fabric": session.fabric,
                 "speeds": LISTS["speed"],
+                "speed": session.speed,
                 "features": {name: [with_cost(name, times), on] for name, on in session.features.items()},
                 "wind": with_cost("wind", times) if scene.wind else "",
                 "timing": timing_line(times) if times else "",
