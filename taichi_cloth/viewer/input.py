@@ -198,7 +198,7 @@ def change_to_neighbor(session: Session, action: str) -> None:
 
 MENU = "Menu"  # the page that lists the others
 HELP = "Help"  # the page that lies over the picture
-PAGES = ("Sliders", "Scenes", "Solvers", "Fabrics", "Views", "Features", "Statistics", HELP)
+PAGES = ("Sliders", "Scenes", "Solvers", "Fabrics", "Views", "Speeds", "Features", "Statistics", HELP)
 GRAB_RADIUS_FACTOR = 1.25  # factor between two grab radii
 
 # Other actions that may have to compile kernels, and what the user reads meanwhile.

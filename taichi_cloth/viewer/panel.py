@@ -49,7 +49,8 @@ FIRST_STEPS = (
 )
 FIRST_HELP = "Drag the cloth; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
 GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
-LIST_PAGES = {"Scenes": "scene", "Solvers": "solver", "Fabrics": "fabric", "Views": "view"}  # kind of list of each page
+# Kind of list of each page.
+LIST_PAGES = {"Scenes": "scene", "Solvers": "solver", "Fabrics": "fabric", "Views": "view", "Speeds": "speed"}
 OWN_FABRIC = "own fabric"  # label of the scene's own fabric, whose name is empty
 
 
@@ -108,6 +109,8 @@ class Panel:
             changed |= pages.get(session.page, self._list_page)(gui, session, statistics)
             for line in wrap(session.note):
                 gui.text(line, color=NOTE_COLORS[type(session.note)])
+            for line in wrap(slow_line(session)):
+                gui.text(line, color=NOTE_COLORS[Refusal])
             if session.page != "Statistics":
                 shown = 1 if session.page in LIST_PAGES else SUMMARY_LINES
                 for line in wrapped_lines(statistics.splitlines()[:shown]):
@@ -133,7 +136,10 @@ class Panel:
         labels = {name: name or OWN_FABRIC for name in names(session, kind)}
         pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
         for name in pressed:
-            session.choose(kind, name)
+            if kind == "speed":
+                session.speed = name
+            else:
+                session.choose(kind, name)
         return bool(pressed)
 
     def _sliders_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:

@@ -28,7 +28,7 @@ from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.simulation import Simulation
 from .charts import CurveDrawing, top
-from .input import HELP, SHORTCUTS, Progress
+from .input import HELP, SHORTCUTS, SPEEDS, Progress
 from .panel import Panel, statistics
 from .session import Session
 
@@ -183,7 +183,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     text, updated, displayed_before = "", 0.0, 0
     while window.running and session.running and displayed != frames:
         now = time.perf_counter()
-        due = clock.due(now)
+        due = clock.due(now, SPEEDS[session.speed])
         size = window_size(window, panel.window_size)
         cursor = window.get_cursor_pos()
 

@@ -14,7 +14,7 @@ import pytest
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
-from taichi_cloth.viewer.charts import CHART_SECONDS
+from taichi_cloth.viewer.charts import CHART_SECONDS, History
 from taichi_cloth.viewer.error_process import Answer
 from taichi_cloth.viewer.input import ARROWS, HELP, MENU, PAGES, SHORTCUTS, Progress, Refusal
 from taichi_cloth.viewer.panel import (
@@ -153,6 +153,7 @@ def test_every_page_has_a_button_for_the_menu_which_has_one_for_every_page(drawn
         ("Solvers", "verlet", "xpbd", lambda session: session.simulation.solver.name),
         ("Fabrics", "own fabric", "silk", lambda session: session.fabric),
         ("Views", "shaded", "wireframe", lambda session: session.view),
+        ("Speeds", "1", "1/4", lambda session: session.speed),
     ],
 )
 def test_a_list_marks_what_is_in_use_and_a_press_chooses(
@@ -376,3 +377,10 @@ def test_a_rectangle_contains_the_points_inside_it() -> None:
     assert not rect.contains((0.02, 0.6), size)
     assert not rect.contains((0.3, 0.9), size)  # above it: v points up
     assert not rect.contains((0.3, 0.2), size)
+
+
+def test_a_choice_that_is_too_slow_is_named_on_every_page(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(History, "frame_ms", 250.0)
+    for page in PAGES:
+        _, gui, _ = drawn("drape15", page)
+        assert any(text.startswith("too slow: a frame needs 250 ms of 16.7; try ") for text in gui.texts), page
