@@ -96,9 +96,6 @@ class Panel:
                 freeze = ("freeze", "Freeze", session.frozen)
                 buttons = [("reset", "Reset"), ("undo", "Undo pull or pin")]
                 changed |= apply_changes(gui, session, [freeze], buttons)
-                if session.frozen:
-                    changed |= apply_changes(gui, session, buttons=[("step", "Step")])
-                    changed |= draw_rewind(gui, session)
             pages = {
                 MENU: self._menu_page,
                 "Sliders": self._sliders_page,
@@ -107,6 +104,9 @@ class Panel:
                 HELP: self._help_page,
             }
             changed |= pages.get(session.page, self._list_page)(gui, session, statistics)
+            if session.frozen and session.page not in LIST_PAGES:  # below, so that no slider moves
+                changed |= apply_changes(gui, session, buttons=[("step", "Step")])
+                changed |= draw_rewind(gui, session)
             for line in wrap(session.note):
                 gui.text(line, color=NOTE_COLORS[type(session.note)])
             for line in wrap(slow_line(session)):

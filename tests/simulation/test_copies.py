@@ -164,8 +164,9 @@ def test_the_growth_is_the_distance_after_a_second_with_grabs_at_rest() -> None:
     assert growth > 1e-4
 
 
-def test_the_start_of_a_frame_does_not_change_with_the_cloth() -> None:
+def test_the_start_of_a_frame_does_not_change_with_the_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may wait until the process that measures it is ready."""
+    monkeypatch.setattr(copies, "GOAL_SECONDS", 0.0)  # the reference is not refined between the measurements
     with swinging(scene("explicit", 10), 3) as (simulation, meter):
         grab = simulation.grab(66)
         simulation.pin(40)

@@ -79,7 +79,7 @@ def test_a_new_scene_is_sent_with_its_panel_and_its_metrics(app: WebApp) -> None
     kinds = cast(FakeServer, app.server).kinds
     kinds.clear()
     app.step(10.001, 1)
-    assert [kind for kind in kinds if kind != "update"] == ["scene", "panel", "metrics"]
+    assert [kind for kind in kinds if kind != "update"] == ["scene", "panel", "metrics", "frameError"]
 
 
 class Ended(Exception):

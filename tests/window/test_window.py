@@ -175,7 +175,7 @@ def test_a_drag_moves_a_patch_of_a_fine_cloth_and_p_pins_it(open_window: Start) 
     app.move_mouse(*start)
     assert not pin_marker(app.screenshot()).any()
     app.press_key("p")
-    app.wait_until(lambda line: len(line["added_pins"]) == 1, "a pin under the cursor")
+    app.wait_until(lambda line: len(line["added_pins"]) > 8, "pins within the grab radius")
     assert pin_marker(app.screenshot()).any(), "the new pin has no marker"
     app.press_key("p")
     app.wait_until(lambda line: line["added_pins"] == [], "unpinning")
@@ -199,9 +199,10 @@ def test_a_drag_moves_a_patch_of_a_fine_cloth_and_p_pins_it(open_window: Start) 
 
     app.press_key("p")
     particle = pulled["grabbed"]
-    app.wait_until(lambda line: line["added_pins"] == [particle], "the pin")
+    pinned = app.wait_until(lambda line: particle in line["added_pins"], "the pins")["added_pins"]
+    assert len(pinned) > 8
     assert app.release_mouse("left")["grabbed_count"] == 0
-    assert app.latest_entry()["added_pins"] == [particle]
+    assert app.latest_entry()["added_pins"] == pinned
 
 
 def pin_marker(image: np.ndarray) -> np.ndarray:
