@@ -126,7 +126,8 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
     def metrics(self) -> ClothMetrics:
         """Return strain, energy and penetration of the cloth as it is now, and the error of its frame if measured."""
         found = super().metrics()
-        return replace(found, frame_error=self.frame_error.error) if self.frame_error else found
+        is_of_now = self.frame_error is not None and self.frame_error.frame == self.frame
+        return replace(found, frame_error=self.frame_error.error) if self.frame_error and is_of_now else found
 
     def close(self) -> None:
         """Release the fields for the next simulation. Closing twice does no harm."""

@@ -72,13 +72,13 @@ class DivergenceGuard:
 
 # -- the last seconds --------------------------------------------------------------------------------------------------
 
-PAST_SECONDS = 10.0  # [s] of simulated time
-PAST_EVERY = 6  # frames between two states
-PAST_BYTES = 1 << 26  # memory of all states; of a large cloth the last states only
+REWIND_SECONDS = 10.0  # [s] of simulated time
+REWIND_EVERY = 6  # frames between two states
+REWIND_BYTES = 1 << 26  # memory of all states; of a large cloth the last states only
 
 
 @dataclass(frozen=True)
-class PastState:
+class RewindState:
     """A state of the simulation."""
 
     seconds: float
@@ -93,7 +93,7 @@ class PastState:
         return sum(array.nbytes for array in self.arrays.values())
 
 
-class Past:
+class RewindBuffer:
     """States of the last seconds of a simulation. Going back releases all grabs; later states remain until it moves on.
 
     Call `add` after every frame. A new scene, solver or fabric clears it.
@@ -105,7 +105,7 @@ class Past:
 
     def _clear(self) -> None:
         self._scene = self._simulation.scene
-        self._states: deque[PastState] = deque()
+        self._states: deque[RewindState] = deque()
         self._size = 0
         self._clock = 0.0  # [s]
         self._back = 0  # states between the present one and the newest
@@ -127,7 +127,7 @@ class Past:
             self._clear()
         self._drop_later()
         self._clock += FRAME_SECONDS
-        if round(self._clock / FRAME_SECONDS) % PAST_EVERY == 0:
+        if round(self._clock / FRAME_SECONDS) % REWIND_EVERY == 0:
             self.mark(can_undo=False)
 
     def mark(self, *, can_undo: bool = True) -> None:
@@ -135,10 +135,10 @@ class Past:
         if self._simulation.scene is not self._scene:
             self._clear()
         self._drop_later()
-        state = PastState(self._clock, state_arrays(self._simulation), can_undo)
+        state = RewindState(self._clock, state_arrays(self._simulation), can_undo)
         self._states.append(state)
         self._size += state.size
-        while len(self._states) > 1 and (self._size > PAST_BYTES or self.seconds > PAST_SECONDS):
+        while len(self._states) > 1 and (self._size > REWIND_BYTES or self.seconds > REWIND_SECONDS):
             self._size -= self._states.popleft().size
 
     def go_back(self, seconds: float) -> bool:
@@ -155,7 +155,7 @@ class Past:
                 self._restore(back)
                 self._drop_later()
                 last = self._states.pop()
-                self._states.append(PastState(last.seconds, last.arrays, can_undo=False))
+                self._states.append(RewindState(last.seconds, last.arrays, can_undo=False))
                 return True
         return False
 

@@ -81,6 +81,10 @@ class ErrorProcess:
         simulation.step()
         self._send(Job(simulation.scene, simulation.requested_layout, start, simulation.positions()))
 
+    def error_of(self, scene: Scene) -> FrameError | None:
+        """Return the last error of a frame if it is one of this scene."""
+        return self.answer.error if self.answer and self._scene is scene else None
+
     def _is_free(self) -> bool:
         is_refused = self.answer is not None and bool(self.answer.refusal)
         waits = self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next

@@ -41,9 +41,9 @@ SHORTCUTS = (
     Shortcut(" ", "Space", "freeze", "freeze/resume"),
     Shortcut("n", "N", "step", "step one frame"),
     Shortcut("r", "R", "reset", "reset"),
-    Shortcut("z", "Z", "undo", "undo pull or pin"),
-    Shortcut("q", "Q", "rewind", "rewind", held=True),
-    Shortcut("w", "W", "forward", "forward again", held=True),
+    Shortcut("z", "Z", "undo", "undo grab or pin"),
+    Shortcut("q", "Q", "rewind", "back in time", held=True),
+    Shortcut("w", "W", "forward", "forward in time", held=True),
     Shortcut("g", "G", "wind", "wind on/off"),
     Shortcut("v", "V", "view", "next view"),
     Shortcut("t", "T", "solver", "next solver"),
@@ -197,7 +197,7 @@ def change_to_neighbor(session: Session, action: str) -> None:
 # -- actions -----------------------------------------------------------------------------------------------------------
 
 MENU = "Menu"  # the page that lists the others
-HELP = "Help"  # the page that lies over the picture
+HELP = "Help"  # the page that is shown over the picture
 PAGES = ("Sliders", "Scenes", "Solvers", "Fabrics", "Views", "Speeds", "Features", "Statistics", HELP)
 GRAB_RADIUS_FACTOR = 1.25  # factor between two grab radii
 

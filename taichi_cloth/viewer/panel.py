@@ -94,7 +94,7 @@ class Panel:
             changed |= apply_changes(gui, session, buttons=[("menu", "Menu")])
             if session.page not in LIST_PAGES:
                 freeze = ("freeze", "Freeze", session.frozen)
-                buttons = [("reset", "Reset"), ("undo", "Undo pull or pin")]
+                buttons = [("reset", "Reset"), ("undo", "Undo")]
                 changed |= apply_changes(gui, session, [freeze], buttons)
             pages = {
                 MENU: self._menu_page,
@@ -188,7 +188,7 @@ class Panel:
 
     def _help_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
         """Where the help is."""
-        for line in wrap("The help lies over the picture. A or Close help closes it."):
+        for line in wrap("The help is shown over the picture. A or Close help closes it."):
             gui.text(line)
         return apply_changes(gui, session, buttons=[("help", "Close help")])
 
@@ -258,10 +258,10 @@ def draw_slider(gui: ti.ui.Gui, session: Session, key: Parameter) -> bool:
 
 def draw_rewind(gui: ti.ui.Gui, session: Session) -> bool:
     """Declare the slider that goes back in time. Return whether the user moved it."""
-    back = gui.slider_float("Rewind [s]", session.past.back, 0.0, session.past.seconds)
-    if not has_changed(back, session.past.back):
+    back = gui.slider_float("Rewind [s]", session.rewind_buffer.back, 0.0, session.rewind_buffer.seconds)
+    if not has_changed(back, session.rewind_buffer.back):
         return False
-    session.go_back(min(max(back, 0.0), session.past.seconds))
+    session.go_back(min(max(back, 0.0), session.rewind_buffer.seconds))
     return True
 
 

@@ -22,7 +22,7 @@ from ..scene import Scene, SceneError, scene_names
 from ..scene.overrides import removable_sections, scene_without
 from ..simulation.copies import FeatureTimes, FrameError
 from ..simulation.recording import Recorder
-from ..simulation.rollback import DivergenceGuard, Past
+from ..simulation.rollback import DivergenceGuard, RewindBuffer
 from ..simulation.simulation import Simulation
 from ..system.errors import UsageError
 from .capture import Capture, Exporter
@@ -93,7 +93,7 @@ class Session:
         self.fabric = ""
         """Name of a shipped fabric, or an empty string for the scene's own."""
         self.history = History(self.simulation.topology)
-        self.past = Past(self.simulation)
+        self.rewind_buffer = RewindBuffer(self.simulation)
         self.feature_times: FeatureTimes | None = None
         self._cursor: tuple[tuple[float, float], tuple[int, int]] | None = None
         try:
@@ -191,7 +191,7 @@ class Session:
     def on_key_held(self, action: str, seconds: float) -> None:
         """Continue the action of a key that is held down, for that much wall time [s]."""
         if action in REWIND_RATES:
-            self.go_back(self.past.back + REWIND_RATES[action] * seconds)
+            self.go_back(self.rewind_buffer.back + REWIND_RATES[action] * seconds)
             return
         zoom, right, up = HELD_KEY_RATES[action]
         self.camera.zoom(zoom * seconds)
@@ -294,7 +294,7 @@ class Session:
 
     def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
         if self.dragger.begin(self.camera, cursor, size, self.grab_radius):
-            self.past.mark()
+            self.rewind_buffer.mark()
         else:
             self.pointer.orbit_instead()
 
@@ -310,7 +310,7 @@ class Session:
         if index is None:
             self.note = Refusal("nothing to pin: no cloth under the cursor")
             return
-        self.past.mark()
+        self.rewind_buffer.mark()
         pinned = self.simulation.topology.pinned[index]
         self.rebuild(partial(self.simulation.unpin if pinned else self.simulation.pin, index, self.grab_radius))
 
@@ -343,12 +343,12 @@ class Session:
             for dragger in self.draggers.values():
                 dragger.interpolate((k + 1) / frames)
             self.meter.run_frame(self.simulation) if self.meter else self.simulation.step()
-            self.past.add()
             if not self._guard.check_and_snapshot():
                 self.note = Refusal(self._guard.roll_back())
                 self.release_all()
                 self.frozen = True
                 break
+            self.rewind_buffer.add()
         ti.sync()
         self.physics_ms = 1e3 * (time.perf_counter() - start) / frames
         for dragger in self.draggers.values():
@@ -359,20 +359,20 @@ class Session:
     @property
     def frame_error(self) -> FrameError | None:
         """The last error of a frame that was measured."""
-        return self.meter.answer.error if self.meter and self.meter.answer else None
+        return self.meter.error_of(self.simulation.scene) if self.meter else None
 
     def go_back(self, seconds: float) -> None:
         """Freeze, and restore the state nearest to `seconds` [s] before the newest one."""
-        if seconds != self.past.back:
-            self._restore(lambda: self.past.go_back(seconds))
+        if seconds != self.rewind_buffer.back:
+            self._restore(lambda: self.rewind_buffer.go_back(seconds))
 
     def undo(self) -> None:
         """Restore the state before the last pull or change of pins. The note says if there is none."""
-        self._restore(self.past.undo)
+        self._restore(self.rewind_buffer.undo)
 
     def _restore(self, restore: Callable[[], bool]) -> None:
         if self.capture.clip_is_on:
-            self.note = Refusal("no way back while a clip is recorded: press C first")
+            self.note = Refusal("cannot go back in time while recording a clip: press C to stop it")
             return
         self.release_all()
         pins = self.simulation.topology.pinned

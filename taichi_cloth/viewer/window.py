@@ -178,7 +178,8 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
     clock, overlays = FrameClock(time.perf_counter()), Overlays()
     draw_ms, displayed = 0.0, 0
-    session.note = compiling = Progress(f"{session.simulation.scene.name}: compiling")  # the first frame
+    compiling = Progress(f"{session.simulation.scene.name}: compiling")  # the first frame
+    session.note = session.note or compiling
     # Text of the statistics; time [s] and number of displayed frames at its last update.
     text, updated, displayed_before = "", 0.0, 0
     while window.running and session.running and displayed != frames:

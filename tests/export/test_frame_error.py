@@ -33,6 +33,8 @@ def test_the_error_of_the_last_frame_is_measured_on_request(simulation: tc.Simul
         other.step(7)
         assert found.error == pytest.approx(meter.measure_frame(other).error)
         np.testing.assert_array_equal(simulation.positions(), other.positions())
+    simulation.reset()
+    assert simulation.metrics().frame_error is None
     simulation.step()
     assert simulation.frame_error is None
 

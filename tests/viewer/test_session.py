@@ -19,7 +19,7 @@ from taichi_cloth.render.camera import OrbitCamera
 from taichi_cloth.render.colors import rounded_up
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
-from taichi_cloth.simulation.copies import Copy, FrameErrorMeter, FrameStart
+from taichi_cloth.simulation.copies import Copy, FrameError, FrameErrorMeter, FrameStart
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer.capture import Capture
@@ -565,7 +565,7 @@ def test_holding_a_key_goes_back_in_time_and_forward_again(session: Session) -> 
     session.act("clip")
     session.on_key_held("rewind", 0.5)
     assert session.simulation.frame == 60
-    assert session.note.startswith("no way back while a clip is recorded")
+    assert session.note.startswith("cannot go back in time while recording a clip")
     session.capture.clip_is_on = False
 
 
@@ -590,7 +590,7 @@ def test_the_view_error_shows_what_was_measured(session: Session) -> None:
         found = meter.measure_frame(session.simulation)
     session.act("errors")
     assert session.meter is not None
-    session.meter.answer = Answer(found)
+    session.meter._scene, session.meter.answer = session.simulation.scene, Answer(found)
     session.frozen = True
     session.advance(1)
     scale = session.draw_list.scale("error")
@@ -613,3 +613,30 @@ def test_the_cloth_is_framed_where_it_is(session: Session) -> None:
     session.act("reset")
     session.act("first_view")
     assert session.camera.eye == pytest.approx(OrbitCamera.from_scene(session.simulation.scene).eye)
+
+
+def test_a_state_that_diverged_is_not_kept_to_go_back_to(session: Session) -> None:
+    session.advance(11)
+    cloth = session.simulation.cloth
+    cloth.x[100] = [np.nan] * 3
+    session.advance(1)  # the twelfth frame, which would be kept
+    assert session.note.startswith("the cloth blew up")
+    for _ in range(5):
+        session.on_key_held("rewind", 0.1)
+        assert np.isfinite(session.simulation.positions()).all()
+
+
+def test_an_error_of_another_scene_is_not_shown(session: Session, three_scenes: list[str]) -> None:
+    """The scenes have other numbers of particles. A frozen scene runs no frame, so nothing new is measured."""
+    session.act("errors")
+    assert session.meter is not None
+    session.meter._scene = session.simulation.scene
+    found = FrameError(1, 0.1, 0.1, 0.0, None, 0.1, np.ones(720), 0.1)
+    session.meter.answer = Answer(found)
+    session.view, session.frozen = "error", True
+    session.advance(1)
+    assert session.draw_list.errors is found.by_particle
+    session.act("next_scene")
+    session.advance(1)
+    assert session.draw_list.errors is None
+    session.draw_list.update("error", session.camera.eye)
