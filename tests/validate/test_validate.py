@@ -48,7 +48,7 @@ QUICK = [
         ("A2.7", "explicit"),
         ("A2.8", "lines"),
     ),
-    *(("A3.2", "verlet"), ("A3.3", "explicit"), ("A4.1", "xpbd"), ("A4.4", "lines")),
+    *(("A3.2", "verlet"), ("A3.3", "explicit"), ("A3.5", "explicit"), ("A4.1", "xpbd"), ("A4.4", "lines")),
     *(("A6.1", "rk4"), ("A7.1", "verlet"), ("A7.5", "explicit"), ("A8.2", "explicit"), ("A8.3", "explicit")),
     *(("A8.5", "explicit"), ("A8.6", "explicit"), ("A8.10", "explicit"), ("B4", "xpbd"), ("B5", "xpbd")),
 ]

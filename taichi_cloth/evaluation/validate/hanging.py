@@ -1,4 +1,4 @@
-"""A3, A4, B3 and B4: hanging, stretching, sagging and bending.
+"""A3, A4, B3 and B4: hanging, stretching, sagging and bending, and the forces that hold a sheet.
 
 Euler's buckling strip is part of A3.
 """
@@ -53,6 +53,9 @@ INDEPENDENT_SUBSTEPS, INDEPENDENT_ITERATIONS = (1, 10), (20, 40, 80, 160)
 SPLIT_SECONDS = 4.0
 SPLITS = ((400.0, 1), (100.0, 4), (25.0, 16), (12.5, 32))  # B4: steps per second, iterations: 400 sweeps per second
 SPLIT = (1e-2, 1e-3)
+HELD_CELLS = 32
+HELD = (1e-2, 1e-3)  # of the weight, as other forces: 1 %, 0.1 %
+HELD_BY = {"its top edge": ("top",), "two corners": ("top-left", "top-right"), "one corner and a grab": ("top-left",)}
 UNFINISHED = "iterations end before a substep is solved: κ·(1 − ρ)·ρ^(i−1)/(1 − ρ^i), κ = kh²/m, ρ = 1/(1 + m/(2kh²))²"
 
 
@@ -68,6 +71,22 @@ def elongation(solver: str) -> Iterator[Check]:
         yield run_with_limit(
             what, *ELONGATION, partial(measure_elongation, what, sheet(solver, cells), cells, ELONGATION)
         )
+
+
+def held(solver: str) -> Iterator[Check]:
+    """Compare the reaction forces on a sheet at rest with its weight: of pins, and of a grab that holds a corner."""
+    for name, pins in HELD_BY.items():
+        scene = base(solver, HELD_CELLS + 1, HELD_CELLS + 1, pins=pins)
+        fabric = replace(scene.fabric, warp=CONSTANT, weft=CONSTANT, shear=CONSTANT)
+        with Timed(damped(replace(scene, fabric=fabric))) as simulation:
+            corner = simulation.scene.cloth.columns - 1
+            grab = None if simulation.topology.pinned[corner] else simulation.grab(corner)
+            advance(simulation, 10.0)
+            weight = float(simulation.topology.mass.sum()) * GRAVITY
+            up = float(simulation.reaction_forces()[:, 1].sum())
+            yield relative(f"held by {name}: all forces over the weight", 1.0, up / weight, *HELD)
+            if grab is not None:
+                yield relative("force of the grab over the weight", 0.5, float(grab.force[1]) / weight, *HELD)
 
 
 def independence(solver: str) -> Iterator[Check]:

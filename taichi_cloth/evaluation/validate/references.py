@@ -62,6 +62,7 @@ REFERENCES = (
     Reference("A3.2", "artificial stretch", "fixed point of a red-black sweep", hanging.stretch, ("verlet", "xpbd")),
     Reference("A3.3", "hammock", "equilibrium of its springs", hanging.hammock, ELASTIC),
     Reference("A3.4", "buckling", "Euler's elastica", hanging.buckling, ELASTIC),
+    Reference("A3.5", "reaction forces", "weight; half of it by symmetry", hanging.held, ELASTIC),
     Reference("A4.1", "doubling", "linear bending", hanging.doubling, ELASTIC),
     Reference(
         "A4.2",
