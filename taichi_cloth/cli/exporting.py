@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import NamedTuple
 
 from ..export.output import FORMATS, UP_AXES, Output, check_format, default_path, format_of
 from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError
-from .options import DEFAULT_FRAMES, Command, chosen_scene, count, scene_options, summary
+from .options import DEFAULT_FRAMES, Command, chosen_scene, count, file_path, scene_options, summary
 
 
 class Frames(NamedTuple):
@@ -50,7 +49,7 @@ def add_commands(command: Command) -> None:
     parser.add_argument("--up-axis", choices=UP_AXES, default="y", help="up axis of the file")
     parser.add_argument(
         "--out",
-        type=Path,
+        type=file_path,
         metavar="PATH",
         help="file, or folder for a clip of OBJ or PLY files (default: in the folder out)",
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 from ..scene import Scene, parse_override
 from ..scene.overrides import scene_without
 from ..system import taichi_runtime as runtime
+from ..system.errors import UsageError
 
 if TYPE_CHECKING:
     from ..simulation.simulation import Simulation
@@ -43,6 +44,13 @@ def count(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= 10_000_000:
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 1 to 10000000")
     return int(text)
+
+
+def file_path(text: str) -> Path:
+    """Parse the path of a file or folder. An empty text, as of an unset shell variable, would be the current folder."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the path is empty")
+    return Path(text)
 
 
 def seed(text: str) -> int:
@@ -137,6 +145,12 @@ def check_log(path: Path | None) -> None:
         from ..system.console import check_output_file
 
         check_output_file(path, force=True)
+
+
+def refuse_log(path: Path | None, obstacle: str) -> None:
+    """Raise UsageError if there is a log, whose lines are of displayed frames, and `obstacle` prevents a window."""
+    if path:
+        raise UsageError(f"--log has a line per displayed frame, but no window opens ({obstacle})")
 
 
 def summary(simulation: Simulation, arch: str) -> str:

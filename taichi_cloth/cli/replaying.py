@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError, choose_from
-from .options import Command, check_log, count, size
+from .options import Command, check_log, count, file_path, refuse_log, size
 
 if TYPE_CHECKING:
     from ..render.sequence import RenderPlan
@@ -29,13 +29,13 @@ def add_commands(command: Command) -> None:
         "replay a recording and check that it ends in the same bits",
         "replay out/curtain/clip_001.toml --video again.mp4",
     )
-    replay.add_argument("file", type=Path, metavar="FILE", help="recording: the .toml file of a screenshot or clip")
+    replay.add_argument("file", type=file_path, metavar="FILE", help="recording: .toml file of a screenshot or clip")
     output = replay.add_mutually_exclusive_group()
     output.add_argument("--headless", action="store_true", help="render images instead of opening a window")
-    output.add_argument("--video", type=Path, metavar="FILE", help="video to write, .mp4 or .webp")
+    output.add_argument("--video", type=file_path, metavar="FILE", help="video to write, .mp4 or .webp")
     output.add_argument("--check", action="store_true", help="check the result without drawing")
-    replay.add_argument("--log", type=Path, metavar="FILE", help="log file with one JSON line per displayed frame")
-    replay.add_argument("--out", type=Path, metavar="DIR", help="folder of the images (default: FILE without .toml)")
+    replay.add_argument("--log", type=file_path, metavar="FILE", help="write a JSON line per displayed frame")
+    replay.add_argument("--out", type=file_path, metavar="DIR", help="image folder (default: FILE without .toml)")
     replay.add_argument(
         "--size", type=size, metavar="WxH", help="image or window size [pixels] (default: the recorded size)"
     )
@@ -48,8 +48,13 @@ def add_commands(command: Command) -> None:
 def run_replay(args: argparse.Namespace) -> int:
     """Run the command `replay`. Return 0 if the positions at the end equal the recorded ones, else 1."""
     from ..simulation.recording import differences, read_recording
+    from ..viewer.toolkit import window_obstacle
 
     check_log(args.log)
+    without = [f"--{option}" for option in ("check", "headless", "video") if getattr(args, option)]
+    obstacle = without[0] if without else window_obstacle()
+    if obstacle:
+        refuse_log(args.log, obstacle)
     recording = read_recording(args.file)
     if args.video:
         check_video(args.video, force=args.force)
@@ -60,29 +65,29 @@ def run_replay(args: argparse.Namespace) -> int:
     for line in differences(recording):
         print(f"{args.file}: {line}; the last bits may differ", file=sys.stderr)
     try:
-        session = run_session(recording, args)
+        if obstacle and not without:
+            print(f"no window ({obstacle}): rendering images instead", flush=True)
+        session = run_session(recording, args, obstacle)
     except UsageError as error:
         raise UsageError(f"{args.file}: {error}") from None
     print(f"{args.file}: {session.verdict}")
     return 0 if session.is_equal else 1
 
 
-def run_session(recording: Recording, args: argparse.Namespace) -> ReplaySession:
-    """Replay in a window, as a video, as images, or without drawing. Return the session, which is closed."""
+def run_session(recording: Recording, args: argparse.Namespace, obstacle: str | None) -> ReplaySession:
+    """Replay in a window, or if there is an `obstacle` to it, as a video, as images, or without drawing.
+
+    Return the session, which is closed.
+    """
     from ..render.sequence import RenderPlan
     from ..viewer.replay import ReplaySession
 
     size = args.size or recording.size
-    if not (args.check or args.headless or args.video):
+    if obstacle is None:
         from ..export.clip import export_snapshot
-        from ..viewer.toolkit import window_obstacle
+        from ..viewer import window
 
-        obstacle = window_obstacle()
-        if obstacle is None:
-            from ..viewer import window
-
-            return window.run(partial(ReplaySession, recording, export=export_snapshot), size=size, log=args.log)
-        print(f"no window ({obstacle}): rendering images instead", flush=True)
+        return window.run(partial(ReplaySession, recording, export=export_snapshot), size=size, log=args.log)
     out = args.out or args.file.with_suffix("")
     plan = RenderPlan(out, recording.frames + 1, width=size[0], height=size[1], every=args.every, samples=args.samples)
     with closing(ReplaySession(recording)) as session:

@@ -22,7 +22,9 @@ from .options import (
     check_log,
     chosen_scene,
     count,
+    file_path,
     no_errors_option,
+    refuse_log,
     scene_options,
     size,
     summary,
@@ -51,7 +53,7 @@ def add_commands(command: Command) -> None:
         metavar="N",
         help="number of displayed frames before the window closes (default: no limit)",
     )
-    run.add_argument("--log", type=Path, metavar="FILE", help="log file with one JSON line per displayed frame")
+    run.add_argument("--log", type=file_path, metavar="FILE", help="write a JSON line per displayed frame")
     no_errors_option(run)
     run.add_argument("--headless", action="store_true", help="render images to out/SCENE instead of opening a window")
 
@@ -86,11 +88,13 @@ def add_commands(command: Command) -> None:
         "--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="number of frames to simulate [1/60 s]"
     )
     render.add_argument("--size", type=size, default="960x540", metavar="WxH", help="image size [pixels]")
-    render.add_argument("--out", type=Path, metavar="DIR", help="folder of the images (default: out/SCENE)")
+    render.add_argument("--out", type=file_path, metavar="DIR", help="folder of the images (default: out/SCENE)")
     render.add_argument("--view", choices=VIEWS, default="shaded", help="view of the cloth")
     render.add_argument("--every", type=count, default=1, metavar="K", help="number of frames per image")
     render.add_argument("--samples", type=int, choices=(1, 4), default=4, help="samples per pixel; 4 smooths edges")
-    render.add_argument("--video", type=Path, metavar="FILE", help="video to write instead of images, .mp4 or .webp")
+    render.add_argument(
+        "--video", type=file_path, metavar="FILE", help="write a video instead of images, .mp4 or .webp"
+    )
     render.add_argument(
         "--contact-sheet", action="store_true", help="also write contact_sheet.png with twelve of the images"
     )
@@ -133,6 +137,7 @@ def run_scene(args: argparse.Namespace) -> int:
         return 0
     from ..render.sequence import RenderPlan
 
+    refuse_log(args.log, obstacle)
     print(
         f"no window ({obstacle}): rendering images instead; `taichi-cloth web` shows the scene in a browser", flush=True
     )

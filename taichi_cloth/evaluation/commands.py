@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..cli.options import Command, count, seed, strain
+from ..cli.options import Command, count, file_path, seed, strain
 from ..scene.schema import SOLVER_NAMES
 from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError
@@ -34,12 +34,12 @@ def add_commands(command: Command) -> None:
         metavar="SCENE",
         help="with --error: measure on this scene instead of the curtain",
     )
-    bench.add_argument("--markdown", type=Path, metavar="FILE", help="with --scene: write the tables as Markdown")
-    bench.add_argument("--plot", type=Path, metavar="DIR", help="with --error: write a plot for each grid")
+    bench.add_argument("--markdown", type=file_path, metavar="FILE", help="with --scene: write the tables as Markdown")
+    bench.add_argument("--plot", type=file_path, metavar="DIR", help="with --error: write a plot for each grid")
     bench.add_argument("--all", action="store_true", help="measure all cases; takes half an hour")
     bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
-    bench.add_argument("--csv", type=Path, metavar="FILE", help="write the measurements, a line each")
-    bench.add_argument("--json", type=Path, metavar="FILE", help="write measurements, features and machine")
+    bench.add_argument("--csv", type=file_path, metavar="FILE", help="write the measurements, a line each")
+    bench.add_argument("--json", type=file_path, metavar="FILE", help="write measurements, features and machine")
     bench.add_argument("--force", action="store_true", help="replace FILE if it exists")
 
     validate = command(
@@ -48,10 +48,10 @@ def add_commands(command: Command) -> None:
     validate.add_argument("--filter", metavar="REF", help="one reference, or all that begin with REF: A2.1, A2, B")
     validate.add_argument("--solver", choices=SOLVER_NAMES, metavar="NAME", help="one solver")
     validate.add_argument(
-        "--from", type=Path, dest="read", metavar="FILE", help="measure nothing: report results that --json wrote"
+        "--from", type=file_path, dest="read", metavar="FILE", help="measure nothing: report results that --json wrote"
     )
-    validate.add_argument("--json", type=Path, metavar="FILE", help="write the results, with bounds and sources")
-    validate.add_argument("--markdown", type=Path, metavar="FILE", help="write the report as Markdown")
+    validate.add_argument("--json", type=file_path, metavar="FILE", help="write the results, with bounds and sources")
+    validate.add_argument("--markdown", type=file_path, metavar="FILE", help="write the report as Markdown")
     validate.add_argument("--force", action="store_true", help="replace FILE if it exists")
 
     stress = command("stress", run_stress, "run 40 cases that break cloth", "stress --filter yank --solver lines")
@@ -68,7 +68,7 @@ def add_commands(command: Command) -> None:
     how_many.add_argument("--quick", action="store_const", dest="runs", const=1, help="one run of each variant")
     how_many.add_argument("--seed", type=seed, metavar="N", help="with one variant and --solver: one run of this seed")
     stress.add_argument("--soak", action="store_true", help="with --filter 32: run a million frames")
-    stress.add_argument("--json", type=Path, metavar="FILE", help="write all results, after each variant")
+    stress.add_argument("--json", type=file_path, metavar="FILE", help="write all results, after each variant")
     stress.add_argument("--resume", action="store_true", help="with --json: continue from the results in FILE")
     stress.add_argument(
         "--recheck",
@@ -79,18 +79,22 @@ def add_commands(command: Command) -> None:
         "--explain", action="store_true", help="with --json: find causes of failures by experiments, after the run"
     )
     stress.add_argument(
-        "--from", type=Path, dest="source", metavar="FILE", help="run nothing: report the results in FILE"
+        "--from", type=file_path, dest="source", metavar="FILE", help="run nothing: report the results in FILE"
     )
-    stress.add_argument("--markdown", type=Path, metavar="FILE", help="write the report as Markdown")
+    stress.add_argument("--markdown", type=file_path, metavar="FILE", help="write the report as Markdown")
     stress.add_argument(
-        "--image-dir", type=Path, default=Path("out/stress"), metavar="DIR", help="folder for images of failed frames"
+        "--image-dir",
+        type=file_path,
+        default=Path("out/stress"),
+        metavar="DIR",
+        help="images of failed frames",
     )
     stress.add_argument("--force", action="store_true", help="replace FILE if it exists")
 
     ablation = command("ablate", run_ablate, "measure what each feature of a scene costs and changes", "ablate curtain")
     ablation.add_argument("scenes", nargs="+", metavar="SCENE", help="shipped scenes or TOML files")
     ablation.add_argument("--frames", type=count, default=120, metavar="N", help="largest number of frames to compare")
-    ablation.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables as Markdown")
+    ablation.add_argument("--markdown", type=file_path, metavar="FILE", help="write the tables as Markdown")
     ablation.add_argument("--force", action="store_true", help="replace FILE if it exists")
 
 

@@ -8,7 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..cli.options import DEFAULT_FRAMES, VIEWS, Command, check_log, count, no_errors_option, size
+from ..cli.options import (
+    DEFAULT_FRAMES,
+    VIEWS,
+    Command,
+    check_log,
+    count,
+    file_path,
+    no_errors_option,
+    refuse_log,
+    size,
+)
 from ..scene import Scene, parse_override
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
@@ -50,13 +60,16 @@ def add_commands(command: Command) -> None:
         metavar="WxH",
         help="size of window or image, both sides together [pixels]",
     )
-    comparing.add_argument("--log", type=Path, metavar="FILE", help="log file with one JSON line per displayed frame")
+    comparing.add_argument("--log", type=file_path, metavar="FILE", help="write a JSON line per displayed frame")
     no_errors_option(comparing)
     comparing.add_argument("--headless", action="store_true", help="render images instead of opening a window")
     comparing.add_argument("--view", choices=VIEWS, default="shaded", help="view of the cloth")
     comparing.add_argument("--every", type=count, default=1, metavar="K", help="number of frames per image")
     comparing.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder of the images; implies --headless (default: out/compare_SCENE)"
+        "--out",
+        type=file_path,
+        metavar="DIR",
+        help="image folder; implies --headless (default: out/compare_SCENE)",
     )
     comparing.add_argument("--force", action="store_true", help="overwrite existing images")
 
@@ -86,7 +99,7 @@ def compare(args: argparse.Namespace) -> int:
         )
     from ..viewer.toolkit import window_obstacle
 
-    obstacle = "--headless" if args.headless or args.out else window_obstacle()
+    obstacle = "--headless" if args.headless else "--out" if args.out else window_obstacle()
     if obstacle is None:
         from ..viewer import comparison
         from ..viewer.comparison import Comparison
@@ -100,6 +113,7 @@ def compare(args: argparse.Namespace) -> int:
             log=args.log,
         )
         return 0
+    refuse_log(args.log, obstacle)
     if not (args.headless or args.out):
         print(f"no window ({obstacle}): rendering images instead", flush=True)
     return render_compared(scenes, args)

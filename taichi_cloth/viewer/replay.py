@@ -16,7 +16,7 @@ from ..render.rasterizer import Rasterizer
 from ..render.sequence import RenderPlan
 from ..simulation.events import Event
 from ..simulation.recording import REBUILDING, Recording, apply_recorded, hash_of
-from ..system.errors import UsageError
+from ..system.errors import UsageError, choose_from
 from .capture import Exporter
 from .input import Refusal
 from .session import Session
@@ -141,7 +141,7 @@ class ReplaySession(Session):
 
     def _set_view(self, view: str) -> None:
         if view not in VIEWS:
-            raise ValueError(f"unknown view {view!r}, must be one of {', '.join(VIEWS)}")
+            raise ValueError(f"unknown view {view!r}{choose_from(view, VIEWS)}")
         self.view = view
 
     def _set_camera(self, azimuth: float, elevation: float, distance: float, *target: float) -> None:

@@ -11,8 +11,28 @@ from pathlib import Path
 
 import pytest
 
+from taichi_cloth import __main__ as cli
+
 Run = Callable[..., subprocess.CompletedProcess[str]]
 Disk = Callable[..., Path]
+Refused = Callable[[list[str], str], None]
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
+    """refused(["run", …], "message"): this command ends with code 2, and with one line that contains the message."""
+
+    def check(words: list[str], message: str) -> None:
+        try:
+            code: object = cli.main(words)
+        except SystemExit as ended:
+            code = ended.code
+        out, error = capsys.readouterr()
+        assert (code, out, error.count("\n")) == (2, "", 1)
+        assert error.startswith("taichi-cloth")
+        assert message in error
+
+    return check
 
 
 @pytest.fixture
