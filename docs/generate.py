@@ -426,6 +426,7 @@ BENCH_COLUMNS = {
     "warm_s": ("warm s", ".1f"),
     "peak_mb": ("MB", ".0f"),
     "max_strain": ("strain", ".1%"),
+    "frame_error_mm": ("error mm", ".2g"),
 }
 
 
@@ -437,6 +438,8 @@ def frames() -> str:
     rows = []
     for row in words["rows"]:
         setting = f"{row['substeps']}×{row['iterations']}"
+        error = row.get("frame_error")  # a run before it was measured has none
+        row = row | {"frame_error_mm": error and 1e3 * error}
         figures = ["" if row[name] is None else f"{row[name]:{form}}" for name, (_, form) in BENCH_COLUMNS.items()]
         rows.append(
             [row["scene"], f"`{row['solver']}`", row["layout"], f"{row['columns']}×{row['rows']}", setting, *figures]

@@ -61,4 +61,56 @@ INTERFACES = [
         "return frames",
         ("viewer/test_frame_clock.py::test_frames_missed_in_a_stall_are_dropped",),
     ),
+    Mutation(
+        "diverged-state-kept-for-rewinding",
+        "viewer/session.py",
+        "            if not self._guard.check_and_snapshot():\n"
+        "                self.note = Refusal(self._guard.roll_back())\n"
+        "                self.release_all()\n"
+        "                self.frozen = True\n"
+        "                break\n"
+        "            self.rewind_buffer.add()\n",
+        "            self.rewind_buffer.add()\n"
+        "            if not self._guard.check_and_snapshot():\n"
+        "                self.note = Refusal(self._guard.roll_back())\n"
+        "                self.release_all()\n"
+        "                self.frozen = True\n"
+        "                break\n",
+        ("viewer/test_session.py::test_a_state_that_diverged_is_not_kept_to_go_back_to",),
+    ),
+    Mutation(
+        "error-of-another-scene-shown",
+        "viewer/error_process.py",
+        "return self.answer.error if self.answer and self._scene is scene else None",
+        "return self.answer.error if self.answer else None",
+        ("viewer/test_session.py::test_an_error_of_another_scene_is_not_shown",),
+    ),
+    Mutation(
+        "measuring-without-pause",
+        "viewer/error_process.py",
+        "answer.seconds * (1 / SHARE_OF_TIME - 1)",
+        "answer.seconds * SHARE_OF_TIME",
+        ("viewer/test_error_process.py::test_measuring_takes_a_tenth_of_the_time",),
+    ),
+    Mutation(
+        "answer-of-another-scene-taken",
+        "viewer/error_process.py",
+        "        if self._sent is self._scene:\n            self.answer = answer\n",
+        "        self.answer = answer\n",
+        ("viewer/test_error_process.py::test_an_answer_that_comes_after_the_scene_has_changed_is_dropped",),
+    ),
+    Mutation(
+        "slow-reference-not-refused",
+        "viewer/error_process.py",
+        "if error.seconds > MAX_SECONDS:",
+        "if False:",
+        ("viewer/test_error_process.py::test_a_reference_that_is_too_slow_or_diverges_is_refused",),
+    ),
+    Mutation(
+        "refused-scene-sent-again",
+        "viewer/error_process.py",
+        "return not (is_refused or waits or self._sent)",
+        "return not (waits or self._sent)",
+        ("viewer/test_error_process.py::test_a_refused_scene_is_not_sent_again",),
+    ),
 ]

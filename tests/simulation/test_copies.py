@@ -93,6 +93,9 @@ def test_grabs_wind_parameters_pins_and_moving_colliders_act_on_the_reference() 
             grab.move_to(x + [0.0, 0.0, 0.02 * k])
             found = meter.measure_frame(simulation)
             assert found.error < 0.02 * found.motion
+        simulation.params["wind"] = False
+        found = meter.measure_frame(simulation)
+        assert found.error < 0.02 * found.motion
 
 
 @pytest.mark.parametrize("name", ["verlet", "xpbd", "lines"])
@@ -122,13 +125,18 @@ def test_residual_and_step_error_are_apart() -> None:
             simulation.set_state(x + [0, 0.05, 0] * (x - x[0]))
             return meter.measure_frame(simulation)
 
-    few, many, fine = parts(4, 4), parts(4, 16), parts(16, 16)
+    few, many, fine, rough = parts(4, 4), parts(4, 16), parts(16, 16), parts(16, 1)
     assert few.residual is not None
     assert many.residual is not None
     assert many.residual < few.residual / 3
     assert many.step_error == pytest.approx(few.step_error, rel=0.1)
     assert fine.step_error < many.step_error / 2
     assert many.error == pytest.approx(many.step_error, rel=0.1)
+    assert rough.residual is not None
+    assert fine.residual is not None
+    assert rough.residual > 1000 * fine.residual
+    assert rough.step_error == pytest.approx(fine.step_error, rel=1e-3)
+    assert rough.error > 1.15 * rough.step_error
 
 
 @pytest.mark.parametrize("name", ["explicit", "rk4"])
@@ -147,7 +155,7 @@ def test_converged_iterations_have_no_residual() -> None:
 
 
 def test_the_growth_is_the_distance_after_a_second_with_grabs_at_rest() -> None:
-    setting = scene("xpbd", 5, 5)
+    setting = scene("xpbd", 5, 1)
     with swinging(setting, 10) as (simulation, meter), Simulation(scene("explicit", 100)) as fine:
         grab = simulation.grab(66)
         grab.move_to((0.1, 2.5, 0.4))

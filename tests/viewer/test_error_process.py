@@ -50,6 +50,25 @@ def job_of(simulation: Simulation) -> Job:
     return Job(simulation.scene, "serial", start, simulation.positions())
 
 
+def test_an_answer_that_comes_after_the_scene_has_changed_is_dropped(process: ErrorProcess) -> None:
+    class Pipe:
+        def poll(self) -> bool:
+            return True
+
+        def recv(self) -> Answer:
+            return Answer(growth=1.0)
+
+        def close(self) -> None:
+            pass
+
+    first, second = scene(), scene(substeps=20)
+    with Simulation(second) as simulation:
+        for asked, known in ((first, False), (second, True)):
+            process._pipe, process._sent, process._frames = Pipe(), asked, -10  # type: ignore[assignment]
+            process.run_frame(simulation)
+            assert (process.answer is not None) == known
+
+
 def test_another_process_measures_the_errors_of_the_scenes_that_run(process: ErrorProcess) -> None:
     for running in (scene(), scene(substeps=20)):
         with (
