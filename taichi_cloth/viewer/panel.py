@@ -369,7 +369,8 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
     found, growth = meter.answer.error, meter.answer.growth
     if found is None or meter.answer.refusal:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]
-    share = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
+    percent = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
+    share = ", more than the cloth moved" if found.error > found.motion else percent  # it rests
     steps = f"substeps and model {1e3 * found.step_error:.2g} mm"
     parts = steps if found.residual is None else f"iterations {1e3 * found.residual:.2g} mm, {steps}"
     estimate = [] if growth is None else [f"  estimate for 1 s without input: {1e3 * growth:.2g} mm"]

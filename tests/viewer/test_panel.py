@@ -288,6 +288,10 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     ]
     session.meter.answer = Answer(replace(found, error=0.0, motion=0.0, residual=None, step_error=0.0))
     assert error_lines(session.meter) == ["error of frame 7: 0 mm", "  substeps and model 0 mm"]
+    more = "more than the cloth moved"
+    for motion, share in ((0.00124, "99 % of its motion"), (0.0012, more), (0.0, more)):
+        session.meter.answer = Answer(replace(found, motion=motion))
+        assert error_lines(session.meter)[0].startswith(f"error of frame 7: 1.2 mm, {share}")
     session.meter.answer = Answer(found, None, "its reference takes 3.1 s")
     assert error_lines(session.meter) == ["error of a frame: not measured: its reference takes 3.1 s"]
 
