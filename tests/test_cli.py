@@ -387,10 +387,11 @@ def test_without_a_display_run_renders_images_and_states_the_reason(
     done = run("run", "drape15", "--frames", "3", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0].startswith("no window (")
-    assert sorted(p.name for p in (tmp_path / "out" / "drape15").glob("*.png")) == [
+    assert sorted(p.name for p in (tmp_path / "out" / "run_drape15").glob("*.png")) == [
         "contact_sheet.png",
         *[f"frame_{k:05d}.png" for k in range(3)],
     ]
+    assert not (tmp_path / "out" / "drape15").exists()  # the images of `render` stay
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     assert cli.main(["run", "drape15", "--frames", "2"]) == 0  # also a second time

@@ -202,6 +202,7 @@ INPUTS = {
     "docs/parameters.md": ["10 %"],  # end of the scale of the strain view
     "docs/gallery.md": ["10 %"],  # [strain_limit] of the scene `net`
     "docs/choosing.md": ["0.5 %", "16.7 ms"],  # --target-error 0.5; 1/60 s
+    "docs/frame_error.md": ["16 times"],  # MANY_ITERATIONS, in simulation/copies.py
     "docs/controls.md": ["2 %"],  # default grab radius
     "docs/solvers/lines.md": ["18, times"],  # equation 18
 }

@@ -55,7 +55,7 @@ def add_commands(command: Command) -> None:
     )
     run.add_argument("--log", type=file_path, metavar="FILE", help="write a JSON line per displayed frame")
     no_errors_option(run)
-    run.add_argument("--headless", action="store_true", help="render images to out/SCENE instead of opening a window")
+    run.add_argument("--headless", action="store_true", help="render images to out/run_SCENE, without a window")
 
     web = command("web", run_web, "serve an interactive browser view of a scene", "web curtain")
     scene_options(web, nargs="?")
@@ -141,7 +141,8 @@ def run_scene(args: argparse.Namespace) -> int:
     print(
         f"no window ({obstacle}): rendering images instead; `taichi-cloth web` shows the scene in a browser", flush=True
     )
-    plan = RenderPlan(Path("out") / scene.name, args.frames or DEFAULT_FRAMES, contact_sheet=True)
+    # A folder of its own: each run replaces the images of the last one, never those of `render`.
+    plan = RenderPlan(Path("out") / f"run_{scene.name}", args.frames or DEFAULT_FRAMES, contact_sheet=True)
     return render_images(scene, plan, args, force=True)
 
 

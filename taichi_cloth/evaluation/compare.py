@@ -217,4 +217,6 @@ def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:
     line = f"RMS distance after {count_noun(len(distances), 'frame')}: {distances[-1]:.2%} of the side"
     if not len(reference):
         return f"{line}; no error: the sides differ in more than the solver, or the scene has no reference solution"
-    return f"{line}; the error is that of the first {len(reference)} frames: beyond them the motion is chaotic"
+    if len(reference) >= len(distances):
+        return line
+    return f"{line}; RMS error: of the first {len(reference)} frames, beyond which the motion is chaotic"

@@ -21,6 +21,7 @@ from ..scene import Scene
 from ..scene.collider_schema import Ground
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.copies import FrameError, FrameErrorMeter
+from ..simulation.parameter_values import check_frames
 from ..simulation.recording import read_recording, run_recording
 from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation as BaseSimulation
@@ -102,12 +103,12 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
         `measure_error`: measure the error of the last frame, which `frame_error` and `metrics` have then. The first
         time, and after a change of the scene, it compiles for some seconds. Raises UsageError if the fabric is too
-        stiff for the reference; nothing has changed then.
+        stiff for the reference; nothing has changed then. Raises ValueError for a number that is not an integer from 0.
         """
-        if not measure_error:
+        if not measure_error or not check_frames(frames):
             super().step(frames)
             self.frame_error = None
-        elif frames > 0:
+        else:
             meter = self._meter()
             super().step(frames - 1)
             self.frame_error = meter.measure_frame(self, super().step)

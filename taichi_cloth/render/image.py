@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from ..scene.reader import check_keys
 from ..simulation.simulation import Simulation
 from ..system.errors import UsageError, choose_from, short_repr
+from ..system.taichi_runtime import check_thread
 from .camera import OrbitCamera
 from .colors import draw_legend
 from .draw_list import VIEWS, DrawList
@@ -52,6 +54,13 @@ class Image:
             raise UsageError(f"{os.fspath(path)}: images are saved as PNG files: the name must end in .png")
         write_png(path, self.pixels)
 
+    def __repr__(self) -> str:
+        height, width, _ = self.pixels.shape
+        return f"<Image {width}×{height}>"
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.pixels, dtype, copy=copy)
+
     def _repr_png_(self) -> bytes:
         return encode_png(self.pixels)
 
@@ -71,8 +80,9 @@ def render_image(
 
     Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, an
     unknown view, and a position that a scene does not allow: one not of three numbers, or a camera that looks straight
-    up or down.
+    up or down. Raises UsageError for the view "error" of a frame without a measured error.
     """
+    check_thread()
     if view not in VIEWS:
         raise ValueError(f"unknown view {view!r}{choose_from(view, VIEWS)}")
     if np.shape(size) != (2,) or not all(isinstance(n, (int, np.integer)) and 1 <= n <= MAX_SIDE for n in size):
@@ -81,10 +91,13 @@ def render_image(
     scene = simulation.scene
     places = {name: place for name, place in places.items() if place is not None}
     camera = OrbitCamera.from_scene(check_keys(replace(scene, camera=replace(scene.camera, **places))))
+    error = getattr(simulation, "frame_error", None)  # of `tc.Simulation` only
+    if view == "error" and error is None:
+        raise UsageError("the view 'error' needs the error of the last frame: call step(measure_error=True) before")
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
-    if found := getattr(simulation, "frame_error", None):  # of `tc.Simulation` only
-        draw_list.errors = found.by_particle
+    if error:
+        draw_list.errors = error.by_particle
     try:
         return Image(render_pixels(raster, draw_list, camera, view))
     finally:

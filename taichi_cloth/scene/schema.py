@@ -371,6 +371,8 @@ class Scene(Table):
 
     def __post_init__(self) -> None:
         mistakes = Mistakes(self.name)
+        if isinstance(self.fabric, dict) and self.fabric.get("preset"):
+            mistakes.add("fabric.preset", "sets no keys in tc.Scene: give the dict with all sections to load_scene")
         values = check_table(Scene, {key: getattr(self, key) for key in keys_of(Scene)}, mistakes)
         for part in sections().values():
             values[part.name] = part.checked(getattr(self, part.name), mistakes)

@@ -124,7 +124,8 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
     for ours, other in zip(scene_text.splitlines(), theirs.splitlines(), strict=False):
         if ours != other:
             raise ValueError(
-                f"{name}: a checkpoint of another scene: it has {short_repr(other)}, this one {short_repr(ours)}"
+                f"{name}: a checkpoint of another scene: it has {short_repr(other)}, this one {short_repr(ours)};"
+                " switch to its solver, fabric or scene before loading"
             )
     if theirs != scene_text:
         raise ValueError(f"{name}: a checkpoint of another scene")

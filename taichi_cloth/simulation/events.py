@@ -194,6 +194,10 @@ class GrabHandle:
         self._simulation, self.number = simulation, number
         self._grab = simulation.grabs[number]
 
+    def __repr__(self) -> str:
+        held = f"of {len(self.particles)} particles" if self.active else "released"
+        return f"<GrabHandle {self.number}: {held}>"
+
     @property
     def active(self) -> bool:
         """Whether it still holds particles. A reset releases all grabs."""
@@ -207,6 +211,8 @@ class GrabHandle:
     @property
     def force(self) -> NDArray[np.float64]:
         """Force of the grab on the cloth [N], (3,): the sum of `reaction_forces` of its particles; 0 once released."""
+        if not self.active:
+            return np.zeros(3)
         total: NDArray[np.float64] = self._simulation.reaction_forces()[self.particles].sum(axis=0)
         return total
 

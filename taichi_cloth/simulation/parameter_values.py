@@ -49,6 +49,13 @@ def check_radius(radius: float) -> float:
     return float(number)
 
 
+def check_frames(frames: int) -> int:
+    """Return a number of frames. Raises ValueError unless it is an integer from 0."""
+    if isinstance(frames, (bool, np.bool_)) or not isinstance(frames, (int, np.integer)) or frames < 0:
+        raise ValueError(f"frames must be an integer from 0, not {short_repr(frames)}")
+    return int(frames)
+
+
 def check_numbers(values: ArrayLike) -> Floats:
     """Return `values` as a new float64 array; an empty one if they are not numbers."""
     try:
@@ -97,6 +104,9 @@ class Parameters(MutableMapping[str, "float | bool"]):
     def __len__(self) -> int:
         return len(self.values_by_name)
 
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
     def check(self, name: str, value: float | bool) -> float | bool:
         """Return `value` as the parameter's type."""
         if name == WIND:
@@ -127,5 +137,6 @@ class Parameters(MutableMapping[str, "float | bool"]):
 
     def _checked(self, name: str) -> str:
         if name not in self._known:
-            raise ValueError(f"{name!r} is not a parameter{choose_from(name, [*self._known, WIND])}")
+            names = [*self._known, *[WIND] * any(known.section == WIND for known in self._known.values())]
+            raise ValueError(f"{name!r} is not a parameter of this scene{choose_from(name, names)}")
         return name

@@ -31,7 +31,7 @@ from ..system.taichi_compat import ProgramRef
 from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
 from .grabbing import Grab, all_grabbed
-from .parameter_values import Parameters
+from .parameter_values import Parameters, check_frames
 
 Floats = NDArray[np.float64]
 
@@ -97,18 +97,26 @@ class RunningCloth:
         """Whether it was closed, or Taichi was stopped or restarted."""
         return self._solver is None or not self._program.runs()
 
-    @property
-    def solver(self) -> Solver:
-        """The running solver. Raises RuntimeError once the simulation is closed, or Taichi has ended.
+    def __repr__(self) -> str:
+        state = "closed" if self.closed else f"frame {self.frame}, {self.topology.particle_count} particles"
+        return f"<Simulation {self.scene.name!r}: {state}>"
 
-        Raises UsageError in another thread than the one that started Taichi: all methods use the solver.
-        """
+    def _check_usable(self) -> Solver:
         check_thread()
         if self._solver is None:
             raise RuntimeError("this simulation is closed")
         if not self._program.runs():
             raise RuntimeError("Taichi was stopped or restarted, which ends every simulation: open a new one")
         return self._solver
+
+    @property
+    def solver(self) -> Solver:
+        """The running solver. Raises RuntimeError once the simulation is closed, or Taichi has ended.
+
+        Raises UsageError in another thread than the one that started Taichi, and in a forked process: all methods that
+        need Taichi use the solver.
+        """
+        return self._check_usable()
 
     @property
     def cloth(self) -> state.ClothState:
@@ -133,8 +141,8 @@ class RunningCloth:
         return FRAME_SECONDS / self.substeps
 
     def step(self, frames: int = 1) -> None:
-        """Advance by frames of 1/60 s."""
-        for _ in range(frames):
+        """Advance by frames of 1/60 s. Raises ValueError for a number that is not an integer from 0."""
+        for _ in range(check_frames(frames)):
             self.solver.step(self._frame_input())
             self._end_frame()
 

@@ -21,7 +21,6 @@ from ..kernels.step_params import MAX_GRABS
 from ..scene import Scene, scene_to_toml
 from ..state.contact_data import attach_self_contact
 from ..system.errors import UsageError, choose_from
-from ..system.taichi_runtime import check_thread
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
 from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle
@@ -73,7 +72,7 @@ class Simulation(RunningCloth):
         An event that raises has changed nothing. An exception is a switch to a solver or fabric that the cloth does not
         support: it may change the last bits of the state, and listeners receive it too.
         """
-        check_thread()
+        self._check_usable()
         if event.name not in EVENTS:
             raise ValueError(f"unknown event {event.name!r}{choose_from(event.name, EVENTS)}")
         try:
@@ -131,6 +130,7 @@ class Simulation(RunningCloth):
     def grab(self, particle: int, radius: float = 0.0) -> GrabHandle:
         """Grab a particle, with all that are within `radius` [m] on the sheet and neither pinned nor grabbed.
 
+        The particle itself may be pinned: its pin then moves with the grab, and stays where it is released.
         Raises ValueError for an index that does not exist or is grabbed already, for a radius that is negative or not
         finite, and if all grabs are in use.
         """

@@ -45,6 +45,7 @@ if "HOME" not in os.environ and os.name == "posix":  # Taichi caches there, and 
 
 _starting = threading.Lock()  # held while `start_if_needed` starts Taichi
 _started: tuple[taichi_compat.ProgramRef, int] | None = None  # the program that `start` started, and its thread
+_forked = False  # whether this process was forked from one in which Taichi ran
 
 
 def start(arch: str = "cpu", **options: object) -> str:
@@ -53,10 +54,11 @@ def start(arch: str = "cpu", **options: object) -> str:
     `options` are passed to `ti.init`. The environment variable TI_ARCH is removed, because Taichi would use it instead.
 
     `arch`: "cpu", "cuda", "vulkan", "metal", or "gpu" for the first of these three that the machine has. Raises
-    ValueError for another arch, UsageError for one that this machine does not have, and RuntimeError if there are still
-    references to the ended program; the message names them.
+    ValueError for another arch, UsageError for one that this machine does not have and in a forked process, and
+    RuntimeError if there are still references to the ended program; the message names them.
     """
     global _started
+    check_not_forked()
     if arch not in ARCHS:
         raise ValueError(f"unknown arch {arch!r}{choose_from(arch, ARCHS)}")
     os.environ.pop("TI_ARCH", None)
@@ -93,7 +95,8 @@ def start(arch: str = "cpu", **options: object) -> str:
 
 
 def start_if_needed() -> None:
-    """Start Taichi on the CPU unless it runs already."""
+    """Start Taichi on the CPU unless it runs already. Raises UsageError in a forked process."""
+    check_not_forked()
     with _starting:
         _import_taichi()
         from . import taichi_compat
@@ -114,11 +117,33 @@ def _import_taichi() -> None:
         del os.environ["TI_LOG_LEVEL"]
 
 
-def check_thread() -> None:
-    """Raise UsageError in another thread than the one that started Taichi.
+def _after_fork() -> None:
+    global _forked
+    _forked = _started is not None and _started[0].runs()
 
-    There Taichi would end in a failed assertion, after which no thread could open a simulation.
+
+if hasattr(os, "register_at_fork"):  # Windows has no fork
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+def check_not_forked() -> None:
+    """Raise UsageError in a process forked from one in which Taichi ran.
+
+    Taichi's own threads do not exist there, and it would wait for them without end.
     """
+    if _forked:
+        raise UsageError(
+            "Taichi does not work in a process forked from one that used it: start processes by"
+            ' multiprocessing.get_context("spawn")'
+        )
+
+
+def check_thread() -> None:
+    """Raise UsageError in another thread than the one that started Taichi, and in a forked process.
+
+    In another thread Taichi would end in a failed assertion, after which no thread could open a simulation.
+    """
+    check_not_forked()
     if _started is not None and _started[1] != threading.get_ident() and _started[0].runs():
         raise UsageError(
             "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes"

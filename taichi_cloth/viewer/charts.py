@@ -41,7 +41,10 @@ class Curve(NamedTuple):
 
 
 CHARTS = (
-    (Curve("kinetic energy", "J", 1, (1.0, 0.62, 0.2)), Curve("potential energy", "J", 2, (0.45, 0.75, 1.0))),
+    (
+        Curve("kinetic energy", "J", 1, (1.0, 0.62, 0.2)),
+        Curve("potential energy change", "J", 2, (0.45, 0.75, 1.0)),
+    ),
     (Curve("max strain", "%", 3, (1.0, 0.38, 0.38)), Curve("mean strain", "%", 4, (0.55, 0.9, 0.5))),
 )
 MIN_TIMES = 3  # samples for a median, so that a frame that compiled does not count

@@ -18,13 +18,13 @@ import taichi as ti
 from ..render.draw_list import VIEWS, DrawList
 from ..render.split_view import SplitRenderer, camera_for_both, nearest_vertex_map, rms_distance
 from ..scene import Scene, parameters_of
+from .error_process import error_lines
 from .input import HELD_KEY_RATES, SHORTCUTS
 from .panel import (
     LINE_LENGTH,
     NOTE_COLORS,
     PANEL_MARGIN,
     PANEL_WIDTH,
-    error_lines,
     has_changed,
     wrap,
 )

@@ -51,8 +51,10 @@ class Answer:
     growth: float | None = None
     """Distance from the reference `HORIZON` frames later [m] (`FrameErrorMeter.growth`), if there was time."""
     refusal: str = ""
+    is_final: bool = False
+    """Whether no other frame of this scene can be measured."""
     seconds: float = 0.0
-    """Time that it took, without compiling [s]."""
+    """Processor time that it took, without compiling [s]."""
 
 
 class ErrorProcess:
@@ -74,6 +76,8 @@ class ErrorProcess:
         if simulation.scene is not self._scene:
             self._scene, self.answer = simulation.scene, None
         self._receive()
+        if self.answer and self.answer.error and self.answer.error.frame > simulation.frame:
+            self.answer = None  # after a reset, or back in time
         if not self._is_free():
             simulation.step()
             return
@@ -86,7 +90,7 @@ class ErrorProcess:
         return self.answer.error if self.answer and self._scene is scene else None
 
     def _is_free(self) -> bool:
-        is_refused = self.answer is not None and bool(self.answer.refusal)
+        is_refused = self.answer is not None and self.answer.is_final
         waits = self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next
         return not (is_refused or waits or self._sent)
 
@@ -98,7 +102,7 @@ class ErrorProcess:
             self._pipe.send(job)
             self._sent = job.scene
         except OSError as error:
-            self.answer = Answer(refusal=f"the process that measures it has ended ({error})")
+            self.answer = Answer(refusal=f"the process that measures it has ended ({error})", is_final=True)
 
     def _start(self) -> None:
         context = get_context("spawn")
@@ -116,7 +120,7 @@ class ErrorProcess:
                 return
             answer: Answer = self._pipe.recv()
         except (EOFError, OSError):
-            answer = Answer(refusal="the process that measures it has ended")
+            answer = Answer(refusal="the process that measures it has ended", is_final=True)
         if self._sent is self._scene:
             self.answer = answer
         self._sent = None
@@ -129,6 +133,26 @@ class ErrorProcess:
             self._process.terminate()
             self._process.join(1.0)
         self._pipe = self._process = None
+
+
+def error_lines(meter: ErrorProcess | None) -> list[str]:
+    """Return the last error of a frame that was measured, with its parts, or one line that says why none was."""
+    if meter is None:
+        return ["error of a frame: not measured (U)"]
+    if meter.answer is None:
+        return ["error of a frame: being measured"]
+    found, growth = meter.answer.error, meter.answer.growth
+    if found is None or meter.answer.refusal:
+        return [f"error of a frame: not measured: {meter.answer.refusal}"]
+    percent = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
+    share = ", more than the cloth moved" if found.error > found.motion else percent  # it rests
+    steps = f"substeps and model {1e3 * found.step_error:.2g} mm"
+    parts = steps if found.residual is None else f"iterations {1e3 * found.residual:.2g} mm, {steps}"
+    parts += ", which partly cancel" if max(found.step_error, found.residual or 0.0) > 1.5 * found.error else ""
+    estimate = [] if growth is None else [f"  estimate for 1 s without input: {1e3 * growth:.2g} mm"]
+    if found.error < 2 * found.reference_error:  # it is lost in that of the reference
+        return [f"error of frame {found.frame}: below {2e3 * found.reference_error:.2g} mm, as exact as the reference"]
+    return [f"error of frame {found.frame}: {1e3 * found.error:.2g} mm{share}", f"  {parts}", *estimate]
 
 
 # -- the process -------------------------------------------------------------------------------------------------------
@@ -161,16 +185,16 @@ class Measurer:
         except UsageError as refused:
             self._refusal = str(refused)
         if self._meter is None or self._refusal:
-            return Answer(refusal=self._refusal)
-        began = time.perf_counter()
-        error, growth = self._meter.measure(job.start, job.after), None
+            return Answer(refusal=self._refusal, is_final=True)
+        began = time.process_time()
+        error, growth, refusal = self._meter.measure(job.start, job.after), None, ""
         if error.seconds > MAX_SECONDS:
-            self._refusal = f"its reference takes {error.seconds:.1f} s"
+            refusal = f"its reference takes {error.seconds:.1f} s"
         elif not np.isfinite(error.error):
-            self._refusal = "its reference diverges"
+            refusal = "its reference diverges"
         elif HORIZON * error.seconds / 3 < MAX_GROWTH_SECONDS:  # the reference ran three times the coarser substeps
             growth = self._meter.growth(job.start)
-        return Answer(error, growth, self._refusal, time.perf_counter() - began)
+        return Answer(error, growth, refusal, seconds=time.process_time() - began)
 
     def _open(self, job: Job) -> None:
         if job.scene == self._scene:

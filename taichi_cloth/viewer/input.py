@@ -221,7 +221,11 @@ def reset(session: Session) -> None:
 
 
 def wind(session: Session) -> None:
+    if session.simulation.scene.wind is None:
+        session.note = Refusal("this scene has no wind")
+        return
     session.simulation.params["wind"] = not session.simulation.params["wind"]
+    session.note = "wind on" if session.simulation.params["wind"] else "wind off: G turns it on"
 
 
 def view(session: Session) -> None:
@@ -275,6 +279,7 @@ def restore_defaults(session: Session) -> None:
     session.grab_radius = session.default_grab_radius
     for parameter in parameters_of(session.simulation.scene).values():
         session.simulation.params[parameter.name] = parameter.value
+    session.simulation.params["wind"] = True
 
 
 def charts(session: Session) -> None:

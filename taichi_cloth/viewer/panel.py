@@ -22,7 +22,7 @@ from ..simulation.copies import FeatureTimes
 from ..simulation.error_estimate import estimate, nearest_setting
 from ..simulation.simulation import Simulation
 from . import charts
-from .error_process import ErrorProcess
+from .error_process import error_lines
 from .input import ARROWS, HELP, MENU, MOUSE, PAGES, SHORTCUTS, SPEEDS, Progress, Refusal, chosen, display_name, names
 from .session import Session
 from .toolkit import PanelRect, saved_panel_rect
@@ -109,7 +109,8 @@ class Panel:
                 changed |= draw_rewind(gui, session)
             for line in wrap(session.note):
                 gui.text(line, color=NOTE_COLORS[type(session.note)])
-            for line in wrap(slow_line(session)):
+            unmeasured = error_lines(session.meter)[0] if session.view == "error" and not session.frame_error else ""
+            for line in (*wrap(slow_line(session)), *wrap(unmeasured)):
                 gui.text(line, color=NOTE_COLORS[Refusal])
             if session.page != "Statistics":
                 shown = 1 if session.page in LIST_PAGES else SUMMARY_LINES
@@ -146,6 +147,8 @@ class Panel:
         """Runtime parameters that act, the grab radius, and the help of the slider that was moved last."""
         changed = False
         keys = acting_parameters(session.simulation)
+        if not session.simulation.params["wind"]:
+            keys = {name: key for name, key in keys.items() if key.section != "wind"}
         for key in keys.values():
             if draw_slider(gui, session, key):
                 changed, self._moved = True, key.name
@@ -247,7 +250,7 @@ def help_for(name: str, keys: Mapping[str, Parameter]) -> str:
 def draw_slider(gui: ti.ui.Gui, session: Session, key: Parameter) -> bool:
     """Declare the slider of one runtime parameter. Return whether the user moved it."""
     label = f"{key.label} [{key.unit}]" if key.unit else key.label
-    before = session.simulation.params[key.name]
+    before = max(session.simulation.params[key.name], key.slider_min)  # of substeps more may run than were set
     slider = gui.slider_int if key.is_int else gui.slider_float
     after = slider(label, before, key.slider_min, key.slider_max)
     if not has_changed(after, before):
@@ -274,9 +277,16 @@ def has_changed(after: float, before: float) -> bool:
 
 
 def acting_parameters(simulation: Simulation) -> dict[str, Parameter]:
-    """Return the runtime parameters that have an effect: without `iterations` for a solver that does not iterate."""
-    idle = "iterations" if simulation.solver.info.is_explicit else ""
-    return {name: key for name, key in parameters_of(simulation.scene).items() if name != idle}
+    """Return the runtime parameters that have an effect.
+
+    Without `iterations` for a solver that does not iterate, and with `substeps` from the fewest that are stable.
+    """
+    known, fewest = parameters_of(simulation.scene), simulation.built.min_stable_substeps
+    substeps = known["substeps"]
+    known["substeps"] = replace(substeps, slider_min=max(substeps.slider_min, fewest))
+    idle = {"iterations"} if simulation.solver.info.is_explicit else set()
+    idle |= {"substeps"} if fewest >= substeps.slider_max else set()
+    return {name: key for name, key in known.items() if name not in idle}
 
 
 # -- texts -------------------------------------------------------------------------------------------------------------
@@ -310,7 +320,7 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         *error_lines(session.meter),
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
         f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
-        f"this setting in the reference swing: {error_text(simulation)}",
+        f"this setting on the swinging curtain: {error_text(simulation)}",
         *([] if metrics.intersections is None else [f"self-intersections: {metrics.intersections} edges"]),
         f"{simulation.method}: {' '.join(simulation.features)}",
         f"{topology.particle_count} particles, {topology.spring_count} springs, {topology.pinned.sum()} pins",
@@ -358,23 +368,6 @@ def slow_line(session: Session) -> str:
         fewer = {"iterations": iterations > 1, "substeps": simulation.substeps > simulation.min_stable_substeps}
         faster = next((f"fewer {name}" for name, possible in fewer.items() if possible), "a coarser cloth")
     return f"too slow: a frame needs {ms:.3g} ms of {limit:.1f}; try {faster}"
-
-
-def error_lines(meter: ErrorProcess | None) -> list[str]:
-    """Return the last error of a frame that was measured, with its parts, or one line that says why none was."""
-    if meter is None:
-        return ["error of a frame: not measured (U)"]
-    if meter.answer is None:
-        return ["error of a frame: being measured"]
-    found, growth = meter.answer.error, meter.answer.growth
-    if found is None or meter.answer.refusal:
-        return [f"error of a frame: not measured: {meter.answer.refusal}"]
-    percent = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
-    share = ", more than the cloth moved" if found.error > found.motion else percent  # it rests
-    steps = f"substeps and model {1e3 * found.step_error:.2g} mm"
-    parts = steps if found.residual is None else f"iterations {1e3 * found.residual:.2g} mm, {steps}"
-    estimate = [] if growth is None else [f"  estimate for 1 s without input: {1e3 * growth:.2g} mm"]
-    return [f"error of frame {found.frame}: {1e3 * found.error:.2g} mm{share}", f"  {parts}", *estimate]
 
 
 def error_text(s: Simulation) -> str:

@@ -27,8 +27,9 @@ from ..render.lighting import BACKGROUND
 from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.simulation import Simulation
+from ..system import taichi_runtime as runtime
 from .charts import CurveDrawing, top
-from .input import HELP, SHORTCUTS, SPEEDS, Progress
+from .input import HELP, SHORTCUTS, SPEEDS, Progress, Refusal
 from .panel import Panel, statistics
 from .session import Session
 
@@ -127,6 +128,24 @@ class FrameClock:
         return min(frames, MAX_FRAMES)
 
 
+MEMORY_STEP = 1 << 30  # [bytes]
+
+
+class MemoryWatch:
+    """Tells the user when memory has grown by a gigabyte: software Vulkan drivers do not free that of drawn frames."""
+
+    def __init__(self) -> None:
+        self._next = (runtime.peak_bytes() or 0) + MEMORY_STEP
+
+    def warning(self) -> str:
+        """Return a line for the user once per gigabyte, or an empty one."""
+        used = runtime.peak_bytes() or 0
+        if used < self._next:
+            return ""
+        self._next = used + MEMORY_STEP
+        return Refusal(f"memory is {used / MEMORY_STEP:.1f} GB: this Vulkan driver does not free it; reopen the window")
+
+
 # -- window ------------------------------------------------------------------------------------------------------------
 
 S = TypeVar("S", bound=Session)
@@ -180,6 +199,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     draw_ms, displayed = 0.0, 0
     compiling = Progress(f"{session.simulation.scene.name}: compiling")  # the first frame
     session.note = session.note or compiling
+    memory = MemoryWatch()
     # Text of the statistics; time [s] and number of displayed frames at its last update.
     text, updated, displayed_before = "", 0.0, 0
     while window.running and session.running and displayed != frames:
@@ -193,6 +213,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
                 session.measure()
             text = statistics(session, draw_ms, (displayed - displayed_before) / (now - updated))
             updated, displayed_before = now, displayed
+            session.note = memory.warning() or session.note
 
         press_keys(window, session, min(clock.elapsed, MAX_HOLD_SECONDS))
         widget_used = not session.hidden and panel.draw(gui, session, text)

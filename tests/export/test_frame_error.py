@@ -63,6 +63,9 @@ def test_an_image_shows_the_error_that_was_measured(simulation: tc.Simulation) -
         return float(np.percentile(pixels[..., 0] - pixels[..., 2], 99))
 
     simulation.step(4)
-    plain = redness()
+    with pytest.raises(tc.UsageError, match="call step\\(measure_error=True\\) before"):
+        redness()
+    pixels = tc.render_image(simulation, (96, 64)).pixels.astype(int)
+    plain = float(np.percentile(pixels[..., 0] - pixels[..., 2], 99))
     simulation.step(measure_error=True)
     assert redness() > plain + 40

@@ -28,10 +28,10 @@ def simulation() -> Simulation:
 
 Call = Callable[[Simulation], object]
 TYPED: dict[str, tuple[Call, str]] = {
-    "parameter": (lambda s: s.params["dampin"], "'dampin' is not a parameter: "),
+    "parameter": (lambda s: s.params["dampin"], "'dampin' is not a parameter of this scene: "),
     "parameter, nearest": (lambda s: s.params["dampin"], "; did you mean 'damping'?"),
     "parameter, set": (lambda s: s.params.update(gravty=1), "; did you mean 'gravity'?"),
-    "parameter, info": (lambda s: s.params.info("zzz"), "'zzz' is not a parameter: gravity, "),
+    "parameter, info": (lambda s: s.params.info("zzz"), "'zzz' is not a parameter of this scene: gravity, "),
     "solver": (lambda s: s.switch_solver("xpdb"), f"unknown solver 'xpdb': {SOLVERS}; did you mean 'xpbd'?"),
     "solver, far": (lambda s: s.switch_solver("zzz"), f"unknown solver 'zzz': {SOLVERS}"),
     "solver, renamed": (lambda s: s.switch_solver("spring"), "unknown solver 'spring': it was renamed to 'explicit'"),

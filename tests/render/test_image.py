@@ -36,6 +36,13 @@ def test_a_notebook_and_a_file_have_the_same_pixels(images: dict[str, tc.Image],
         assert np.array_equal(np.asarray(read), image.pixels)
 
 
+def test_an_image_is_an_array_for_numpy(images: dict[str, tc.Image]) -> None:
+    image = images["shaded"]
+    np.testing.assert_array_equal(np.asarray(image), image.pixels)
+    assert np.array(image, float).dtype == np.float64
+    assert repr(image) == "<Image 96×54>"
+
+
 @pytest.mark.parametrize("name", ["x.jpg", "x.PNG.jpeg", "x", "png"])
 def test_a_name_that_is_not_that_of_a_png_file_is_refused(
     images: dict[str, tc.Image], tmp_path: Path, name: str

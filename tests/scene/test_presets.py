@@ -15,7 +15,7 @@ from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import SceneError, key_table, presets, scene_to_toml
 from taichi_cloth.scene.presets import asset_folder, load_preset, preset_values, spring_stiffness_of
-from taichi_cloth.scene.schema import PRESET_NAMES, Cloth, Fabric, VerletSprings
+from taichi_cloth.scene.schema import PRESET_NAMES, Cloth, Fabric, Scene, VerletSprings
 
 Write = Callable[[str | bytes], Path]
 Refuse = Callable[..., SceneError]
@@ -222,3 +222,11 @@ def test_a_preset_override_replaces_the_fabric_keys_of_the_file() -> None:
     assert silk.verlet.bend == load_preset("silk").bend
     assert silk.cloth.area_density == load_preset("silk").area_density
     assert load_scene("curtain", verlet_bend=0.3, fabric="silk").verlet.bend == 0.3
+
+
+def test_a_preset_in_a_dict_of_a_python_scene_is_refused() -> None:
+    """Its other sections would not have the values of the preset."""
+    with pytest.raises(SceneError, match=r"fabric\.preset: sets no keys in tc\.Scene: give the dict with all sections"):
+        Scene(fabric={"preset": "denim"})  # type: ignore[arg-type]
+    assert load_scene({"fabric": {"preset": "denim"}}).fabric.warp > 10_000
+    assert Scene(fabric={"preset": ""}).fabric == Fabric()  # type: ignore[arg-type]

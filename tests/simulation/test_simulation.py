@@ -133,6 +133,35 @@ def test_a_closed_simulation_raises() -> None:
             call()
 
 
+def test_a_closed_simulation_takes_no_changes() -> None:
+    simulation = tc.Simulation(SMALL)
+    grab = simulation.grab(3)
+    assert repr(grab) == "<GrabHandle 0: of 1 particles>"
+    simulation.step(2)
+    count = simulation.topology.particle_count
+    assert repr(simulation) == f"<Simulation {SMALL.name!r}: frame 2, {count} particles>"
+    simulation.close()
+    assert repr(simulation) == f"<Simulation {SMALL.name!r}: closed>"
+    for change in (lambda: simulation.params.update(gravity=1.0), lambda: grab.move_to((0.0, 1.0, 0.0))):
+        with pytest.raises(RuntimeError, match="closed"):
+            change()
+
+
+@pytest.mark.parametrize("frames", [-5, 1.0, "3", True])
+@pytest.mark.parametrize("measure_error", [False, True])
+def test_a_number_of_frames_that_is_none_is_refused(frames: int, measure_error: bool) -> None:
+    with tc.Simulation(SMALL) as simulation:
+        with pytest.raises(ValueError, match="frames must be an integer from 0, not"):
+            simulation.step(frames, measure_error=measure_error)
+        simulation.step(np.int64(0), measure_error=measure_error)
+        assert simulation.frame == 0
+
+
+def test_parameters_are_printed_with_their_values() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        assert repr(simulation.params) == repr(dict(simulation.params))
+
+
 def test_a_simulation_that_was_not_closed_releases_its_fields() -> None:
     for _ in range(530):  # Taichi crashes at the 513th field tree
         tc.Simulation(SMALL).step()

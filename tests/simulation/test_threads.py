@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -41,6 +42,7 @@ CALLS: dict[str, Callable[[tc.Simulation], object]] = {
     "pin": lambda simulation: simulation.pin(3),
     "switch_solver": lambda simulation: simulation.switch_solver("xpbd"),
     "image": lambda simulation: tc.render_image(simulation, (32, 18)),
+    "image of another size": lambda simulation: tc.render_image(simulation, (64, 36), "strain"),
 }
 
 
@@ -115,3 +117,58 @@ def test_of_threads_that_use_it_first_at_the_same_time_one_works() -> None:
     done = subprocess.run([sys.executable, "-c", FIRST_USE_IN_THREADS], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout + done.stderr == ""
+
+
+IMAGE_FIRST_IN_A_THREAD = f"""
+from concurrent.futures import ThreadPoolExecutor
+import taichi_cloth as tc
+with tc.Simulation({SCENE!r}) as simulation, ThreadPoolExecutor(1) as pool:
+    simulation.step()
+    try:
+        pool.submit(tc.render_image, simulation).result()
+    except tc.UsageError as error:
+        assert str(error) == {LINE!r}
+    simulation.step()
+    tc.render_image(simulation)
+"""
+
+
+def test_a_first_image_in_another_thread_changes_nothing() -> None:
+    done = subprocess.run([sys.executable, "-c", IMAGE_FIRST_IN_A_THREAD], capture_output=True, text=True)
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")
+
+
+FORKED = f"""
+import multiprocessing, sys, warnings
+import taichi_cloth as tc
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of a fork while threads run
+
+def job(known, answers):
+    try:
+        if known:
+            simulation.step()
+        else:
+            tc.Simulation({SCENE!r}, "serial")
+    except tc.UsageError as error:
+        answers.put(str(error))
+    else:
+        answers.put("")
+
+simulation = tc.Simulation({SCENE!r}, "serial")
+simulation.step()
+context = multiprocessing.get_context("fork")
+for known in (True, False):
+    answers = context.SimpleQueue()
+    child = context.Process(target=job, args=(known, answers))
+    child.start()
+    assert answers.get().startswith("Taichi does not work in a process forked from one that used it"), known
+    child.join(60)
+simulation.step()
+simulation.close()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
+def test_a_process_forked_after_a_simulation_has_run_is_refused_and_does_not_hang() -> None:
+    done = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")

@@ -72,7 +72,7 @@ def test_the_legend_has_the_current_value_and_the_full_scale_of_each_curve() -> 
     lines = [line for line, _ in charts.legend(filled(3))]
     assert lines == [
         "kinetic energy: 2 J, full scale 2 J",
-        "potential energy: 0 J, full scale 2 J",
+        "potential energy change: 0 J, full scale 2 J",
         "max strain: 2 %, full scale 2 %",
         "mean strain: 0.5 %, full scale 2 %",
     ]

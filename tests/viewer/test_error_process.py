@@ -13,7 +13,7 @@ import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene
-from taichi_cloth.simulation.copies import FrameErrorMeter, FrameStart
+from taichi_cloth.simulation.copies import FrameError, FrameErrorMeter, FrameStart
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.viewer import error_process
 from taichi_cloth.viewer.error_process import Answer, ErrorProcess, Job, Measurer
@@ -90,6 +90,7 @@ def test_a_scene_that_is_too_stiff_for_the_reference_is_refused_until_the_scene_
         with Simulation(scene(warp=1e9, weft=1e9, width=0.4, area_density=0.001)) as simulation:
             refused = measurer.answer(job_of(simulation))
         assert refused.error is None
+        assert refused.is_final
         assert refused.refusal.startswith("drape15: explicit needs")
         with Simulation(scene()) as simulation:
             assert measurer.answer(job_of(simulation)).refusal == ""
@@ -102,13 +103,17 @@ def test_a_reference_that_is_too_slow_or_diverges_is_refused(monkeypatch: pytest
     try:
         with Simulation(scene()) as simulation:
             job = job_of(simulation)
-            assert measurer.answer(replace(job, after=np.full_like(job.after, np.inf))).refusal.endswith("diverges")
+            diverged = measurer.answer(replace(job, after=np.full_like(job.after, np.inf)))
             monkeypatch.setattr(error_process, "MAX_SECONDS", 0.0)
-            measurer.close()
-            measurer = Measurer()
             slow = measurer.answer(job)
+            monkeypatch.setattr(error_process, "MAX_SECONDS", 1e9)
+            again = measurer.answer(job)
+        assert diverged.refusal.endswith("diverges")
         assert slow.refusal.startswith("its reference takes 0.")
         assert slow.growth is None
+        assert again.refusal == ""  # another frame, or fewer iterations, may be measured
+        assert not diverged.is_final
+        assert not slow.is_final
     finally:
         measurer.close()
 
@@ -137,13 +142,31 @@ def test_a_refused_scene_is_not_sent_again(process: ErrorProcess, monkeypatch: p
         for _ in range(4):
             process.run_frame(simulation)
         assert len(sent) == 2  # FRAMES_BEFORE are not
-        process.answer = Answer(refusal="too stiff")
+        process.answer = Answer(refusal="takes too long")
         process.run_frame(simulation)
-        assert len(sent) == 2
+        assert len(sent) == 3
+        process.answer = Answer(refusal="too stiff", is_final=True)
+        process.run_frame(simulation)
+        assert len(sent) == 3
     with Simulation(scene()) as simulation:
         process.run_frame(simulation)
         assert process.answer is None
-        assert len(sent) == 3
+        assert len(sent) == 4
+
+
+def test_after_a_reset_the_error_of_a_later_frame_is_not_shown(
+    process: ErrorProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "_send", lambda job: None)
+    with Simulation(scene()) as simulation:
+        for _ in range(5):
+            process.run_frame(simulation)
+        process.answer = Answer(FrameError(5, 0.1, 0.1, 0.0, None, 0.1, np.ones(42), 0.1))
+        process.run_frame(simulation)
+        assert process.error_of(simulation.scene) is not None
+        simulation.reset()
+        process.run_frame(simulation)
+        assert process.error_of(simulation.scene) is None
 
 
 def test_measuring_takes_a_tenth_of_the_time(process: ErrorProcess, monkeypatch: pytest.MonkeyPatch) -> None:

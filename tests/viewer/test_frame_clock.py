@@ -1,4 +1,4 @@
-"""The number of frames due for the wall time that has passed."""
+"""The number of frames due for the wall time that has passed, and when memory is reported."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.scene.schema import FRAME_SECONDS
-from taichi_cloth.viewer.window import INTERVAL_TOLERANCE, MAX_FRAMES, FrameClock
+from taichi_cloth.system import taichi_runtime as runtime
+from taichi_cloth.viewer.window import INTERVAL_TOLERANCE, MAX_FRAMES, FrameClock, MemoryWatch
 
 
 @given(st.lists(st.floats(0.001, 0.05), min_size=1, max_size=200))
@@ -46,3 +47,15 @@ def test_frames_missed_in_a_stall_are_dropped() -> None:
     assert clock.due(10.0) == MAX_FRAMES
     assert clock.due(10.0 + FRAME_SECONDS) == 1
     assert clock.elapsed == pytest.approx(FRAME_SECONDS)
+
+
+def test_the_user_is_told_once_for_every_gigabyte_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    used = [1 << 30]
+    monkeypatch.setattr(runtime, "peak_bytes", lambda: used[0])
+    watch = MemoryWatch()
+    assert watch.warning() == ""
+    used[0] = 2 << 30
+    assert watch.warning().startswith("memory is 2.0 GB")
+    assert watch.warning() == ""
+    used[0] = 3 << 30
+    assert watch.warning().startswith("memory is 3.0 GB")

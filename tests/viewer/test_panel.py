@@ -15,7 +15,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer.charts import CHART_SECONDS, History
-from taichi_cloth.viewer.error_process import Answer
+from taichi_cloth.viewer.error_process import Answer, error_lines
 from taichi_cloth.viewer.input import ARROWS, HELP, MENU, PAGES, SHORTCUTS, Progress, Refusal
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
@@ -26,7 +26,7 @@ from taichi_cloth.viewer.panel import (
     PANEL_NAME,
     PANEL_WIDTH,
     Panel,
-    error_lines,
+    acting_parameters,
     error_text,
     help_lines,
     slow_line,
@@ -218,6 +218,45 @@ def test_a_scene_without_wind_has_no_wind_widgets(drawn: Drawn) -> None:
         assert not [label for label in gui.labels if "Wind" in label]
 
 
+def test_wind_that_is_off_has_no_sliders_and_is_turned_on_by_restoring_defaults(drawn: Drawn) -> None:
+    session, gui, _ = drawn("curtain")
+    wind = [label for label in gui.labels if label.startswith("Wind ")]
+    assert len(wind) == 2
+    session.act("wind")
+    assert session.note == "wind off: G turns it on"
+    again = FakeGui()
+    Panel(SIZE, Path("imgui.ini")).draw(again, session, "")
+    assert [label for label in again.labels if label not in gui.labels or label in wind] == []
+    session.act("restore_defaults")
+    assert session.simulation.params["wind"] is True
+    session, _, _ = drawn("net")
+    session.act("wind")
+    assert session.note == "this scene has no wind"
+    assert isinstance(session.note, Refusal)
+
+
+def test_the_slider_of_substeps_shows_how_many_run(drawn: Drawn) -> None:
+    session, _, _ = drawn("curtain")
+    session.change_solver("explicit")
+    session.simulation.params["substeps"] = 3
+    fewest = session.simulation.substeps
+    assert acting_parameters(session.simulation)["substeps"].slider_min == fewest > 3
+    gui = FakeGui()
+    Panel(SIZE, Path("imgui.ini")).draw(gui, session, "")
+    assert session.simulation.params["substeps"] == 3  # drawing changes nothing
+    session.simulation.params["substeps"] = fewest + 5
+    assert session.simulation.substeps == fewest + 5
+
+
+def test_every_page_says_that_the_view_error_has_no_error_yet(drawn: Drawn) -> None:
+    for page in ("Views", "Sliders"):
+        session, _, _ = drawn("drape15", page)
+        session.view = "error"
+        gui = FakeGui()
+        Panel(SIZE, Path("imgui.ini")).draw(gui, session, "")
+        assert "error of a frame: not measured (U)" in gui.texts
+
+
 def test_the_grab_radius_has_a_slider_with_help(drawn: Drawn) -> None:
     session, gui, used = drawn("curtain", Grab=0.4)
     assert used
@@ -286,8 +325,13 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
         "  iterations 0.5 mm, substeps and model 0.8 mm",
         "  estimate for 1 s without input: 20 mm",
     ]
-    session.meter.answer = Answer(replace(found, error=0.0, motion=0.0, residual=None, step_error=0.0))
-    assert error_lines(session.meter) == ["error of frame 7: 0 mm", "  substeps and model 0 mm"]
+    explicit = replace(found, error=5e-5, motion=0.0, residual=None, step_error=5e-5)
+    session.meter.answer = Answer(explicit)
+    assert error_lines(session.meter)[1:] == ["  substeps and model 0.05 mm"]
+    session.meter.answer = Answer(replace(explicit, error=1.9e-6))
+    assert error_lines(session.meter) == ["error of frame 7: below 0.002 mm, as exact as the reference"]
+    session.meter.answer = Answer(replace(found, residual=0.004, step_error=0.0045))
+    assert error_lines(session.meter)[1] == "  iterations 4 mm, substeps and model 4.5 mm, which partly cancel"
     more = "more than the cloth moved"
     for motion, share in ((0.00124, "99 % of its motion"), (0.0012, more), (0.0, more)):
         session.meter.answer = Answer(replace(found, motion=motion))
@@ -300,7 +344,7 @@ def test_the_error_of_the_setting_is_not_shown_as_one_of_now(drawn: Drawn) -> No
     _, gui, _ = drawn("drape15")
     assert [text for text in gui.texts if "error" in text] == ["error of a frame: not measured (U)"]
     _, gui, _ = drawn("drape15", "Statistics")
-    assert "this setting in the reference swing: error about 4.7" in gui.texts
+    assert "this setting on the swinging curtain: error about 4.7" in gui.texts
 
 
 def slow(session: Session, ms: float) -> str:
