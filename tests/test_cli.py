@@ -123,6 +123,20 @@ def test_check_prints_every_mistake_of_every_file_and_counts_them(
     assert captured.err == "taichi-cloth: 5 mistakes in 4 of 5 files\n"
 
 
+def test_check_counts_particles_that_start_inside_a_collider(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    sheet = "[cloth]\nrows = 9\ncolumns = 9\nwidth = 1.0\nheight = 1.0\ncenter = [0.0, 1.0, 0.0]\n"
+    path = tmp_path / "ball.toml"
+    for radius, inside in ((0.1, 1), (0.13, 5)):
+        path.write_text(f"{sheet}[[spheres]]\ncenter = [0.0, 1.0, 0.0]\nradius = {radius}")
+        assert cli.main(["check", str(path)]) == 0
+        assert capsys.readouterr().out.strip().endswith(f" · {inside} particles start inside a collider")
+    path.write_text(f"{sheet}[[spheres]]\ncenter = [0.0, 1.0, 0.2]\nradius = 0.15")
+    assert cli.main(["check", str(path)]) == 0
+    assert "inside" not in capsys.readouterr().out
+
+
 HUGE = "[cloth]\nrows = 2000\ncolumns = 2000\n[solver]\n"
 
 
@@ -338,7 +352,7 @@ def test_an_interrupted_render_leaves_complete_files_and_resumes_to_the_same_fra
     process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert err == "taichi-cloth: interrupted; no partial file remains\n"
+    assert err == "taichi-cloth: interrupted; files that were written are complete\n"
     assert not list((tmp_path / "o").glob(".*"))
     assert not json.loads((tmp_path / "o" / "run.json").read_text())["complete"]
     made = sorted((tmp_path / "o").glob("frame_*.png"))

@@ -137,7 +137,7 @@ def run_command(modules: Iterable[CommandModule], argv: Sequence[str]) -> int:
         with sigterm_interrupts():
             return int(args.action(args))
     except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted; no partial file remains", file=sys.stderr)
+        print(f"{PROGRAM}: interrupted; files that were written are complete", file=sys.stderr)
         return 130
     except (SceneError, OutputConflict, UsageError) as error:
         print(f"{PROGRAM}: {one_line(str(error))}", file=sys.stderr)

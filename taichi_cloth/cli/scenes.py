@@ -103,12 +103,12 @@ def describe(scene: Scene, *, timed: bool) -> str:
     cost = cost_of(scene)
     pieces = component_count(scene)
     particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
-    springs, memory, unfinished = f"{cost.springs:,} springs", "", ""
+    springs, memory, unfinished, inside = f"{cost.springs:,} springs", "", "", ""
     if cost.particles > SAMPLE**2:
         springs = f"about {two_digits(cost.springs / 1e6)} million springs"
         memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
     else:
-        unfinished = left_unfinished(scene)
+        unfinished, inside = left_unfinished(scene), left_inside(scene)
     if timed and cost.ms <= MAX_TIMED_MS:
         time = f"{frame_time(measured_ms(scene))} (measured)"
     else:
@@ -116,7 +116,19 @@ def describe(scene: Scene, *, timed: bool) -> str:
         if features := removable_sections(scene):
             time += f", without {', '.join(features)}"
         time += " (too slow to measure)" if timed else ""
-    return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished]))
+    return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished, inside]))
+
+
+def left_inside(scene: Scene) -> str:
+    """Return how many particles start inside a collider, which lets them out slowly; empty if none does."""
+    from ..collision.colliders import colliders_of, pose_colliders, signed_distance
+    from ..geometry.cloth_builder import build_topology
+
+    topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
+    free = topology.start[~topology.pinned]
+    distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
+    inside = sum(int((distance < 0).sum()) for distance in distances)
+    return f"{inside} particles start inside a collider" if inside else ""
 
 
 def measured_ms(scene: Scene) -> float:

@@ -257,7 +257,7 @@ class RunningCloth:
     def reaction_forces(self) -> NDArray[np.float64]:
         """Return the force that holds each particle [N], (N, 3): that of its pin, attachment or grab; 0 if it is free.
 
-        With this force and `forces`, a held particle has the acceleration of its prescribed motion, taken over the last
+        It is mass times acceleration minus `forces`, with the acceleration of the pin, attachment or grab over the last
         two frames. What holds a particle against contact, self-collision, tethers, the strain limit and max distances
         is not included. Forces are too large if the iterations of the solver have not converged: the forces on a cloth
         at rest then do not add up to its weight. Raises UsageError for `verlet`, whose stiffnesses have no unit.

@@ -21,7 +21,7 @@ from ..render.image_files import available_formats, write_png
 from ..render.rasterizer import Rasterizer
 from ..simulation.recording import Recorder
 from ..simulation.simulation import Simulation
-from ..system.errors import error_text
+from ..system.errors import error_text, install_command
 from ..system.files import next_free_path
 from .input import Progress, Refusal
 
@@ -73,7 +73,7 @@ class Capture:
         if recorder.frames == 0:
             return Refusal("no clip written: it has no frames")
         try:
-            job = VideoJob(self._save_recording(recorder, "clip", size))
+            job = VideoJob(self._save_recording(recorder, "clip", size), recorder.frames + 1)
         except OSError as error:
             return Refusal(f"clip failed: {error_text(error)}")
         self._jobs.append(job)
@@ -90,7 +90,7 @@ class Capture:
     def wait(self) -> str:
         """Wait until all clips are rendered. Return their results."""
         for job in self._jobs:
-            print(f"rendering {self._relative(job.output)}", flush=True)
+            print(f"rendering {self._relative(job.output)}, {job.images} images; Ctrl-C stops it", flush=True)
             job.wait()
         return self.status()
 
@@ -101,7 +101,10 @@ class Capture:
 
     def _result(self, job: VideoJob) -> str:
         error = job.error()
-        return Refusal(f"{self._relative(job.output)}: {error}") if error else f"wrote {self._relative(job.output)}"
+        if error:
+            return Refusal(f"{self._relative(job.output)}: {error}")
+        missing = "" if job.output.suffix else f", as images; for a video: {install_command('video')}"
+        return f"wrote {self._relative(job.output)}{missing}"
 
     def _save_recording(self, recorder: Recorder, kind: str, size: Size) -> Path:
         """Save the recording so far to a new file. Return its path. Raises OSError."""
@@ -126,8 +129,9 @@ class VideoJob:
     The output `video` is the first format that this machine can write, or a folder of PNG files if it can write none.
     """
 
-    def __init__(self, recording: Path) -> None:
-        """Start the process. Raises OSError."""
+    def __init__(self, recording: Path, images: int) -> None:
+        """Start the process. `images`: number of images of the clip. Raises OSError."""
+        self.images = images
         kind = next(iter(available_formats()), "")
         self.output = recording.with_suffix(kind)
         options: list[str | Path] = ["--video", self.output] if kind else ["--headless", "--out", self.output]

@@ -333,7 +333,9 @@ def statistics(comparison: Comparison, draw_ms: float) -> list[str]:
         for name, side in zip(("left", "right"), comparison.sides, strict=True)
         for line in side_statistics(name, side)
     ]
-    return [*lines, f"RMS distance: {comparison.rms_distance:.2%} of the cloth's side", f"drawing: {draw_ms:.1f} ms"]
+    distance = f"{comparison.rms_distance:.2%} of the cloth's side"
+    frame = f"frame {comparison.left.simulation.frame}: RMS distance {distance}"
+    return [*lines, *wrap(frame), f"drawing: {draw_ms:.1f} ms"]
 
 
 def side_statistics(name: str, side: Session) -> list[str]:

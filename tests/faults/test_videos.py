@@ -245,5 +245,5 @@ def test_an_interrupt_leaves_no_partial_video(folder: None) -> None:
         process.send_signal(signal.SIGINT)
         _, err = process.communicate()
     assert process.returncode == 130, err
-    assert err == "taichi-cloth: interrupted; no partial file remains\n"
+    assert err == "taichi-cloth: interrupted; files that were written are complete\n"
     assert [path.name for path in Path().iterdir()] == ["small.toml"]

@@ -19,6 +19,7 @@ from taichi_cloth.scene.schema import Camera, Cloth, Fabric, Solver, Wind
 from taichi_cloth.simulation import recording as recording_module
 from taichi_cloth.simulation.recording import Recording, read_recording
 from taichi_cloth.solvers.explicit import Explicit
+from taichi_cloth.system.errors import install_command
 from taichi_cloth.viewer import capture
 from taichi_cloth.viewer.replay import ReplaySession
 from taichi_cloth.viewer.session import Session
@@ -118,7 +119,9 @@ def test_existing_files_are_not_overwritten(session: Session) -> None:
     assert (OUT / "shot_001.jpg").read_text() == "older"
 
 
-def test_another_process_renders_a_clip_beside_its_recording(session: Session) -> None:
+def test_another_process_renders_a_clip_beside_its_recording(
+    session: Session, capsys: pytest.CaptureFixture[str]
+) -> None:
     play(session)
     session.act("clip")
     assert session.note == "recording a clip: press C to stop"
@@ -128,11 +131,21 @@ def test_another_process_renders_a_clip_beside_its_recording(session: Session) -
     assert session.note == f"rendering {video}"
     play(session)  # while it is rendered
     assert session.finish() == f"wrote {video}"
+    assert capsys.readouterr().out in ("", f"rendering {video}, 13 images; Ctrl-C stops it\n")  # or it was done
     recording = read_recording(OUT / "clip_001.toml")
     assert (recording.first_frame, recording.frames) == (12, 12)
     assert imageio_ffmpeg.count_frames_and_secs(str(video))[0] == 13  # including the first
     assert replayed(recording).is_equal
     assert sorted(path.name for path in OUT.iterdir()) == ["clip_001.mp4", "clip_001.toml"]
+
+
+def test_a_clip_without_a_video_format_says_how_to_get_one(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture, "available_formats", list)
+    session.act("clip")
+    session.advance(1)
+    session.act("clip")
+    assert session.finish() == f"wrote {OUT / 'clip_001'}, as images; for a video: {install_command('video')}"
+    assert len(list((OUT / "clip_001").glob("*.png"))) == 2
 
 
 def test_a_clip_without_frames_is_not_written(session: Session) -> None:

@@ -65,6 +65,8 @@ def test_errors_are_measured_on_both_sides(comparison: Comparison) -> None:
     comparison.request("errors")
     assert all(side.meter for side in comparison.sides)
     assert sum("error of a frame: being measured" in line for line in statistics(comparison, 1.0)) == 2
+    frame = comparison.left.simulation.frame
+    assert any(line.startswith(f"frame {frame}: RMS distance ") for line in statistics(comparison, 1.0))
     comparison.act("errors")
     assert not any(side.meter for side in comparison.sides)
 

@@ -133,7 +133,7 @@ def test_the_program_ends_cleanly_during_a_drag(open_window: Start, end: str) ->
     else:
         app.process.send_signal(signal.SIGINT)
         assert app.exit_code() == 130
-        assert app.output()[1:] == ["taichi-cloth: interrupted; no partial file remains"]
+        assert app.output()[1:] == ["taichi-cloth: interrupted; files that were written are complete"]
     assert app.output()[0].startswith("curtain · ")
     assert list(app.temporary_folder.iterdir()) == []
 
