@@ -28,6 +28,7 @@ from taichi_cloth.render.image_files import contact_sheet, write_png
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.scene import scene_names
 from taichi_cloth.simulation.copies import FrameErrorMeter
+from taichi_cloth.viewer.window import STATISTICS_EVERY
 
 HERE = Path(__file__).parent
 STILL_FRAME = {  # frame that the still shows
@@ -52,6 +53,7 @@ STILL_FRAME = {  # frame that the still shows
     "tear": 105,
 }
 DEFAULT_STILL_FRAME = 85
+IN_FRONT, SPHERE_PERIOD = 345, 360  # frames: when the sphere of the curtain is in front of it, and when again
 GALLERY = HERE.parent / "docs" / "gallery.md"
 THUMBNAIL = 3  # factor by which a thumbnail is smaller than a still
 GRABS = ((90, 210), (330, 450))  # frames of the animation between which the cursor pulls a corner
@@ -131,8 +133,8 @@ def write_gallery(names: list[str]) -> None:
     GALLERY.write_text("\n".join(lines), encoding="utf-8")
 
 
-def window(frame: int) -> np.ndarray:
-    """Return an image of the real window on a virtual display, once the simulation has reached a frame."""
+def window() -> np.ndarray:
+    """Return an image of the real window on a virtual display, with a measured error and the sphere in front."""
     sys.path.insert(0, str(HERE.parent / "tests" / "window"))
     from screen import Screen
 
@@ -143,7 +145,9 @@ def window(frame: int) -> np.ndarray:
         try:
             while program.poll() is None:
                 lines = log.read_text().splitlines() if log.exists() else []
-                if len(lines) > 1 and json.loads(lines[-2])["frame"] >= frame:
+                last = json.loads(lines[-2]) if len(lines) > 1 else {"frame": 0}
+                if (last["frame"] - IN_FRONT) % SPHERE_PERIOD < 20 and last.get("frame_error") is not None:
+                    time.sleep(2 * STATISTICS_EVERY)
                     return screen.pixels()[40:760, 40:1320]  # position of the window: viewer/window.py
                 time.sleep(0.1)
             raise RuntimeError(f"the window ended with exit code {program.returncode}")
@@ -167,7 +171,7 @@ def main() -> None:
         write_png(HERE / f"view_{view}.png", still("curtain", view))
         print(f"view_{view}.png")
     if shutil.which("Xvfb"):
-        write_png(HERE / "window.png", np.ascontiguousarray(window(DEFAULT_STILL_FRAME)))
+        write_png(HERE / "window.png", np.ascontiguousarray(window()))
         print("window.png")
     else:
         print("window.png was not drawn: Xvfb is not installed")

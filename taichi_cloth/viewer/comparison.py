@@ -21,7 +21,6 @@ from ..scene import Scene, parameters_of
 from .error_process import error_lines
 from .input import HELD_KEY_RATES, SHORTCUTS
 from .panel import (
-    LINE_LENGTH,
     NOTE_COLORS,
     PANEL_MARGIN,
     PANEL_WIDTH,
@@ -344,7 +343,7 @@ def side_statistics(name: str, side: Session) -> list[str]:
     return [
         *wrap(f"{name}: {simulation.method}"),
         f"  {side.physics_ms:.1f} ms, strain {100 * metrics.max_strain:.1f} %",
-        *(f"  {line}"[:LINE_LENGTH] for line in error_lines(side.meter)),
+        *(part for line in error_lines(side.meter) for part in wrap(f"  {line.strip()}")),
     ]
 
 

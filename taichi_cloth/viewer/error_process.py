@@ -146,13 +146,20 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]
     percent = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
     share = ", more than the cloth moved" if found.error > found.motion else percent  # it rests
-    steps = f"substeps and model {1e3 * found.step_error:.2g} mm"
-    parts = steps if found.residual is None else f"iterations {1e3 * found.residual:.2g} mm, {steps}"
+    steps = f"substeps and model {millimeters(found.step_error)}"
+    parts = steps if found.residual is None else f"iterations {millimeters(found.residual)}, {steps}"
     parts += ", which partly cancel" if max(found.step_error, found.residual or 0.0) > 1.5 * found.error else ""
-    estimate = [] if growth is None else [f"  estimate for 1 s without input: {1e3 * growth:.2g} mm"]
+    estimate = [] if growth is None else [f"  estimate for 1 s without input: {millimeters(growth)}"]
     if found.error < 2 * found.reference_error:  # it is lost in that of the reference
-        return [f"error of frame {found.frame}: below {2e3 * found.reference_error:.2g} mm, as exact as the reference"]
-    return [f"error of frame {found.frame}: {1e3 * found.error:.2g} mm{share}", f"  {parts}", *estimate]
+        return [
+            f"error of frame {found.frame}: below {millimeters(2 * found.reference_error)}, as exact as the reference"
+        ]
+    return [f"error of frame {found.frame}: {millimeters(found.error)}{share}", f"  {parts}", *estimate]
+
+
+def millimeters(distance: float) -> str:
+    """Return a distance [m] as text, with two significant digits up to 100 mm."""
+    return f"{1e3 * distance:.2g} mm" if distance < 0.0995 else f"{1e3 * distance:.0f} mm"
 
 
 # -- the process -------------------------------------------------------------------------------------------------------

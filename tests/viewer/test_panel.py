@@ -15,7 +15,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer.charts import CHART_SECONDS, History
-from taichi_cloth.viewer.error_process import Answer, error_lines
+from taichi_cloth.viewer.error_process import Answer, error_lines, millimeters
 from taichi_cloth.viewer.input import ARROWS, HELP, MENU, PAGES, SHORTCUTS, Progress, Refusal
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
@@ -319,6 +319,7 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     assert session.meter is not None
     assert error_lines(session.meter) == ["error of a frame: being measured"]
     found = FrameError(7, 0.00123, 0.01, 1e-6, 0.0005, 0.0008, np.zeros(225), 0.01)
+    assert [millimeters(value) for value in (0.00123, 0.0994, 0.137, 2.5)] == ["1.2 mm", "99 mm", "137 mm", "2500 mm"]
     session.meter.answer = Answer(found, 0.02)
     assert error_lines(session.meter) == [
         "error of frame 7: 1.2 mm, 12 % of its motion",
