@@ -32,6 +32,7 @@ BOUNDS = {
     "membrane.MODULUS": (2e-2, 2e-3),
     "hanging.ELONGATION": (2e-2, 1e-3),
     "hanging.SAG": (1e-2, 1e-3),
+    "hanging.HELD": (1e-2, 1e-3),
     "hanging.LAW": (0.05, 0.01),
     "hanging.INDEPENDENT": (1e-2, 1e-3),
     "hanging.SPLIT": (1e-2, 1e-3),
