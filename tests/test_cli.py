@@ -128,10 +128,10 @@ def test_check_counts_particles_that_start_inside_a_collider(
 ) -> None:
     sheet = "[cloth]\nrows = 9\ncolumns = 9\nwidth = 1.0\nheight = 1.0\ncenter = [0.0, 1.0, 0.0]\n"
     path = tmp_path / "ball.toml"
-    for radius, inside in ((0.1, 1), (0.13, 5)):
+    for radius, inside in ((0.1, "1 particle"), (0.13, "5 particles")):
         path.write_text(f"{sheet}[[spheres]]\ncenter = [0.0, 1.0, 0.0]\nradius = {radius}")
         assert cli.main(["check", str(path)]) == 0
-        assert capsys.readouterr().out.strip().endswith(f" · {inside} particles start inside a collider")
+        assert capsys.readouterr().out.strip().endswith(f" · {inside} inside a collider at the start")
     path.write_text(f"{sheet}[[spheres]]\ncenter = [0.0, 1.0, 0.2]\nradius = 0.15")
     assert cli.main(["check", str(path)]) == 0
     assert "inside" not in capsys.readouterr().out

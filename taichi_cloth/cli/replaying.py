@@ -51,8 +51,8 @@ def run_replay(args: argparse.Namespace) -> int:
     from ..viewer.toolkit import window_obstacle
 
     check_log(args.log)
-    without = [f"--{option}" for option in ("check", "headless", "video") if getattr(args, option)]
-    obstacle = without[0] if without else window_obstacle()
+    chosen = next((f"--{option}" for option in ("check", "headless", "video") if getattr(args, option)), None)
+    obstacle = chosen or window_obstacle()
     if obstacle:
         refuse_log(args.log, obstacle)
     recording = read_recording(args.file)
@@ -64,9 +64,9 @@ def run_replay(args: argparse.Namespace) -> int:
     runtime.start(arch)
     for line in differences(recording):
         print(f"{args.file}: {line}; the last bits may differ", file=sys.stderr)
+    if obstacle and not chosen:
+        print(f"no window ({obstacle}): rendering images instead", flush=True)
     try:
-        if obstacle and not without:
-            print(f"no window ({obstacle}): rendering images instead", flush=True)
         session = run_session(recording, args, obstacle)
     except UsageError as error:
         raise UsageError(f"{args.file}: {error}") from None

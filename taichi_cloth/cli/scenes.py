@@ -108,7 +108,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
         springs = f"about {two_digits(cost.springs / 1e6)} million springs"
         memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
     else:
-        unfinished, inside = left_unfinished(scene), left_inside(scene)
+        unfinished, inside = left_unfinished(scene), started_inside(scene)
     if timed and cost.ms <= MAX_TIMED_MS:
         time = f"{frame_time(measured_ms(scene))} (measured)"
     else:
@@ -119,16 +119,17 @@ def describe(scene: Scene, *, timed: bool) -> str:
     return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished, inside]))
 
 
-def left_inside(scene: Scene) -> str:
+def started_inside(scene: Scene) -> str:
     """Return how many particles start inside a collider, which lets them out slowly; empty if none does."""
     from ..collision.colliders import colliders_of, pose_colliders, signed_distance
     from ..geometry.cloth_builder import build_topology
+    from ..system.console import count_noun
 
     topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
     free = topology.start[~topology.pinned]
     distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
     inside = sum(int((distance < 0).sum()) for distance in distances)
-    return f"{inside} particles start inside a collider" if inside else ""
+    return f"{count_noun(inside, 'particle')} inside a collider at the start" if inside else ""
 
 
 def measured_ms(scene: Scene) -> float:

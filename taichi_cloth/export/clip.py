@@ -94,8 +94,7 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
 class Simulation(BaseSimulation):  # with what the base class cannot import, as it is used there
     __doc__ = BaseSimulation.__doc__
 
-    frame_error: FrameError | None = None
-    """Error of the last frame if `step` measured it, else None."""
+    _frame_error: FrameError | None = None
     _measured: tuple[Scene, FrameErrorMeter] | None = None
 
     def step(self, frames: int = 1, *, measure_error: bool = False) -> None:
@@ -107,11 +106,17 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         """
         if not measure_error or not check_frames(frames):
             super().step(frames)
-            self.frame_error = None
+            self._frame_error = None
         else:
             meter = self._meter()
             super().step(frames - 1)
-            self.frame_error = meter.measure_frame(self, super().step)
+            self._frame_error = meter.measure_frame(self, super().step)
+
+    @property
+    def frame_error(self) -> FrameError | None:
+        """Error of the present frame if `step` measured it, else None."""
+        found = self._frame_error
+        return found if found and found.frame == self.frame else None
 
     def _meter(self) -> FrameErrorMeter:
         if self._measured is None or self._measured[0] != self.scene:
@@ -127,8 +132,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
     def metrics(self) -> ClothMetrics:
         """Return strain, energy and penetration of the cloth as it is now, and the error of its frame if measured."""
         found = super().metrics()
-        is_of_now = self.frame_error is not None and self.frame_error.frame == self.frame
-        return replace(found, frame_error=self.frame_error.error) if self.frame_error and is_of_now else found
+        return replace(found, frame_error=self.frame_error.error) if self.frame_error else found
 
     def close(self) -> None:
         """Release the fields for the next simulation. Closing twice does no harm."""

@@ -109,12 +109,14 @@ class Panel:
                 changed |= draw_rewind(gui, session)
             for line in wrap(session.note):
                 gui.text(line, color=NOTE_COLORS[type(session.note)])
-            unmeasured = error_lines(session.meter)[0] if session.view == "error" and not session.frame_error else ""
-            for line in (*wrap(slow_line(session)), *wrap(unmeasured)):
+            for line in wrap(slow_line(session)):
                 gui.text(line, color=NOTE_COLORS[Refusal])
             if session.page != "Statistics":
                 shown = 1 if session.page in LIST_PAGES else SUMMARY_LINES
-                for line in wrapped_lines(statistics.splitlines()[:shown]):
+                lines = statistics.splitlines()[:shown]
+                if shown == 1 and session.view == "error" and not session.frame_error:  # why nothing is colored
+                    lines.append(error_lines(session.meter)[0])
+                for line in wrapped_lines(lines):
                     gui.text(line)
             if session.charts and session.page not in LIST_PAGES:
                 gui.text(f"charts of the last {charts.CHART_SECONDS:g} s:")
@@ -250,12 +252,13 @@ def help_for(name: str, keys: Mapping[str, Parameter]) -> str:
 def draw_slider(gui: ti.ui.Gui, session: Session, key: Parameter) -> bool:
     """Declare the slider of one runtime parameter. Return whether the user moved it."""
     label = f"{key.label} [{key.unit}]" if key.unit else key.label
-    before = max(session.simulation.params[key.name], key.slider_min)  # of substeps more may run than were set
+    simulation = session.simulation
+    before = simulation.substeps if key.name == "substeps" else simulation.params[key.name]
     slider = gui.slider_int if key.is_int else gui.slider_float
     after = slider(label, before, key.slider_min, key.slider_max)
     if not has_changed(after, before):
         return False
-    session.simulation.params[key.name] = min(max(after, key.slider_min), key.slider_max)
+    simulation.params[key.name] = min(max(after, key.slider_min), key.slider_max)
     return True
 
 

@@ -128,11 +128,11 @@ class FrameClock:
         return min(frames, MAX_FRAMES)
 
 
-MEMORY_STEP = 1 << 30  # [bytes]
+MEMORY_STEP = 10**9  # [bytes]
 
 
 class MemoryWatch:
-    """Tells the user when memory has grown by a gigabyte: software Vulkan drivers do not free that of drawn frames."""
+    """Warns when memory has grown by a gigabyte: with a software Vulkan driver each displayed frame takes some."""
 
     def __init__(self) -> None:
         self._next = (runtime.peak_bytes() or 0) + MEMORY_STEP
@@ -143,7 +143,10 @@ class MemoryWatch:
         if used < self._next:
             return ""
         self._next = used + MEMORY_STEP
-        return Refusal(f"memory is {used / MEMORY_STEP:.1f} GB: this Vulkan driver does not free it; reopen the window")
+        return Refusal(
+            f"memory has grown to {used / MEMORY_STEP:.1f} GB. With a software Vulkan driver it grows with every frame:"
+            " close the window now and then"
+        )
 
 
 # -- window ------------------------------------------------------------------------------------------------------------

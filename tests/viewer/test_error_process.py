@@ -35,6 +35,12 @@ def process(monkeypatch: pytest.MonkeyPatch) -> Iterator[ErrorProcess]:
     process.close()
 
 
+@pytest.fixture
+def measurer() -> Iterator[Measurer]:
+    with closing(Measurer()) as measurer:
+        yield measurer
+
+
 def run_until_answered(process: ErrorProcess, simulation: Simulation) -> Answer:
     for _ in range(MAX_FRAMES):
         process.run_frame(simulation)
@@ -84,55 +90,45 @@ def test_another_process_measures_the_errors_of_the_scenes_that_run(process: Err
             np.testing.assert_array_equal(simulation.positions(), alone.positions())
 
 
-def test_a_scene_that_is_too_stiff_for_the_reference_is_refused_until_the_scene_changes() -> None:
-    measurer = Measurer()
-    try:
-        with Simulation(scene(warp=1e9, weft=1e9, width=0.4, area_density=0.001)) as simulation:
-            refused = measurer.answer(job_of(simulation))
-        assert refused.error is None
-        assert refused.is_final
-        assert refused.refusal.startswith("drape15: explicit needs")
-        with Simulation(scene()) as simulation:
-            assert measurer.answer(job_of(simulation)).refusal == ""
-    finally:
-        measurer.close()
+def test_a_scene_that_is_too_stiff_for_the_reference_is_refused_until_the_scene_changes(measurer: Measurer) -> None:
+    with Simulation(scene(warp=1e9, weft=1e9, width=0.4, area_density=0.001)) as simulation:
+        refused = measurer.answer(job_of(simulation))
+    assert refused.error is None
+    assert refused.is_final
+    assert refused.refusal.startswith("drape15: explicit needs")
+    with Simulation(scene()) as simulation:
+        assert measurer.answer(job_of(simulation)).refusal == ""
 
 
-def test_a_reference_that_is_too_slow_or_diverges_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    measurer = Measurer()
-    try:
-        with Simulation(scene()) as simulation:
-            job = job_of(simulation)
-            diverged = measurer.answer(replace(job, after=np.full_like(job.after, np.inf)))
-            monkeypatch.setattr(error_process, "MAX_SECONDS", 0.0)
-            slow = measurer.answer(job)
-            monkeypatch.setattr(error_process, "MAX_SECONDS", 1e9)
-            again = measurer.answer(job)
-        assert diverged.refusal.endswith("diverges")
-        assert slow.refusal.startswith("its reference takes 0.")
-        assert slow.growth is None
-        assert again.refusal == ""  # another frame, or fewer iterations, may be measured
-        assert not diverged.is_final
-        assert not slow.is_final
-    finally:
-        measurer.close()
+def test_a_reference_that_is_too_slow_or_diverges_is_refused(
+    measurer: Measurer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Simulation(scene()) as simulation:
+        job = job_of(simulation)
+        diverged = measurer.answer(replace(job, after=np.full_like(job.after, np.inf)))
+        monkeypatch.setattr(error_process, "MAX_SECONDS", 0.0)
+        slow = measurer.answer(job)
+        monkeypatch.setattr(error_process, "MAX_SECONDS", 1e9)
+        again = measurer.answer(job)
+    assert diverged.refusal.endswith("diverges")
+    assert slow.refusal.startswith("its reference takes 0.")
+    assert slow.growth is None
+    assert again.refusal == ""  # another frame, or fewer iterations, may be measured
+    assert not diverged.is_final
+    assert not slow.is_final
 
 
-def test_growth_is_measured_if_there_is_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    measurer = Measurer()
-    try:
-        with Simulation(scene()) as simulation:
-            job = job_of(simulation)
-            monkeypatch.setattr(error_process, "MAX_GROWTH_SECONDS", 1e9)
-            whole = measurer.answer(job)
-            assert whole.error is not None
-            assert whole.growth is not None
-            assert whole.growth > whole.error.error
-            assert whole.seconds > whole.error.seconds
-            monkeypatch.setattr(error_process, "MAX_GROWTH_SECONDS", 0.0)
-            assert measurer.answer(job).growth is None
-    finally:
-        measurer.close()
+def test_growth_is_measured_if_there_is_time(measurer: Measurer, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Simulation(scene()) as simulation:
+        job = job_of(simulation)
+        monkeypatch.setattr(error_process, "MAX_GROWTH_SECONDS", 1e9)
+        whole = measurer.answer(job)
+        assert whole.error is not None
+        assert whole.growth is not None
+        assert whole.growth > whole.error.error
+        assert whole.seconds > whole.error.seconds
+        monkeypatch.setattr(error_process, "MAX_GROWTH_SECONDS", 0.0)
+        assert measurer.answer(job).growth is None
 
 
 def test_a_refused_scene_is_not_sent_again(process: ErrorProcess, monkeypatch: pytest.MonkeyPatch) -> None:

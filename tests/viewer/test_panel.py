@@ -50,6 +50,7 @@ class FakeGui:
         self.boxes: list[str] = []  # labels of checkboxes
         self.texts: list[str] = []
         self.colors: dict[str, Any] = {}  # of texts
+        self.values: dict[str, float] = {}  # shown by sliders
 
     @contextmanager
     def sub_window(self, name: str, *rect: float) -> Iterator[None]:
@@ -57,10 +58,12 @@ class FakeGui:
 
     def slider_float(self, label: str, value: float, low: float, high: float) -> float:
         self.labels.append(label)
+        self.values[label] = value
         return float(np.float32(self.answers.get(label.split()[0], value)))
 
     def slider_int(self, label: str, value: int, low: int, high: int) -> int:
         self.labels.append(label)
+        self.values[label] = value
         return int(self.answers.get(label, value))
 
     def checkbox(self, label: str, value: bool) -> bool:
@@ -244,17 +247,27 @@ def test_the_slider_of_substeps_shows_how_many_run(drawn: Drawn) -> None:
     gui = FakeGui()
     Panel(SIZE, Path("imgui.ini")).draw(gui, session, "")
     assert session.simulation.params["substeps"] == 3  # drawing changes nothing
+    assert gui.values["Substeps"] == fewest
     session.simulation.params["substeps"] = fewest + 5
     assert session.simulation.substeps == fewest + 5
 
 
-def test_every_page_says_that_the_view_error_has_no_error_yet(drawn: Drawn) -> None:
-    for page in ("Views", "Sliders"):
+def test_a_value_beyond_its_slider_is_shown_as_it_is(drawn: Drawn) -> None:
+    session, _, _ = drawn("curtain")
+    session.simulation.params["gravity"] = -5.0
+    gui = FakeGui()
+    Panel(SIZE, Path("imgui.ini")).draw(gui, session, "")
+    assert gui.values["Gravity [m/s²]"] == -5.0
+    assert session.simulation.params["gravity"] == -5.0
+
+
+def test_every_page_says_once_that_the_view_error_has_no_error_yet(drawn: Drawn) -> None:
+    for page in ("Views", "Sliders", "Statistics"):
         session, _, _ = drawn("drape15", page)
         session.view = "error"
         gui = FakeGui()
-        Panel(SIZE, Path("imgui.ini")).draw(gui, session, "")
-        assert "error of a frame: not measured (U)" in gui.texts
+        Panel(SIZE, Path("imgui.ini")).draw(gui, session, statistics(session, 1.0, 60.0))
+        assert gui.texts.count("error of a frame: not measured (U)") == 1
 
 
 def test_the_grab_radius_has_a_slider_with_help(drawn: Drawn) -> None:
