@@ -39,6 +39,15 @@ def test_the_error_of_the_last_frame_is_measured_on_request(simulation: tc.Simul
     assert simulation.frame_error is None
 
 
+def test_an_error_does_not_return_with_its_frame_number(simulation: tc.Simulation) -> None:
+    simulation.step(5, measure_error=True)
+    assert simulation.frame_error is not None
+    simulation.reset()
+    simulation.step(5)
+    assert simulation.frame == 5
+    assert simulation.frame_error is None
+
+
 def test_after_a_change_of_the_solver_its_error_is_measured(simulation: tc.Simulation) -> None:
     simulation.step(10, measure_error=True)
     assert simulation.frame_error is not None

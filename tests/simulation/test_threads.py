@@ -122,13 +122,16 @@ def test_of_threads_that_use_it_first_at_the_same_time_one_works() -> None:
 IMAGE_FIRST_IN_A_THREAD = f"""
 from concurrent.futures import ThreadPoolExecutor
 import taichi_cloth as tc
-with tc.Simulation({SCENE!r}) as simulation, ThreadPoolExecutor(1) as pool:
+scene = tc.load_scene("drape15", rows=6, columns=7)  # its colliders are drawn
+with tc.Simulation(scene) as simulation, ThreadPoolExecutor(1) as pool:
     simulation.step()
     try:
         pool.submit(tc.render_image, simulation).result()
     except tc.UsageError as error:
         assert str(error) == {LINE!r}
     simulation.step()
+    with tc.Simulation({SCENE!r}) as other:
+        other.step()
     tc.render_image(simulation)
 """
 

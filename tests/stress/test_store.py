@@ -93,6 +93,17 @@ def test_older_results_stay_until_they_are_replaced(tmp_path: Path) -> None:
     assert load(kept.path).older == 0
 
 
+def test_older_results_of_robust_plan_no_robust_slack(tmp_path: Path) -> None:
+    """A run interrupted before `robust` ran again shows the older results: alive, and nothing "not run"."""
+    robust, slack = (replace(SWINGS, setting=setting) for setting in (ROBUST, ROBUST_SLACK))
+    older = Store.new(None, [robust, slack])
+    older.results[robust.key] = result(variant="swings", setting="robust", origin="older")
+    store = Store.new(tmp_path / "o.json", [BREAKS, robust, slack]).continued(older)
+    store.add(result(variant="breaks"))
+    assert load(tmp_path / "o.json").planned == [BREAKS.key, robust.key]
+    assert store.is_needed(slack.key)  # until `robust` ran again
+
+
 def test_a_result_is_kept_if_its_last_start_repeats(tmp_path: Path) -> None:
     older = Store.new(None, [SWINGS, BREAKS])
     for unit in (SWINGS, BREAKS):

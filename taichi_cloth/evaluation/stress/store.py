@@ -241,7 +241,8 @@ class Store:
         if self.path is None:
             return
         self.older = sum(not self._is_new(result) for result in self.results.values())
-        planned = [key for key in self.planned if key in self.results or self.is_needed(key)]
+        as_read = replace(self, origins={})  # older results count until they are replaced
+        planned = [key for key in self.planned if key in self.results or as_read.is_needed(key)]
         data: dict[str, object] = {"machine": self.machine, "older": self.older, "planned": planned}
         data["results"] = [asdict(result) for result in self.ordered()]
         data["causes"] = [[*result.key, asdict(cause)] for result in self.ordered() if (cause := self.cause(result))]
