@@ -292,6 +292,13 @@ def test_every_public_name_is_listed_and_can_be_imported(name: str) -> None:
     assert getattr(tc, name) is not None
 
 
+def test_completion_offers_the_documented_members_of_a_simulation(generate: ModuleType) -> None:
+    documented = {name for names in generate.SIMULATION_MEMBERS.values() for name in names}
+    with tc.Simulation({"cloth": {"rows": 3, "columns": 3}}) as simulation:
+        offered = {name for name in dir(simulation) if not name.startswith("_")}
+    assert offered == documented | set(generate.SIMULATION_ATTRIBUTES) | {"frame_error"}
+
+
 def test_every_strip_of_parameters_has_a_small_image(generate: ModuleType) -> None:
     shown = re.findall(r"\]\((pictures/parameters/.+?\.png)\)", text_of(DOCS / "parameters.md"))
     drawn = [path.relative_to(DOCS).as_posix() for path in (DOCS / "pictures" / "parameters").glob("*.png")]

@@ -91,11 +91,21 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
     write_frame(file, format, simulation, up)
 
 
+# What other modules of this package use. It is not documented, and the completion of names leaves it out.
+INNER_NAMES = frozenset(
+    ("built", "check_particle", "depenetration", "frames_stepped", "grabs", "h", "has_self_contact", "notify", "place")
+    + ("rebuild", "requested_layout", "scene_colliders", "set_grabs", "set_pins")
+)
+
+
 class Simulation(BaseSimulation):  # with what the base class cannot import, as it is used there
     __doc__ = BaseSimulation.__doc__
 
     _frame_error: FrameError | None = None
     _measured: tuple[Scene, FrameErrorMeter] | None = None
+
+    def __dir__(self) -> list[str]:
+        return [name for name in super().__dir__() if name not in INNER_NAMES]
 
     def step(self, frames: int = 1, *, measure_error: bool = False) -> None:
         """Advance by frames of 1/60 s.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from math import isfinite
@@ -241,5 +241,24 @@ def _unknown_key(where: str, name: str, known: list[str]) -> tuple[str, str]:
     section = where.partition("[")[0]
     if new := new_key(f"{section}_{name}" if section else name):
         return f"was renamed to {new.removeprefix(f'{section}_')}", ""
-    hint = nearest_name(name, known)
+    hint = nearest_name(name, known) or _in_another_section(name)
     return "unknown key" + ("" if hint else f"; allowed: {', '.join(known)}"), hint
+
+
+def _in_another_section(name: str) -> str:
+    """Return the key of all sections nearest to `name`, as `look.color`; "" if none is near or several have it."""
+    sections: dict[str, list[str]] = {}
+    for cls in _classes_below(Table):
+        for key in keys_of(cls):
+            sections.setdefault(key, []).append(cls.__name__.lower())
+    found = sections.get(nearest := nearest_name(name, sections), [])
+    return f"{found[0]}.{nearest}" if len(found) == 1 else ""
+
+
+def _classes_below(cls: type) -> Iterator[type]:
+    """Yield the subclasses of a class that have no subclasses."""
+    below: list[type] = cls.__subclasses__()
+    for one in below:
+        yield from _classes_below(one)
+    if not below:
+        yield cls

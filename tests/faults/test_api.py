@@ -275,6 +275,8 @@ def test_lists_in_a_scene_become_tuples() -> None:
         ({"cloth": Cloth(rows=1)}, "scene: cloth.rows: 1 is out of range: 2 to 2048"),
         ({"cloth": None}, "scene: cloth: must be a table, got None"),
         ({"cloth": {"row": 20}}, "scene: cloth.row: unknown key (did you mean 'rows'?)"),
+        ({"cloth": {"colour": "red"}}, "scene: cloth.colour: unknown key (did you mean 'look.color'?)"),
+        ({"cloth": {"frictin": 1}}, "scene: cloth.frictin: unknown key; allowed: rows, columns"),  # many have it
         ({"cloth": {"rows": 10.0}}, "scene: cloth.rows: must be an integer, got 10.0"),
         ({"cloth": {"rows": np.float64(10)}}, "scene: cloth.rows: must be an integer, got 10.0"),
         ({"cloth": {"rows": np.int64}}, "scene: cloth.rows: must be an integer, got <class 'numpy.int64'>"),
@@ -303,6 +305,7 @@ def test_a_scene_that_would_be_invalid_in_a_file_is_refused(sections: dict[str, 
         (Cloth, "row", "Cloth: row: unknown key (did you mean 'rows'?)"),
         (Sphere, "raduis", "Sphere: raduis: unknown key (did you mean 'radius'?)"),
         (Sphere, "sway", "Sphere: sway: was renamed to oscillation"),
+        (Cloth, "colour", "Cloth: colour: unknown key (did you mean 'look.color'?)"),
         (Ground, "zzz", "Ground: zzz: unknown key; allowed: margin, friction, continuous, response, restitution, "),
     ],
 )
