@@ -17,7 +17,7 @@ from PIL import Image
 from taichi_cloth import __main__ as cli
 from taichi_cloth import __version__
 from taichi_cloth.cli import scenes
-from taichi_cloth.simulation import error_estimate
+from taichi_cloth.geometry import cloth_builder
 from taichi_cloth.system.console import count_noun
 
 SMALL = ["--size", "96x54"]
@@ -157,7 +157,7 @@ HUGE = "[cloth]\nrows = 2000\ncolumns = 2000\n[solver]\n"
 def test_check_tells_that_a_scene_cannot_run_in_real_time(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, end: str
 ) -> None:
-    monkeypatch.setattr(error_estimate, "memory_bytes", lambda: 16e9)
+    monkeypatch.setattr(cloth_builder, "memory_bytes", lambda: 16e9)
     path = tmp_path / "huge.toml"
     path.write_text(text)
     assert cli.main(["check", str(path)]) == 0
@@ -183,7 +183,7 @@ def test_check_refuses_what_run_refuses(
     text: str,
     reason: str,
 ) -> None:
-    monkeypatch.setattr(error_estimate, "memory_bytes", lambda: 100_000_000)
+    monkeypatch.setattr(cloth_builder, "memory_bytes", lambda: 100_000_000)
     path = tmp_path / "refused.toml"
     path.write_text(text)
     assert cli.main(["check", str(path)]) == 2

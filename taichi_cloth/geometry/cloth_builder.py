@@ -17,6 +17,7 @@ from ..scene.keys import CORNERS, EDGES, GROUP, REGION
 from ..scene.presets import map_path
 from ..scene.schema import Cloth, Scene
 from ..system.errors import PinError, UsageError, install_command, short_repr
+from ..system.taichi_runtime import memory_bytes
 from . import grid
 from .cloth_mesh import ClothMesh, load_cloth_mesh
 from .grid import DIRECTIONS
@@ -205,9 +206,24 @@ def particle_count_text(scene: Scene) -> str:
     return str(len(_mesh_of(cloth).vertices)) if cloth.file else f"{cloth.columns}×{cloth.rows}"
 
 
+BYTES_PER_PARTICLE = 1800  # peak memory: 1.5 to 1.8 kB from 100×100 to 300×300 particles, depending on the solver
+
+
 def particle_count(cloth: Cloth) -> int:
     """Return the number of particles of a cloth."""
     return len(_mesh_of(cloth).vertices) if cloth.file else cloth.rows * cloth.columns * cloth.layers
+
+
+def too_many_particles(scene: Scene) -> str:
+    """Return why a cloth that needs more memory than this machine has is refused, or ""."""
+    particles, present = particle_count(scene.cloth), memory_bytes()
+    needed = BYTES_PER_PARTICLE * particles
+    if present is None or needed <= present:
+        return ""
+    return (
+        f"{particles:,} particles need about {needed / 1e9:.3g} GB of memory, more than the {present / 1e9:.3g} GB of"
+        " this machine"
+    )
 
 
 def reason_not_a_grid(scene: Scene) -> str:

@@ -110,6 +110,19 @@ def min_force_substeps(frequency: float, seconds: float) -> int:
     return max(1, ceil(seconds * frequency / MAX_FORCE_PHASE))
 
 
+MAX_SUBSTEPS = 200_000  # substeps of a frame: seconds for a thousand particles
+
+
+def too_many_substeps(solver: str, substeps: int) -> str:
+    """Return why a solver that needs that many substeps in a frame is refused, or ""."""
+    if substeps <= MAX_SUBSTEPS:
+        return ""
+    return (
+        f"{solver} needs {substeps:,} substeps a frame, more than {MAX_SUBSTEPS:,}: springs or bending are too stiff"
+        " for the particles' masses, or cells are too narrow"
+    )
+
+
 def repulsion_frequency(colliders: Iterable[ContactProperties], area_density: float) -> float:
     """Return the angular frequency [rad/s] of cloth of that density [kg/m²] which all colliders repel at once."""
     total = sum(collider.stiffness for collider in colliders if collider.response == RESPONSES[REPULSION])

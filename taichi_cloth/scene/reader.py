@@ -150,6 +150,10 @@ def _sections(data: dict[str, Any], name: str, mistakes: Mistakes) -> Scene:
     known = sections()
     top_level = {key: value for key, value in data.items() if key not in known}
     values = check_table(Scene, top_level, mistakes, also=known)
+    for key, table in top_level.items():  # the keys of a section with a mistyped name
+        meant = known.get(nearest_name(key, known))
+        if meant and isinstance(table, list if meant.is_array else dict):
+            meant._replace(name=key).checked(table, mistakes)
     for part in known.values():
         if part.name in data:
             values[part.name] = part.checked(data[part.name], mistakes)

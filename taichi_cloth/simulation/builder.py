@@ -12,9 +12,15 @@ from numpy.typing import NDArray
 
 from .. import state
 from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, pose
-from ..geometry.cloth_builder import attachment_ids, build_topology, reason_not_a_grid, spring_stiffness
+from ..geometry.cloth_builder import (
+    attachment_ids,
+    build_topology,
+    reason_not_a_grid,
+    spring_stiffness,
+    too_many_particles,
+)
 from ..geometry.signed_distance import collider_sdf
-from ..geometry.stability_bounds import repulsion_frequency
+from ..geometry.stability_bounds import repulsion_frequency, too_many_substeps
 from ..geometry.topology import Topology
 from ..kernels import step_params as c
 from ..scene import Scene
@@ -25,7 +31,6 @@ from ..solvers import SOLVERS, Features, Solver, Unsupported, choose_layout
 from ..state.constraint_data import attach_attachments
 from ..state.contact_data import acquire_sdf, release_sdf
 from ..system.errors import UsageError
-from .error_estimate import too_many_particles, too_many_substeps
 from .grabbing import Grab
 
 MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles each by itself; a grid has at most 12

@@ -30,11 +30,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.cloth_builder import (
+    BYTES_PER_PARTICLE,
     build_particles,
     build_topology,
     particle_count,
     reason_not_a_grid,
     spring_stiffness,
+    too_many_particles,
 )
 from ..geometry.stability_bounds import (
     max_damping_time,
@@ -44,13 +46,13 @@ from ..geometry.stability_bounds import (
     min_rk4_substeps,
     min_symplectic_substeps,
     repulsion_frequency,
+    too_many_substeps,
 )
 from ..geometry.topology import Topology
 from ..scene.presets import asset_folder
 from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene
 from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid
 from ..system.errors import UsageError
-from ..system.taichi_runtime import memory_bytes
 
 # Fewest stable substeps of explicit solvers.
 MIN_STABLE_SUBSTEPS = {"explicit": min_symplectic_substeps, "rk4": min_rk4_substeps}
@@ -200,30 +202,6 @@ def estimate_for_scene(row: MeasuredSetting, scene: Scene) -> MeasuredSetting:
 
 SAMPLE = 256  # [particles] longest side of the sheet whose springs stand for those of a larger one
 SERIAL_FACTOR = 2.8  # frame time of the serial over that of the SIMD layout (`bench`: verlet 5×12 on the curtain)
-MAX_SUBSTEPS = 200_000  # substeps of a frame: seconds for a thousand particles
-BYTES_PER_PARTICLE = 1800  # peak memory: 1.5 to 1.8 kB from 100×100 to 300×300 particles, depending on the solver
-
-
-def too_many_substeps(solver: str, substeps: int) -> str:
-    """Return why a solver that needs that many substeps in a frame is refused, or ""."""
-    if substeps <= MAX_SUBSTEPS:
-        return ""
-    return (
-        f"{solver} needs {substeps:,} substeps a frame, more than {MAX_SUBSTEPS:,}: springs or bending are too stiff"
-        " for the particles' masses, or cells are too narrow"
-    )
-
-
-def too_many_particles(scene: Scene) -> str:
-    """Return why a cloth that needs more memory than this machine has is refused, or ""."""
-    particles, present = particle_count(scene.cloth), memory_bytes()
-    needed = BYTES_PER_PARTICLE * particles
-    if present is None or needed <= present:
-        return ""
-    return (
-        f"{particles:,} particles need about {needed / 1e9:.3g} GB of memory, more than the {present / 1e9:.3g} GB of"
-        " this machine"
-    )
 
 
 @dataclass(frozen=True)

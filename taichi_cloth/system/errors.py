@@ -3,6 +3,7 @@
 import datetime
 import difflib
 import json
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -140,10 +141,21 @@ def short_repr(value: object) -> str:
         return f"a value too long to show ({type(value).__name__})"
 
 
+OTHER_WORDS = {"density": "area_density", "mass": "area_density"}  # names that other programs use
+
+
 def nearest_name(wrong: object, valid: Iterable[str]) -> str:
-    """Return the valid name that is most similar to a mistyped one, or ""."""
-    found = difflib.get_close_matches(str(wrong), list(valid), n=1, cutoff=0.65)
+    """Return the valid name that a wrong one means: the same words in another order, or the most similar; or ""."""
+    text, names = str(wrong), list(valid)
+    section, dot, key = text.rpartition(".")
+    meant = section + dot + OTHER_WORDS.get(key, key)
+    found = [name for name in names if name == meant or _words(name) == _words(text)]
+    found = found or difflib.get_close_matches(text, names, n=1, cutoff=0.65)
     return found[0] if found else ""
+
+
+def _words(name: str) -> list[str]:
+    return sorted(re.split("[-_]", name))
 
 
 def nearest_hint(wrong: object, valid: Iterable[str]) -> str:

@@ -27,6 +27,11 @@ row = 40
 columns = 1
 layers = 2
 [wnd]
+zz = 1
+[[sphere]]
+radius = "big"
+[boxs]
+size = 1
 [tethers]
 slack = 0.5
 [solver]
@@ -55,6 +60,10 @@ def test_every_mistake_has_a_line(write: Write) -> None:
     starts = [
         "tilte: unknown key (did you mean 'title'?)",
         "wnd: unknown key (did you mean 'wind'?)",
+        "wnd.zz: unknown key (did you mean 'z'?)",
+        "sphere: unknown key (did you mean 'spheres'?)",
+        "sphere[0].radius: must be a number, got 'big'",
+        "boxs: unknown key (did you mean 'boxes'?)",
         "cloth.row: unknown key (did you mean 'rows'?)",
         "cloth.columns: 1 is out of range: 2 to 2048",
         "solver.name: 'varlet' is not one of: ",
