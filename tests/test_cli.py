@@ -98,11 +98,12 @@ def test_list_prints_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) 
 def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[cloth]\nrows = 7\ncolumns = 9\n")
-    assert cli.main(["check", str(path), "twist"]) == 0
-    mine, twist = capsys.readouterr().out.splitlines()
+    assert cli.main(["check", str(path), "twist", "denim"]) == 0
+    mine, twist, denim = capsys.readouterr().out.splitlines()
     assert mine.startswith(f"{path}: valid · 9×7 particles · 300 springs · verlet 5×12 · about 0.")
     assert mine.endswith(" of the 16.7 ms of a frame")
     assert ", without self_collision · not converged: elongation is " in twist
+    assert " · 16,002 springs and 23,938 bending links · lines 5×1 · " in denim
 
 
 def test_check_prints_every_mistake_of_every_file_and_counts_them(

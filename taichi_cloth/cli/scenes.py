@@ -103,9 +103,14 @@ def describe(scene: Scene, *, timed: bool) -> str:
     cost = cost_of(scene)
     pieces = component_count(scene)
     particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
-    springs, memory, unfinished, inside = f"{cost.springs:,} springs", "", "", ""
-    if cost.particles > SAMPLE**2:
-        springs = f"about {two_digits(cost.springs / 1e6)} million springs"
+    is_large, memory, unfinished, inside = cost.particles > SAMPLE**2, "", "", ""
+    counts = (cost.springs, "springs"), (cost.bending_links, "bending links")
+    springs = " and ".join(
+        f"about {two_digits(count / 1e6)} million {what}" if is_large else f"{count:,} {what}"
+        for count, what in counts
+        if count
+    )
+    if is_large:
         memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
     else:
         unfinished, inside = left_unfinished(scene), started_inside(scene)

@@ -16,7 +16,8 @@ position-based dynamics this is the only elongation.) Both formulas are for stru
 third of the load.
 
 Cost: the stored frame times of `bench --error` are those of sheets with structural springs only, in the SIMD layout, on
-one thread. The estimate scales them by particles and springs, substeps and iterations.
+one thread. The estimate scales them by particles and springs, substeps and iterations. Bending forces are computed once
+in a substep, not in every iteration.
 """
 
 from __future__ import annotations
@@ -201,6 +202,7 @@ def estimate_for_scene(row: MeasuredSetting, scene: Scene) -> MeasuredSetting:
 # -- cost --------------------------------------------------------------------------------------------------------------
 
 SAMPLE = 256  # [particles] longest side of the sheet whose springs stand for those of a larger one
+BY_PARTICLES = ("lines", "projective")  # solvers of a linear system: more springs hardly slow them down
 SERIAL_FACTOR = 2.8  # frame time of the serial over that of the SIMD layout (`bench`: verlet 5×12 on the curtain)
 
 
@@ -210,7 +212,8 @@ class Cost:
 
     particles: int
     springs: int
-    """With bending links. Of a sheet with more than `SAMPLE`² particles, estimated from a part of it."""
+    bending_links: int
+    """Of a sheet with more than `SAMPLE`² particles, both are estimated from a part of it."""
     setting: str
     """Solver with the substeps that it takes and its iterations, as in `Simulation.method`."""
     substeps: int
@@ -244,16 +247,18 @@ def cost_of(scene: Scene) -> Cost:
         raise UsageError(reason)
     substeps = max(scene.solver.substeps, needed)
     particles = particle_count(cloth)
-    springs = topology.spring_count + len(topology.bending_links.ends)
-    springs = round(springs * particles / topology.particle_count)
-    cells = max(1, round(sqrt(particles)) - 1)
-    row = nearest_setting(cells, name, substeps, 1 if info.is_explicit else iterations)
-    its_particles, its_springs = (row.cells + 1) ** 2, 2 * row.cells * (row.cells + 1)
-    ms = row.ms * (particles + springs) / (its_particles + its_springs)
+    counts = topology.spring_count, len(topology.bending_links.ends)
+    springs, links = (round(count * particles / topology.particle_count) for count in counts)
+    cells, iterations = max(1, round(sqrt(particles)) - 1), 1 if info.is_explicit else iterations
+    row = nearest_setting(cells, name, substeps, iterations)
+    work, its_work = particles, (row.cells + 1) ** 2
+    if name not in BY_PARTICLES:
+        work, its_work = work + springs + links // iterations, its_work + 2 * row.cells * (row.cells + 1)
+    ms = row.ms * work / its_work
     setting = f"{name} {substeps}" + ("" if info.is_explicit else f"×{iterations}")
     if no_grid or cloth.layers > 1:
         ms *= SERIAL_FACTOR
-    return Cost(particles, springs, setting, substeps, ms, cells <= 2 * row.cells)
+    return Cost(particles, springs, links, setting, substeps, ms, cells <= 2 * row.cells)
 
 
 def _sample_of(scene: Scene) -> Scene:

@@ -196,7 +196,8 @@ def test_the_cost_has_the_substeps_and_springs_of_the_simulation(scene: Scene, s
         assert cost.substeps == simulation.substeps
         assert simulation.method.startswith(f"{cost.setting} · ")
         assert cost.particles == topology.particle_count
-        assert cost.springs == topology.spring_count + len(topology.bending_links.ends)
+        assert cost.springs == topology.spring_count
+        assert cost.bending_links == len(topology.bending_links.ends)
 
 
 @pytest.mark.parametrize("solver", SOLVER_NAMES)
@@ -209,6 +210,7 @@ def test_a_part_of_a_large_sheet_stands_for_it(monkeypatch: pytest.MonkeyPatch, 
     part = cost_of(scene)
     assert part.particles == whole.particles
     assert part.springs == pytest.approx(whole.springs, rel=0.03)
+    assert part.bending_links == pytest.approx(whole.bending_links, rel=0.03)
     assert part.substeps == pytest.approx(whole.substeps, rel=0.03)
     assert part.ms == pytest.approx(whole.ms, rel=0.06)
 
@@ -238,6 +240,17 @@ def test_the_estimated_time_grows_with_everything_that_is_processed() -> None:
     assert ms(layers=2) > 2 * ms()
     assert ms(tearing=Tearing()) > 2 * ms()
     assert ms(diagonals=1) < ms()
+
+
+@pytest.mark.parametrize(("solver", "parts"), [("xpbd", 1 / 5), ("explicit", 1.0), ("lines", 0.0)])
+def test_the_estimated_time_counts_bending_once_in_a_substep(solver: str, parts: float) -> None:
+    stiff, limp = (
+        cost_of(Scene(fabric=Fabric(bending_stiffness=b), solver=Solver(solver, substeps=200, iterations=5)))
+        for b in (1e-7, 0.0)
+    )
+    assert stiff.bending_links > limp.bending_links == 0
+    added = parts * stiff.bending_links / (limp.particles + limp.springs)
+    assert stiff.ms / limp.ms == pytest.approx(1 + added, rel=1e-3)
 
 
 def test_a_sheet_larger_than_those_measured_is_not_of_measured_size() -> None:
