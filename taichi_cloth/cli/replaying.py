@@ -6,7 +6,6 @@ import argparse
 import itertools
 import sys
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,9 +84,15 @@ def run_session(recording: Recording, args: argparse.Namespace, obstacle: str | 
     size = args.size or recording.size
     if obstacle is None:
         from ..export.clip import export_snapshot
+        from ..simulation.events import Event
         from ..viewer import window
 
-        return window.run(partial(ReplaySession, recording, export=export_snapshot), size=size, log=args.log)
+        def open_session() -> ReplaySession:
+            session = ReplaySession(recording, export=export_snapshot)
+            session.measure_errors(any(event == Event("view", ("error",)) for _, event in recording.rows))
+            return session
+
+        return window.run(open_session, size=size, log=args.log)
     out = args.out or args.file.with_suffix("")
     plan = RenderPlan(out, recording.frames + 1, width=size[0], height=size[1], every=args.every, samples=args.samples)
     with closing(ReplaySession(recording)) as session:

@@ -207,8 +207,8 @@ def render_video(scene: Scene, plan: RenderPlan, args: argparse.Namespace) -> in
 
     if args.out or args.resume or args.contact_sheet:
         raise UsageError("--video writes one file: it cannot be combined with --out, --resume or --contact-sheet")
-    if args.errors or args.view == "error":
-        raise UsageError("errors are measured for images only: leave out --video")
+    if args.errors:
+        raise UsageError("--errors writes run.json, beside images: leave out --video")
     check_video(args.video, force=args.force)
     arch = runtime.start(args.arch)
     with closing(Session(scene, args.layout)) as session:

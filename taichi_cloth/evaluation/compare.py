@@ -203,8 +203,9 @@ def frame_error_cells(run: Run) -> list[str]:
     """Return the median error of a frame, the residual of the iterations and the step error [mm], as text."""
     import numpy as np
 
+    converged = [found.parts for found in run.frame_errors if found.reference_has_converged]
     columns = [
-        [part for found in run.frame_errors if (part := found.parts[name]) is not None]
+        [part for parts in converged if (part := parts[name]) is not None]
         for name in ("error", "residual", "step_error")
     ]
     return [f"{1e3 * np.median(values):.2g}" if values else "-" for values in columns]

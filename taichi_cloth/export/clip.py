@@ -141,8 +141,8 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     def metrics(self) -> ClothMetrics:
         """Return strain, energy and penetration of the cloth as it is now, and the error of its frame if measured."""
-        found = super().metrics()
-        return replace(found, frame_error=self.frame_error.error) if self.frame_error else found
+        found, error = super().metrics(), self.frame_error
+        return replace(found, frame_error=error.error) if error and error.reference_has_converged else found
 
     def close(self) -> None:
         """Release the fields for the next simulation. Closing twice does no harm."""

@@ -88,8 +88,9 @@ class RenderReport:
 
     @property
     def median_error(self) -> float | None:
-        """The median error of the frames that were measured [m], or None."""
-        errors = [entry["frame_error"]["error"] for entry in self.frames if "frame_error" in entry]
+        """The median error of the frames that were measured with a converged reference [m], or None."""
+        found = [entry["frame_error"] for entry in self.frames if "frame_error" in entry]
+        errors = [parts["error"] for parts in found if parts["reference_has_converged"]]
         return median(errors) if errors else None
 
     def write(self, out: Path) -> None:

@@ -163,6 +163,7 @@ GOAL_SECONDS = 0.05  # time of a reference frame up to which it is refined
 MANY_ITERATIONS = 16  # factor of the iterations that count as converged
 MAX_SECONDS = 1.0  # time of a measurement above which errors are not measured
 HORIZON = 60  # frames of `FrameErrorMeter.growth`
+COARSE = 0.1, 1e-4  # error of a reference that has not converged: share of the motion in the frame, and at least [m]
 OF_SOLVER = frozenset({"substeps", "iterations"})  # parameters that the reference has of its own
 
 
@@ -188,9 +189,15 @@ class FrameError:
     """Processor time of the measurement [s]. What else runs on the machine does not count."""
 
     @property
+    def reference_has_converged(self) -> bool:
+        """Whether the reference tells the error: its own is less than half of it, or small against the motion."""
+        share, least = COARSE
+        return 2 * self.reference_error < max(self.error, share * self.motion, least)
+
+    @property
     def parts(self) -> dict[str, float | None]:
-        """Its distances [m], by name."""
-        names = ("error", "motion", "reference_error", "residual", "step_error")
+        """Its distances [m] by name, and whether the reference has converged."""
+        names = ("error", "motion", "reference_error", "residual", "step_error", "reference_has_converged")
         return {name: getattr(self, name) for name in names}
 
 

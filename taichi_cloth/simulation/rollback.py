@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 from ..kernels.integration import roll_back as restore_snapshot
@@ -74,7 +73,7 @@ class DivergenceGuard:
 
 REWIND_SECONDS = 10.0  # [s] of simulated time
 REWIND_EVERY = 6  # frames between two states
-REWIND_BYTES = 1 << 26  # memory of all states; of a large cloth the last states only
+REWIND_BYTES = 1 << 26  # memory of all states: of a large cloth, or after hundreds of changes, the last ones only
 
 
 @dataclass(frozen=True)
@@ -94,9 +93,10 @@ class RewindState:
 
 
 class RewindBuffer:
-    """States of the last seconds of a simulation. Going back releases all grabs; later states remain until it moves on.
+    """States of the last seconds, and those before changes that can be undone.
 
-    Call `add` after every frame. A new scene, solver or fabric clears it.
+    Going back releases all grabs; later states remain until the simulation moves on. Call `add` after every frame. A
+    new scene, solver or fabric clears it.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -105,8 +105,7 @@ class RewindBuffer:
 
     def _clear(self) -> None:
         self._scene = self._simulation.scene
-        self._states: deque[RewindState] = deque()
-        self._size = 0
+        self._states: list[RewindState] = []
         self._clock = 0.0  # [s]
         self._back = 0  # states between the present one and the newest
         self.mark(can_undo=False)
@@ -114,7 +113,8 @@ class RewindBuffer:
     @property
     def seconds(self) -> float:
         """How far back it can go from the newest state [s]."""
-        return self._states[-1].seconds - self._states[0].seconds
+        ages = (self._states[-1].seconds - state.seconds for state in self._states)
+        return next(age for age in ages if age <= REWIND_SECONDS)
 
     @property
     def back(self) -> float:
@@ -136,15 +136,16 @@ class RewindBuffer:
             self._clear()
         self._drop_later()
         state = RewindState(self._clock, state_arrays(self._simulation), can_undo)
-        self._states.append(state)
-        self._size += state.size
-        while len(self._states) > 1 and (self._size > REWIND_BYTES or self.seconds > REWIND_SECONDS):
-            self._size -= self._states.popleft().size
+        oldest = self._clock - REWIND_SECONDS
+        self._states = [old for old in self._states if old.can_undo or old.seconds >= oldest] + [state]
+        size = sum(one.size for one in self._states)
+        while size > REWIND_BYTES and len(self._states) > 1:
+            size -= self._states.pop(0).size
 
     def go_back(self, seconds: float) -> bool:
         """Restore the state that is nearest to `seconds` [s] before the newest. Return True."""
-        newest = self._states[-1].seconds
-        gaps = [abs(newest - state.seconds - seconds) for state in self._states]
+        time = self._states[-1].seconds - min(seconds, self.seconds)
+        gaps = [abs(state.seconds - time) for state in self._states]
         self._restore(len(gaps) - 1 - gaps.index(min(gaps)))
         return True
 
@@ -166,6 +167,5 @@ class RewindBuffer:
 
     def _drop_later(self) -> None:
         if self._back > 0:
-            for _ in range(self._back):
-                self._size -= self._states.pop().size
+            del self._states[-self._back :]
             self._back, self._clock = 0, self._states[-1].seconds

@@ -25,6 +25,7 @@ from .panel import (
     PANEL_MARGIN,
     PANEL_WIDTH,
     has_changed,
+    milliseconds,
     wrap,
 )
 from .session import Session
@@ -342,7 +343,7 @@ def side_statistics(name: str, side: Session) -> list[str]:
     simulation, metrics = side.simulation, side.metrics
     return [
         *wrap(f"{name}: {simulation.method}"),
-        f"  {side.physics_ms:.1f} ms, strain {100 * metrics.max_strain:.1f} %",
+        f"  {milliseconds(side.physics_ms)} ms, strain {100 * metrics.max_strain:.1f} %",
         *(part for line in error_lines(side.meter) for part in wrap(f"  {line.strip()}")),
     ]
 

@@ -24,6 +24,9 @@ from ..simulation.events import GrabHandle
 from ..simulation.simulation import Simulation
 
 OVERLAP = 1e-9  # in barycentric coordinates: neighboring triangles overlap, so that rounding opens no gap between them
+# Default grab radius and upper end of its slider, as fractions of the cloth's longer side. The default grabs one
+# particle of a coarse cloth and a patch of a fine one.
+GRAB_RADII = 0.02, 0.25
 
 Floats = NDArray[np.float64]
 

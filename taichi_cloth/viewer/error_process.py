@@ -10,7 +10,7 @@ import os
 import signal
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import connection, get_context
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,11 @@ class Job:
     after: NDArray[np.float64]
     """Positions after the frame [m], (N, 3)."""
 
+    @classmethod
+    def of(cls, simulation: Simulation, start: FrameStart) -> Job:
+        """Return the job to measure the last frame of a simulation, which led on from `start`."""
+        return cls(simulation.scene, simulation.requested_layout, start, simulation.positions())
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -65,7 +70,8 @@ class ErrorProcess:
         """The last measurement of the scene that runs."""
         self._frames = 0
         self._scene: Scene | None = None
-        self._sent: Scene | None = None  # scene of the job that the process works on
+        self._is_busy = False  # with a job
+        self._is_stale = False  # whether the answer to that job will be dropped
         self._next = 0.0  # wall time of the next job [s]
         self._process: SpawnProcess | None = None
         self._pipe: connection.Connection | None = None
@@ -74,25 +80,30 @@ class ErrorProcess:
         """Run one frame, and have it measured if the process is free and has time left."""
         self._frames += 1
         if simulation.scene is not self._scene:
-            self._scene, self.answer = simulation.scene, None
+            self.forget()
+            self._scene = simulation.scene
         self._receive()
-        if self.answer and self.answer.error and self.answer.error.frame > simulation.frame:
-            self.answer = None  # after a reset, or back in time
         if not self._is_free():
             simulation.step()
             return
         start = FrameStart.of(simulation)
         simulation.step()
-        self._send(Job(simulation.scene, simulation.requested_layout, start, simulation.positions()))
+        self._send(Job.of(simulation, start))
 
-    def error_of(self, scene: Scene) -> FrameError | None:
-        """Return the last error of a frame if it is one of this scene."""
-        return self.answer.error if self.answer and self._scene is scene else None
+    def forget(self) -> None:
+        """Drop the last measurement, and the one that is under way: the cloth has changed otherwise than by a frame."""
+        self.answer, self._is_stale = None, True
+
+    @property
+    def error(self) -> FrameError | None:
+        """The last error of a frame that was measured, if the reference has converged."""
+        found = self.answer and self.answer.error
+        return found if found and found.reference_has_converged else None
 
     def _is_free(self) -> bool:
         is_refused = self.answer is not None and self.answer.is_final
         waits = self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next
-        return not (is_refused or waits or self._sent)
+        return not (is_refused or waits or self._is_busy)
 
     def _send(self, job: Job) -> None:
         try:
@@ -100,7 +111,7 @@ class ErrorProcess:
                 self._start()
             assert self._pipe is not None
             self._pipe.send(job)
-            self._sent = job.scene
+            self._is_busy, self._is_stale = True, False
         except OSError as error:
             self.answer = Answer(refusal=f"the process that measures it has ended ({error})", is_final=True)
 
@@ -113,7 +124,7 @@ class ErrorProcess:
 
     def _receive(self) -> None:
         """Take over the answer to the last job, if it has come."""
-        if self._sent is None or self._pipe is None:
+        if not self._is_busy or self._pipe is None:
             return
         try:
             if not self._pipe.poll():
@@ -121,9 +132,9 @@ class ErrorProcess:
             answer: Answer = self._pipe.recv()
         except (EOFError, OSError):
             answer = Answer(refusal="the process that measures it has ended", is_final=True)
-        if self._sent is self._scene:
+        if not self._is_stale:
             self.answer = answer
-        self._sent = None
+        self._is_busy = False
         self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
 
     def close(self) -> None:
@@ -140,7 +151,7 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
     if meter is None:
         return ["error of a frame: not measured (U)"]
     if meter.answer is None:
-        return ["error of a frame: being measured"]
+        return ["error of a frame: not measured yet"]
     found, growth = meter.answer.error, meter.answer.growth
     if found is None or meter.answer.refusal:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]
@@ -150,6 +161,8 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
     parts = steps if found.residual is None else f"iterations {millimeters(found.residual)}, {steps}"
     parts += ", which partly cancel" if max(found.step_error, found.residual or 0.0) > 1.5 * found.error else ""
     estimate = [] if growth is None else [f"  estimate for 1 s without input: {millimeters(growth)}"]
+    if not found.reference_has_converged:
+        return [f"error of frame {found.frame}: not measured: the reference has not converged"]
     if found.error < 2 * found.reference_error:  # it is lost in that of the reference
         return [
             f"error of frame {found.frame}: below {millimeters(2 * found.reference_error)}, as exact as the reference"
@@ -187,21 +200,26 @@ class Measurer:
 
     def answer(self, job: Job) -> Answer:
         """Measure a frame, and then the growth of its error if it does not take too long."""
+        began, found = time.process_time(), self.measure(job)
+        # The reference ran three times the coarser substeps.
+        if self._meter and found.error and not found.refusal and HORIZON * found.seconds / 3 < MAX_GROWTH_SECONDS:
+            found = replace(found, growth=self._meter.growth(job.start), seconds=time.process_time() - began)
+        return found
+
+    def measure(self, job: Job) -> Answer:
+        """Measure a frame."""
         try:
             self._open(job)
         except UsageError as refused:
             self._refusal = str(refused)
         if self._meter is None or self._refusal:
             return Answer(refusal=self._refusal, is_final=True)
-        began = time.process_time()
-        error, growth, refusal = self._meter.measure(job.start, job.after), None, ""
+        error, refusal = self._meter.measure(job.start, job.after), ""
         if error.seconds > MAX_SECONDS:
             refusal = f"its reference takes {error.seconds:.1f} s"
         elif not np.isfinite(error.error):
             refusal = "its reference diverges"
-        elif HORIZON * error.seconds / 3 < MAX_GROWTH_SECONDS:  # the reference ran three times the coarser substeps
-            growth = self._meter.growth(job.start)
-        return Answer(error, growth, refusal, seconds=time.process_time() - began)
+        return Answer(error, refusal=refusal, seconds=error.seconds)
 
     def _open(self, job: Job) -> None:
         if job.scene == self._scene:

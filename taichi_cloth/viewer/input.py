@@ -6,6 +6,7 @@ Escape and the arrow keys only: no digits, no F-keys, no mouse wheel.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -92,6 +93,22 @@ def table() -> list[str]:
     return ["| mouse, key | | key | |", "|---|---|---|---|", *rows]
 
 
+KEY_COLUMN = 34  # [characters] width of the first column of the help
+FIRST_STEPS = (
+    "Pull the cloth with the left button; the ring shows what is grabbed. Drag beside it to look around. Sliders change"
+    " the scene while it runs; Menu lists scenes, solvers, fabrics and views."
+)
+
+
+def help_lines() -> list[str]:
+    """Return the help: how to begin, then keys and mouse, two entries to a line."""
+    entries = [f"{key.label:5} {key.help}" for key in SHORTCUTS if key.code not in ARROWS] + ["arrows: pan camera"]
+    entries += [f"{drag}: {help}" for drag, help in MOUSE]
+    half = (len(entries) + 1) // 2
+    columns = zip(entries[:half], [*entries[half:], ""], strict=False)
+    return [*textwrap.wrap(FIRST_STEPS, 2 * KEY_COLUMN), *(f"{a:{KEY_COLUMN}} {b}" for a, b in columns)]
+
+
 ZOOM_RATE = 8.0  # [steps/s] while a key is held down
 PAN_RATE = 0.5  # [heights of the image/s]
 
@@ -143,6 +160,7 @@ class Deferred:
 # -- lists to choose from ----------------------------------------------------------------------------------------------
 
 FABRICS = ("", *PRESET_NAMES)  # "": the scene's own
+OWN_FABRIC = "own fabric"  # its label
 SPEEDS = {"1": 1.0, "1/2": 0.5, "1/4": 0.25, "1/8": 0.125}  # simulated time per wall time, by name
 LISTS: dict[str, tuple[str, ...]] = {"solver": SOLVER_NAMES, "fabric": FABRICS, "view": VIEWS, "speed": tuple(SPEEDS)}
 
@@ -356,6 +374,9 @@ class Refusal(str):
 
 class Progress(str):
     """A note about what is going on."""
+
+
+NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or the last change of scene, solver or fabric"
 
 
 def display_name(section: str) -> str:

@@ -23,7 +23,7 @@ from ..simulation.error_estimate import estimate, nearest_setting
 from ..simulation.simulation import Simulation
 from . import charts
 from .error_process import error_lines
-from .input import ARROWS, HELP, MENU, MOUSE, PAGES, SHORTCUTS, SPEEDS, Progress, Refusal, chosen, display_name, names
+from .input import HELP, MENU, OWN_FABRIC, PAGES, SPEEDS, Progress, Refusal, chosen, display_name, help_lines, names
 from .session import Session
 from .toolkit import PanelRect, saved_panel_rect
 
@@ -36,22 +36,16 @@ PANEL_HEIGHT = 700  # [pixels] room for the longest page
 LINE_LENGTH = (
     PANEL_WIDTH - 2 * 8
 ) // 7  # characters in a line: the toolkit's padding is 8 pixels, a character is 7 pixels wide
-KEY_COLUMN = 34  # [characters] width of the first column of the help
 HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 68 characters
 MIN_SHOWN_ERROR = 1e-4  # fraction of the cloth's side: smaller errors are reported as below it
 SUMMARY_LINES = 5  # lines of the statistics that most pages show; all show the first
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
 MAX_ZOOM_LEVEL = 15.0  # end of the zoom slider [steps], in both directions
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
-FIRST_STEPS = (
-    "Pull the cloth with the left button; the ring shows what is grabbed. Drag beside it to look around. Sliders change"
-    " the scene while it runs; Menu lists scenes, solvers, fabrics and views."
-)
 FIRST_HELP = "Drag the cloth; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
 GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
 # Kind of list of each page.
 LIST_PAGES = {"Scenes": "scene", "Solvers": "solver", "Fabrics": "fabric", "Views": "view", "Speeds": "speed"}
-OWN_FABRIC = "own fabric"  # label of the scene's own fabric, whose name is empty
 
 
 class Panel:
@@ -312,11 +306,11 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
     second. `view`: shown in place of the session's, for a display with a view of its own.
     """
     simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
-    physics, drawn, measuring = (f"{t:.{int(t < 10)}f}" for t in (session.physics_ms, draw_ms, session.measuring_ms))
+    physics, drawn, measuring = map(milliseconds, (session.physics_ms, draw_ms, session.measuring_ms))
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
+    fabric = simulation.scene.fabric.preset or OWN_FABRIC
     lines = (
-        f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {session.fabric or OWN_FABRIC}"
-        f" · {view or session.view}",
+        f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
         f"frame {simulation.frame} · {fps:.0f} fps",
         f"physics {physics} + {drawing} {drawn} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
@@ -330,6 +324,11 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         *filter(None, [simulation.warnings]),
     )
     return "\n".join(lines)
+
+
+def milliseconds(time: float) -> str:
+    """Return a measured time [ms] as text: a number, or "-" if there is none yet."""
+    return f"{time:.{int(time < 10)}f}" if time > 0 else "-"
 
 
 MIN_GAIN = 0.85  # part of the present frame time below which a solver that is still too slow is worth a change
@@ -385,12 +384,3 @@ def error_text(s: Simulation) -> str:
     return (
         f"error about {100 * error:.2g} %" if error >= MIN_SHOWN_ERROR else f"error below {100 * MIN_SHOWN_ERROR:g} %"
     )
-
-
-def help_lines() -> list[str]:
-    """Return the help: how to begin, then keys and mouse, two entries to a line."""
-    entries = [f"{key.label:5} {key.help}" for key in SHORTCUTS if key.code not in ARROWS] + ["arrows: pan camera"]
-    entries += [f"{drag}: {help}" for drag, help in MOUSE]
-    half = (len(entries) + 1) // 2
-    columns = zip(entries[:half], [*entries[half:], ""], strict=False)
-    return [*textwrap.wrap(FIRST_STEPS, 2 * KEY_COLUMN), *(f"{a:{KEY_COLUMN}} {b}" for a, b in columns)]

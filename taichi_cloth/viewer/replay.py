@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,36 +16,67 @@ from ..render.image import render_pixels
 from ..render.image_files import AppendImage
 from ..render.rasterizer import Rasterizer
 from ..render.sequence import RenderPlan
+from ..simulation.copies import FrameStart
 from ..simulation.events import Event
 from ..simulation.recording import REBUILDING, Recording, apply_recorded, hash_of
+from ..simulation.simulation import Simulation
 from ..system.errors import UsageError, choose_from
 from .capture import Exporter
+from .error_process import ErrorProcess, Job, Measurer, error_lines
 from .input import Refusal
 from .session import Session
+
+
+class FrameByFrame(ErrorProcess):
+    """Measures every frame that it runs, in this process: for images of the view `error`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._measurer = Measurer()
+
+    def run_frame(self, simulation: Simulation) -> None:
+        """Run and measure one frame. After a refusal, frames of the same scene are not measured."""
+        if simulation.scene is not self._scene:
+            self._scene, self.answer = simulation.scene, None
+        start = FrameStart.of(simulation)
+        simulation.step()
+        if not (self.answer and self.answer.refusal):
+            self.answer = self._measurer.measure(Job.of(simulation, start))
+
+    def close(self) -> None:
+        """Release the copies."""
+        self._measurer.close()
 
 
 def session_images(session: Session, plan: RenderPlan, show: AppendImage, on_frame: Callable[[int], None]) -> int:
     """Render a session, and pass each image to `show`. Return the number of images.
 
     Image i shows the cloth after `i · every` frames, with the session's camera and view. `on_frame(k)` is called after
-    every frame. Rendering ends early if the session freezes, because the cloth diverged.
+    every frame. Rendering ends early if the session freezes, because the cloth diverged. If errors cannot be measured
+    for the view `error`, a line on stderr says why.
     """
     raster = Rasterizer(plan.width, plan.height, plan.samples)
     shown = 0
-    for k in range(plan.frames):
-        if k > 0:
-            session.advance(1)
-        if k % plan.every == 0:
-            show(render_pixels(raster, session.draw_list, session.camera, session.view))
-            shown += 1
-        on_frame(k)
-        if session.frozen:
-            break
+    with closing(FrameByFrame()) as errors:
+        for k in range(plan.frames):
+            is_shown = k % plan.every == 0
+            if k > 0:
+                session.meter = errors if is_shown and session.view == "error" else None
+                session.advance(1)
+            if is_shown:
+                show(render_pixels(raster, session.draw_list, session.camera, session.view))
+                shown += 1
+            on_frame(k)
+            if session.frozen:
+                break
+        session.meter = None
+        if errors.answer and errors.answer.refusal:
+            print(error_lines(errors)[0], file=sys.stderr)
     return shown
 
 
 # Actions that do not change the cloth: they are allowed during replay.
-VIEW_KEYS = {"freeze", "step", "view", "first_view", "screenshot", "quit"}
+VIEW_KEYS = {"freeze", "step", "view", "errors", "first_view", "screenshot", "quit"}
 
 
 class ReplaySession(Session):
@@ -106,7 +139,7 @@ class ReplaySession(Session):
 
     def replay_frame(self) -> None:
         """Replay one frame and the events after it. Raises UsageError if the scene does not support one of them."""
-        self.simulation.step()
+        self.meter.run_frame(self.simulation) if self.meter else self.simulation.step()
         self._guard.check_and_snapshot()  # takes the snapshot for a recorded roll-back
         self.frames_replayed += 1
         self._apply_due()
@@ -135,7 +168,10 @@ class ReplaySession(Session):
             case "camera":
                 self._set_camera(*event.arguments)
             case _:
+                before = self.simulation.scene
                 apply_recorded(self.simulation, event)
+                if event.name == "switch_fabric" and self.simulation.scene is not before:
+                    (self.fabric,) = event.arguments
         if event.name in REBUILDING:
             self.refresh()
 

@@ -27,13 +27,15 @@ from ..simulation.simulation import Simulation
 from ..system.errors import UsageError
 from .capture import Capture, Exporter
 from .charts import History
-from .dragging import Dragger, Mouse, Pointer, pick_under_cursor
+from .dragging import GRAB_RADII, Dragger, Mouse, Pointer, pick_under_cursor
 from .error_process import ErrorProcess
 from .input import (
     ACTIONS,
     COMPILING_ACTIONS,
     HELD_KEY_RATES,
     NEIGHBORS,
+    NOTHING_TO_UNDO,
+    OWN_FABRIC,
     PAGES,
     REWIND_RATES,
     Deferred,
@@ -43,10 +45,6 @@ from .input import (
     chosen,
     neighbor,
 )
-
-# Default grab radius and upper end of its slider, as fractions of the cloth's longer side. The default grabs one
-# particle of a coarse cloth and a patch of a fine one.
-GRAB_RADII = 0.02, 0.25
 
 
 class Session:
@@ -72,7 +70,7 @@ class Session:
         self.charts = False
         """Whether the charts are shown."""
         self.physics_ms = 0.0
-        """Time of one frame, mean over the frames of the last displayed frame [ms]."""
+        """Time of one frame, mean over the frames of the last displayed frame [ms]; 0 before the first."""
         self.measuring_ms = 0.0
         """Time of the last measurement [ms]."""
         self.note = ""
@@ -91,10 +89,10 @@ class Session:
         self.recorder = Recorder(self.simulation)
         self._full_scene = scene  # with all its features
         self.fabric = ""
-        """Name of a shipped fabric, or an empty string for the scene's own."""
+        """Name of the fabric that was chosen, or an empty string for the scene's own."""
         self.history = History(self.simulation.topology)
         self.rewind_buffer = RewindBuffer(self.simulation)
-        self.feature_times: FeatureTimes | None = None
+        self.forget_measurements()
         self._cursor: tuple[tuple[float, float], tuple[int, int]] | None = None
         try:
             self.draw_list = DrawList(self.simulation)
@@ -106,7 +104,6 @@ class Session:
         """The dragger of the window's mouse."""
         self.draggers = {0: self.dragger}
         """The draggers of all cursors, by number."""
-        self.note = ""
         self._guard = DivergenceGuard(self.simulation)
         radii = (share * self.simulation.topology.longest_side for share in GRAB_RADII)
         self.default_grab_radius, self.max_grab_radius = radii  # [m]
@@ -116,10 +113,17 @@ class Session:
 
     def refresh(self) -> None:
         """Update the draw list and the divergence guard after the simulation was rebuilt."""
-        self.feature_times = None
+        self.forget_measurements()
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
         self._guard = DivergenceGuard(self.simulation)
+
+    def forget_measurements(self) -> None:
+        """Forget times and errors of frames, which are not those of the cloth that runs now."""
+        self.feature_times: FeatureTimes | None = None
+        self.physics_ms = 0.0
+        if self.meter is not None:
+            self.meter.forget()
 
     def rebuild(self, change: Callable[[], None]) -> None:
         """Make a change that rebuilds the simulation. On failure the note says why."""
@@ -139,9 +143,6 @@ class Session:
         """Release all resources. Clips that are still being rendered are dropped; `finish` waits for them."""
         self.capture.close()
         self.measure_errors(False)
-        self._close_scene()
-
-    def _close_scene(self) -> None:
         self.draw_list.close()
         self.simulation.close()
 
@@ -204,7 +205,7 @@ class Session:
         if kind == "view":
             self.view = name
         else:
-            self.defer(kind, name or "own fabric", partial(change_to, self, kind, name, step))
+            self.defer(kind, name or OWN_FABRIC, partial(change_to, self, kind, name, step))
 
     @property
     def scenes(self) -> tuple[str, ...]:
@@ -216,10 +217,9 @@ class Session:
         scene = self._initial_scene if name == self._initial_scene.name else load_scene(name)
         self.release_all()
         self.end_clip()
-        note = self.note
-        self._close_scene()
+        self.draw_list.close()
+        self.simulation.close()
         self._open(scene)
-        self.note = note
 
     def restart_recording(self) -> None:
         """Forget what was recorded. The recording begins with the present state."""
@@ -359,7 +359,7 @@ class Session:
     @property
     def frame_error(self) -> FrameError | None:
         """The last error of a frame that was measured."""
-        return self.meter.error_of(self.simulation.scene) if self.meter else None
+        return self.meter.error if self.meter else None
 
     def go_back(self, seconds: float) -> None:
         """Freeze, and restore the state nearest to `seconds` [s] before the newest one."""
@@ -377,11 +377,12 @@ class Session:
         self.release_all()
         pins = self.simulation.topology.pinned
         if not restore():
-            self.note = Refusal("nothing to undo")
+            self.note = Refusal(NOTHING_TO_UNDO)
             return
         self.frozen, self.note = True, ""
         if (self.simulation.topology.pinned != pins).any():
             self.refresh()
+        self.forget_measurements()
         self.restart_recording()
 
     def measure_errors(self, on: bool) -> None:

@@ -115,6 +115,7 @@ class CommandHandler:
         )
         if grabbed:
             self._grabs[client] = number
+            self.session.rewind_buffer.mark()
         self._reply(client, {"kind": "reply", "grabbed": grabbed})
 
     def _camera(self, view: PageView) -> OrbitCamera:

@@ -29,10 +29,9 @@ from ..scene.parameters import Parameter
 from ..scene.schema import SOLVER_NAMES
 from ..system.errors import short_repr
 from ..viewer.charts import CHART_SECONDS, CHARTS
-from ..viewer.input import HELD_KEY_RATES, LISTS, MOUSE, REWIND_RATES, SHORTCUTS, Progress, Refusal
+from ..viewer.input import HELD_KEY_RATES, LISTS, MOUSE, OWN_FABRIC, REWIND_RATES, SHORTCUTS, Progress, Refusal
 from ..viewer.panel import (
     GRAB_RADIUS,
-    OWN_FABRIC,
     acting_parameters,
     help_for,
     slow_line,
@@ -47,8 +46,8 @@ MAX_DISTANCE = 1e6  # [m] limit of a camera's distance and target coordinates
 MAX_PIXELS = 16384  # limit of an image's width and height
 MAX_NAME = 64  # length limit of a name [characters]
 
-# Actions that a page performs itself, and actions that write files or end the server.
-PAGE_ACTIONS = ("view", "charts", "hide", "first_view", "pin", *HELD_KEY_RATES)
+# Actions that a page performs itself; and those that write files, go back in time for all pages, or end the server.
+PAGE_ACTIONS = ("view", "charts", "help", "hide", "first_view", "pin", *HELD_KEY_RATES)
 FORBIDDEN_ACTIONS = ("export", "screenshot", "clip", "page", "quit", *REWIND_RATES)
 ACTIONS = (
     "time_features",

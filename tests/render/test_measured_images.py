@@ -13,6 +13,7 @@ from PIL import Image
 from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.colors import rounded_up
+from taichi_cloth.render.sequence import RenderReport
 from taichi_cloth.simulation.copies import FrameErrorMeter
 from taichi_cloth.simulation.simulation import Simulation
 
@@ -41,6 +42,14 @@ def test_every_tenth_frame_is_measured(tmp_path: Path, capsys: pytest.CaptureFix
     assert f"error of a frame: median {1e3 * median:.2g} mm" in capsys.readouterr().out
 
 
+def test_the_median_leaves_out_errors_that_the_reference_cannot_tell() -> None:
+    report = RenderReport("a", 1, "", {}, {}, [{}])
+    assert report.median_error is None
+    for error, converged in ((1.0, True), (90.0, False), (3.0, True), (2.0, True)):
+        report.frames.append({"frame_error": {"error": error, "reference_has_converged": converged}})
+    assert report.median_error == 2.0
+
+
 def test_images_do_not_depend_on_the_measurement(tmp_path: Path) -> None:
     assert rendered(tmp_path / "a", "--frames", "21", "--every", "10", "--errors")
     assert not rendered(tmp_path / "b", "--frames", "21", "--every", "10")
@@ -52,12 +61,28 @@ def test_in_the_view_error_every_image_shows_the_error_of_its_frame(tmp_path: Pa
     found = rendered(tmp_path / "a", "--frames", "5", "--every", "2", "--view", "error")
     assert list(found) == [1, 3]  # the frames that lead to the second and the third image
     assert rounded_up(found[3]["error"]) > 0
-    first, last = (np.asarray(Image.open(tmp_path / "a" / f"frame_0000{k}.png")).astype(int) for k in (0, 2))
-    redness = [np.percentile(image[..., 0] - image[..., 2], 99) for image in (first, last)]
-    assert redness[1] > redness[0] + 40  # nothing is measured before the first frame
+    first, last = (redness(Image.open(tmp_path / "a" / f"frame_0000{k}.png")) for k in (0, 2))
+    assert last > first + 40  # nothing is measured before the first frame
 
 
-@pytest.mark.parametrize("option", [["--errors"], ["--view", "error"]])
-def test_videos_measure_no_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: list[str]) -> None:
-    assert main(["render", "drape15", "--video", str(tmp_path / "a.webp"), *option]) == 2
-    assert "errors are measured for images only" in capsys.readouterr().err
+def redness(image: Image.Image) -> float:
+    """How much redder than blue the reddest pixels are."""
+    pixels = np.asarray(image.convert("RGB")).astype(int)
+    return float(np.percentile(pixels[..., 0] - pixels[..., 2], 99))
+
+
+def test_a_video_in_the_view_error_shows_the_error_of_every_frame(tmp_path: Path) -> None:
+    video = tmp_path / "a.webp"
+    small = ["--set", "rows=6", "--set", "columns=7", "--size", "96x64", "--frames", "4", "--samples", "1"]
+    assert main(["render", "drape15", "--video", str(video), "--view", "error", *small]) == 0
+    with Image.open(video) as images:
+        found = []
+        for k in range(4):
+            images.seek(k)
+            found.append(redness(images))
+    assert min(found[1:]) > found[0] + 40
+
+
+def test_a_video_has_no_run_json_for_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "drape15", "--video", str(tmp_path / "a.webp"), "--errors"]) == 2
+    assert "--errors writes run.json, beside images: leave out --video" in capsys.readouterr().err

@@ -34,6 +34,29 @@ def swinging(scene: Scene, frames: int = 20) -> Iterator[tuple[Simulation, Frame
         yield simulation, meter
 
 
+@pytest.mark.parametrize(
+    ("error", "motion", "reference_error", "converged"),
+    [  # [mm]
+        (10.0, 20.0, 1e-3, True),
+        (10.0, 20.0, 4.9, True),  # the error is more than twice that of the reference
+        (10.0, 20.0, 5.1, False),
+        (650.0, 20.0, 651.0, False),
+        (1.0, 20.0, 0.99, True),  # lost in that of the reference, but small against the motion
+        (1.0, 20.0, 1.01, False),
+        (0.01, 0.01, 0.049, True),  # so small that nobody sees it
+        (0.01, 0.01, 0.051, False),
+        (0.01, 0.01, np.nan, False),
+    ],
+)
+def test_a_reference_has_converged_if_it_tells_the_error(
+    error: float, motion: float, reference_error: float, converged: bool
+) -> None:
+    lengths = (1e-3 * length for length in (error, motion, reference_error))
+    found = copies.FrameError(1, *lengths, None, 0.0, np.zeros(1), 0.0)
+    assert found.reference_has_converged is converged
+    assert found.parts["reference_has_converged"] is converged
+
+
 def error_of(name: str, substeps: int) -> copies.FrameError:
     """Return the error of the first frame of a sheet that starts 5 % too long, without wind and damping."""
     with swinging(scene(name, substeps, 100, wind=None, damping=0.0), 0) as (simulation, meter):

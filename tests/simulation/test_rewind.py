@@ -96,12 +96,20 @@ def test_undo_after_going_back_undoes_what_came_before(simulation: Simulation) -
 def test_time_and_memory_are_limited(simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
     rewind = RewindBuffer(simulation)
     monkeypatch.setattr(rollback, "REWIND_SECONDS", 1.0)
+    rewind.mark()
     run(simulation, rewind, 90)
     assert rewind.seconds == pytest.approx(1.0)
+    rewind.go_back(5.0)
+    assert simulation.frame == 30  # not that of the mark
+    assert rewind.back == pytest.approx(1.0)
+    rewind.go_back(0.0)
+    assert rewind.undo()  # however long ago
+    assert simulation.frame == 0
+    assert not rewind.undo()
+    run(simulation, rewind, 90)
     monkeypatch.setattr(rollback, "REWIND_BYTES", 3 * rewind._states[-1].size)
     run(simulation, rewind, REWIND_EVERY)
     assert len(rewind._states) == 3
-    assert rewind._size == sum(state.size for state in rewind._states)
     monkeypatch.setattr(rollback, "REWIND_BYTES", 0)
     run(simulation, rewind, REWIND_EVERY)
     assert len(rewind._states) == 1  # the present one

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
@@ -14,14 +16,18 @@ from PIL import Image
 
 from taichi_cloth.render.image import render_pixels
 from taichi_cloth.render.rasterizer import Rasterizer
+from taichi_cloth.render.sequence import RenderPlan
 from taichi_cloth.scene import Scene
 from taichi_cloth.scene.schema import Camera, Cloth, Fabric, Solver, Wind
 from taichi_cloth.simulation import recording as recording_module
+from taichi_cloth.simulation.copies import FrameErrorMeter
 from taichi_cloth.simulation.recording import Recording, read_recording
+from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers.explicit import Explicit
 from taichi_cloth.system.errors import install_command
 from taichi_cloth.viewer import capture
-from taichi_cloth.viewer.replay import ReplaySession
+from taichi_cloth.viewer.panel import statistics
+from taichi_cloth.viewer.replay import ReplaySession, session_images
 from taichi_cloth.viewer.session import Session
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -137,6 +143,59 @@ def test_another_process_renders_a_clip_beside_its_recording(
     assert imageio_ffmpeg.count_frames_and_secs(str(video))[0] == 13  # including the first
     assert replayed(recording).is_equal
     assert sorted(path.name for path in OUT.iterdir()) == ["clip_001.mp4", "clip_001.toml"]
+
+
+def test_images_of_a_clip_in_the_view_error_have_its_colors(session: Session) -> None:
+    session.view = "error"
+    session.advance(2)
+    session.restart_recording()
+    session.advance(3)
+    colors: list[Any] = []
+    assert replay_of(session, lambda replay: colors.append(replay.draw_list.errors)).is_equal
+    assert colors[0] is None  # the first image is the start of the clip
+    with Simulation(SMALL) as alone, closing(FrameErrorMeter(SMALL)) as meter:
+        alone.step(2)
+        for errors in colors[1:]:
+            np.testing.assert_allclose(errors, meter.measure_frame(alone).by_particle, rtol=1e-3)
+
+
+def test_errors_that_cannot_be_measured_are_told_and_leave_the_cloth_plain(
+    session: Session, capsys: pytest.CaptureFixture[str]
+) -> None:
+    light = replace(SMALL.cloth, width=0.2, area_density=1e-3)
+    session.simulation.switch_scene(replace(SMALL, cloth=light, fabric=Fabric(warp=1e9, weft=1e9)))
+    session.view = "error"
+    session.advance(2)
+    colors: list[Any] = []
+    replay_of(session, lambda replay: colors.append(replay.draw_list.errors))
+    assert colors == [None] * 3
+    assert capsys.readouterr().err.startswith("error of a frame: not measured: small: explicit needs ")
+
+
+def replay_of(session: Session, on_image: Callable[[ReplaySession], None]) -> ReplaySession:
+    """Render the recording of a session, and call `on_image` after every image."""
+    session.act("screenshot")
+    recording = read_recording(OUT / "shot_001.toml")
+    plan = RenderPlan(OUT, recording.frames + 1, width=SIZE[0], height=SIZE[1])
+    with closing(ReplaySession(recording)) as replay:
+        session_images(replay, plan, lambda image: on_image(replay), lambda frame: None)
+    return replay
+
+
+def test_a_replay_names_the_fabric_in_use(session: Session) -> None:
+    session.change_fabric("denim")
+    session.restart_recording()
+    session.advance(1)
+    session.change_fabric("silk")
+    session.advance(1)
+    names: list[tuple[str, str]] = []
+
+    def look(replay: ReplaySession) -> None:
+        names.append((replay.fabric, statistics(replay, 1.0, 60.0).splitlines()[0]))
+
+    replay_of(session, look)
+    assert names[0] == ("", "small · verlet 3×4 · denim · shaded")  # that of the recorded scene
+    assert names[-1] == ("silk", "small · verlet 3×4 · silk · shaded")
 
 
 def test_a_clip_without_a_video_format_says_how_to_get_one(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,7 @@ def test_both_sides_show_the_requested_view(tmp_path: Path) -> None:
 def test_errors_are_measured_on_both_sides(comparison: Comparison) -> None:
     comparison.request("errors")
     assert all(side.meter for side in comparison.sides)
-    assert sum("error of a frame: being measured" in line for line in statistics(comparison, 1.0)) == 2
+    assert sum("error of a frame: not measured yet" in line for line in statistics(comparison, 1.0)) == 2
     frame = comparison.left.simulation.frame
     assert any(line.startswith(f"frame {frame}: RMS distance ") for line in statistics(comparison, 1.0))
     comparison.act("errors")

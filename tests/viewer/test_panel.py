@@ -16,10 +16,19 @@ from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer.charts import CHART_SECONDS, History
 from taichi_cloth.viewer.error_process import Answer, error_lines, millimeters
-from taichi_cloth.viewer.input import ARROWS, HELP, MENU, PAGES, SHORTCUTS, Progress, Refusal
+from taichi_cloth.viewer.input import (
+    ARROWS,
+    HELP,
+    KEY_COLUMN,
+    MENU,
+    PAGES,
+    SHORTCUTS,
+    Progress,
+    Refusal,
+    help_lines,
+)
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
-    KEY_COLUMN,
     LINE_LENGTH,
     PANEL_HEIGHT,
     PANEL_MARGIN,
@@ -28,7 +37,6 @@ from taichi_cloth.viewer.panel import (
     Panel,
     acting_parameters,
     error_text,
-    help_lines,
     slow_line,
     statistics,
 )
@@ -320,7 +328,7 @@ def test_features_show_their_times(drawn: Drawn, tmp_path: Path) -> None:
 def test_statistics_have_times_and_charts_have_a_legend(drawn: Drawn) -> None:
     session, gui, _ = drawn("drape15", "Statistics", Charts=True)
     assert session.charts
-    assert any("physics 0.0 + drawing 12 + measuring" in text for text in gui.texts)
+    assert any("physics - + drawing 12 + measuring" in text for text in gui.texts)
     assert any(text.startswith("225 particles, ") and text.endswith(" 2 pins") for text in gui.texts)
     assert f"charts of the last {CHART_SECONDS:g} s:" in gui.texts
     assert any(text.startswith("kinetic energy: ") and text.endswith(" J") for text in gui.texts)
@@ -330,7 +338,7 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     session, gui, _ = drawn("drape15", "Statistics", **{"Measure errors": True})
     assert "error of a frame: not measured (U)" in gui.texts
     assert session.meter is not None
-    assert error_lines(session.meter) == ["error of a frame: being measured"]
+    assert error_lines(session.meter) == ["error of a frame: not measured yet"]
     found = FrameError(7, 0.00123, 0.01, 1e-6, 0.0005, 0.0008, np.zeros(225), 0.01)
     assert [millimeters(value) for value in (0.00123, 0.0994, 0.137, 2.5)] == ["1.2 mm", "99 mm", "137 mm", "2500 mm"]
     session.meter.answer = Answer(found, 0.02)
@@ -344,6 +352,8 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     assert error_lines(session.meter)[1:] == ["  substeps and model 0.05 mm"]
     session.meter.answer = Answer(replace(explicit, error=1.9e-6))
     assert error_lines(session.meter) == ["error of frame 7: below 0.002 mm, as exact as the reference"]
+    session.meter.answer = Answer(replace(found, error=0.65, reference_error=0.4))  # of a motion of 10 mm
+    assert error_lines(session.meter) == ["error of frame 7: not measured: the reference has not converged"]
     session.meter.answer = Answer(replace(found, residual=0.004, step_error=0.0045))
     assert error_lines(session.meter)[1] == "  iterations 4 mm, substeps and model 4.5 mm, which partly cancel"
     more = "more than the cloth moved"

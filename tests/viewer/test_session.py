@@ -26,6 +26,7 @@ from taichi_cloth.viewer.capture import Capture
 from taichi_cloth.viewer.dragging import Target
 from taichi_cloth.viewer.error_process import Answer, ErrorProcess
 from taichi_cloth.viewer.input import HELD_KEY_RATES, REWIND_RATES, SHORTCUTS, Refusal
+from taichi_cloth.viewer.panel import statistics
 from taichi_cloth.viewer.session import Session
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -547,7 +548,7 @@ def test_a_pull_and_a_pin_can_be_undone(session: Session) -> None:
     session.act("undo")
     assert session.simulation.added_pins.tolist() == []
     session.act("undo")
-    assert session.note == "nothing to undo"
+    assert session.note.startswith("nothing to undo: no grab or pin since the start")
     assert isinstance(session.note, Refusal)
     assert session.recorder.frames == 0  # a replay begins here
 
@@ -626,17 +627,25 @@ def test_a_state_that_diverged_is_not_kept_to_go_back_to(session: Session) -> No
         assert np.isfinite(session.simulation.positions()).all()
 
 
-def test_an_error_of_another_scene_is_not_shown(session: Session, three_scenes: list[str]) -> None:
+@pytest.mark.parametrize("change", ["solver", "fabric", "next_scene", "reset", "undo"])
+def test_a_frozen_cloth_that_has_changed_shows_no_time_and_error_of_the_one_before(
+    session: Session, three_scenes: list[str], change: str
+) -> None:
     """The scenes have other numbers of particles. A frozen scene runs no frame, so nothing new is measured."""
     session.act("errors")
+    session.pin(PARTICLE)  # can be undone
+    session.advance(1)
     assert session.meter is not None
-    session.meter._scene = session.simulation.scene
     found = FrameError(1, 0.1, 0.1, 0.0, None, 0.1, np.ones(720), 0.1)
     session.meter.answer = Answer(found)
     session.view, session.frozen = "error", True
     session.advance(1)
     assert session.draw_list.errors is found.by_particle
-    session.act("next_scene")
+    assert session.physics_ms > 0
+    session.act(change)
     session.advance(1)
     assert session.draw_list.errors is None
+    lines = statistics(session, 1.0, 60.0).splitlines()
+    assert "error of a frame: not measured yet" in lines
+    assert any(line.startswith("physics - + drawing 1.0") for line in lines)
     session.draw_list.update("error", session.camera.eye)

@@ -186,6 +186,28 @@ def test_a_page_that_is_killed_releases_its_grab(page: Browser, server: Server) 
     page.until("update.dragged === 0")
 
 
+def test_a_key_opens_the_help_and_a_button_undoes_a_pull(page: Browser) -> None:
+    shown = "find('.keys-help').open && find('.keys').getBoundingClientRect().top < innerHeight"
+    page.key("KeyA", "a")
+    assert page.value(shown)
+    assert page.value("find('.keys').textContent.includes('undo grab or pin')")
+    page.key("KeyA", "a")
+    assert not page.value("find('.keys-help').open")
+    page.key("KeyH", "h")
+    page.key("KeyA", "a")
+    assert page.value(f"{shown} && !document.body.classList.contains('panel-hidden')")
+    page.key("KeyA", "a")
+    x, y = press(page, 7 * 30 + 5)
+    frame = page.value("update.frame")
+    page.mouse("Moved", x + 40, y - 20, button="left", buttons=1)
+    page.until(f"update.frame > {frame} + 10")
+    release(page, x + 40, y - 20)
+    page.value("find('[data-action=undo]').click()")
+    page.until(f"find('[data-action=freeze]').ariaPressed === 'true' && update.frame <= {frame}")
+    page.key("Space", " ")
+    page.until("find('[data-action=freeze]').ariaPressed === 'false'")
+
+
 def test_keys_act_after_a_click_on_a_button_and_space_activates_the_button(page: Browser) -> None:
     x, y = middle_of(page, "[data-action=freeze]")
     page.mouse("Pressed", x, y, button="left", clickCount=1)

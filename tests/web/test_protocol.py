@@ -65,7 +65,7 @@ def test_the_page_has_the_words_of_the_window() -> None:
     lists = {name + "s" for name in re.findall(r"<span>(\w+)</span><select", page)}
     assert lists == {*panel.LIST_PAGES}
     labels = re.findall(r"<button data-[^>]*>(.*?)</button>", page) + re.findall(r'type="checkbox"[^>]*>(.*?)<', page)
-    assert len(labels) == 8
+    assert len(labels) == 9
     assert [label for label in labels if f'"{label}"' not in window] == ["Mesh edges"]
     assert 'aria-label="show/hide panel"' in page
 

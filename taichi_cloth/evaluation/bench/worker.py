@@ -72,13 +72,17 @@ def outcome(simulation: Simulation) -> dict[str, object]:
 
 
 def error_of_a_frame(simulation: Simulation) -> float | None:
-    """Return the error of the next frame [m] (`FrameErrorMeter`), or None if the fabric is too stiff to measure it."""
+    """Return the error of the next frame [m] (`FrameErrorMeter`), or None if the fabric is too stiff to measure it.
+
+    Also None if the reference has not converged.
+    """
     try:
         meter = FrameErrorMeter(simulation.scene, simulation.requested_layout)
     except UsageError:
         return None
     with closing(meter):
-        return meter.measure_frame(simulation).error
+        found = meter.measure_frame(simulation)
+        return found.error if found.reference_has_converged else None
 
 
 def main() -> None:
