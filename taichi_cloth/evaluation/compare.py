@@ -56,7 +56,7 @@ def add_commands(command: Command) -> None:
     comparing.add_argument(
         "--size",
         type=size,
-        default="1240x600",
+        default="1240x720",
         metavar="WxH",
         help="size of window or image, both sides together [pixels]",
     )

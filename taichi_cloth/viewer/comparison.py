@@ -195,7 +195,7 @@ class Comparison:
 
 
 NAME = "compare"
-HEIGHT = 560  # [pixels] of the panel
+HEIGHT = 700  # [pixels] of the panel
 BAND = PANEL_WIDTH + 2 * PANEL_MARGIN  # [pixels] column at the left that shows the panel and no image
 BAND_COLOR = 40  # of 255
 MIN_WIDTH = 2 * 100  # [pixels] minimum width of both images together, however narrow the window

@@ -33,9 +33,8 @@ PANEL_NAME = "taichi_cloth"
 PANEL_MARGIN = 10  # [pixels] between the panel and the edge of the window
 PANEL_WIDTH = 392  # [pixels] a slider takes 65 % of it, which leaves 17 characters for its label
 PANEL_HEIGHT = 700  # [pixels] room for the longest page
-LINE_LENGTH = (
-    PANEL_WIDTH - 2 * 8
-) // 7  # characters in a line: the toolkit's padding is 8 pixels, a character is 7 pixels wide
+# Characters in a line: the toolkit's padding is 8 pixels, its scroll bar 14, and a character is 7 pixels wide.
+LINE_LENGTH = (PANEL_WIDTH - 2 * 8 - 14) // 7
 HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 68 characters
 MIN_SHOWN_ERROR = 1e-4  # fraction of the cloth's side: smaller errors are reported as below it
 SUMMARY_LINES = 5  # lines of the statistics that most pages show; all show the first

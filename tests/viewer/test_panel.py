@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,9 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer.charts import CHART_SECONDS, History
+from taichi_cloth.viewer.comparison import HEIGHT as COMPARISON_HEIGHT
+from taichi_cloth.viewer.comparison import Comparison, ComparisonPanel
+from taichi_cloth.viewer.comparison import statistics as comparison_statistics
 from taichi_cloth.viewer.error_process import Answer, error_lines, millimeters
 from taichi_cloth.viewer.input import (
     ARROWS,
@@ -334,6 +337,22 @@ def test_statistics_have_times_and_charts_have_a_legend(drawn: Drawn) -> None:
     assert any(text.startswith("kinetic energy: ") and text.endswith(" J") for text in gui.texts)
 
 
+@pytest.mark.parametrize("scene", scene_names())
+def test_the_panel_of_a_comparison_fits_with_errors_and_a_long_note(scene: str, tmp_path: Path) -> None:
+    found = FrameError(123456, 1.0, 1.0, 1e-9, 2.0, 2.0, np.zeros(1), 0.01)  # its parts partly cancel
+    with closing(Comparison(load_scene(scene), load_scene(scene, solver="xpbd"), 1.0, tmp_path)) as comparison:
+        comparison.act("errors")
+        for side in comparison.sides:
+            assert side.meter is not None
+            side.meter.answer = Answer(found, 0.123)
+        comparison.left.note = "explicit needs 200,001 substeps a frame, more than 200,000: its springs are stiff"
+        gui, size = FakeGui(), (1240, 720)  # the default of `compare`
+        ComparisonPanel(size, tmp_path / "imgui.ini").draw(gui, comparison, comparison_statistics(comparison, 123.4))
+        height = TITLE_HEIGHT + 2 * PADDING + len(gui.labels) * WIDGET_ROW + len(gui.texts) * TEXT_ROW
+        assert height <= COMPARISON_HEIGHT <= size[1] - 2 * PANEL_MARGIN
+        assert max(map(len, gui.texts)) <= LINE_LENGTH
+
+
 def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     session, gui, _ = drawn("drape15", "Statistics", **{"Measure errors": True})
     assert "error of a frame: not measured (U)" in gui.texts
@@ -368,7 +387,7 @@ def test_the_error_of_the_setting_is_not_shown_as_one_of_now(drawn: Drawn) -> No
     _, gui, _ = drawn("drape15")
     assert [text for text in gui.texts if "error" in text] == ["error of a frame: not measured (U)"]
     _, gui, _ = drawn("drape15", "Statistics")
-    assert "this setting on the swinging curtain: error about 4.7" in gui.texts
+    assert "this setting on the swinging curtain: error about 4.7" in " ".join(text.strip() for text in gui.texts)
 
 
 def slow(session: Session, ms: float) -> str:
