@@ -44,7 +44,9 @@ class Cloth(Table):
         (0.0, 2.2, 0.0), "center of the grid, or of the bounding box of the mesh", "m", min=-1e5, max=1e5
     )
     rotation: Vec3 = key_field((0.0, 0.0, 0.0), "rotation about x, then y, then z", "degrees", min=-360.0, max=360.0)
-    area_density: float = key_field(0.2, "mass per area", "kg/m²", min=0.001, max=1000.0, param="AREA_DENSITY")
+    area_density: float = key_field(
+        0.2, "mass per area: how heavy the cloth is", "kg/m²", min=0.001, max=1000.0, param="AREA_DENSITY"
+    )
     diagonals: int = key_field(
         2,
         "shear springs per cell: 2 on both diagonals, or 1 on the common edge of its two triangles, which"
