@@ -151,7 +151,7 @@ class Panel:
         if has_changed(radius, session.grab_radius):
             session.grab_radius = min(max(radius, 0.0), session.max_grab_radius)
             changed, self._moved = True, GRAB_RADIUS
-        level = session.camera.zoom_level
+        level = round(session.camera.zoom_level, 3) + 0.0  # never -0.0
         zoom = gui.slider_float("Zoom [10 %]", level, -MAX_ZOOM_LEVEL, MAX_ZOOM_LEVEL)
         if has_changed(zoom, level):
             session.camera.zoom(zoom - level)
