@@ -99,6 +99,7 @@ def test_time_and_memory_are_limited(simulation: Simulation, monkeypatch: pytest
     rewind.mark()
     run(simulation, rewind, 90)
     assert rewind.seconds == pytest.approx(1.0)
+    assert len(rewind._states) == 1 + 60 // REWIND_EVERY + 1  # the mark, and those of the last second
     rewind.go_back(5.0)
     assert simulation.frame == 30  # not that of the mark
     assert rewind.back == pytest.approx(1.0)

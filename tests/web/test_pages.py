@@ -153,6 +153,17 @@ def test_a_slider_changes_gravity_on_every_page(page: Browser, second: Browser) 
     page.until(f"Math.abs(parameters.gravity - {moved}) < 1e-6 && +find('input[name=gravity]').value === {moved}")
 
 
+def test_a_slider_keeps_its_value_until_the_server_has_it(page: Browser) -> None:
+    """A message that the server sent before it received the new value does not move the slider back."""
+    gravity = "find('input[name=gravity]')"
+    release_at = f"{gravity}.value = %s; {gravity}.oninput(); {gravity}.onchange()"
+    assert page.value(f"{release_at % 15}; sliders.gravity.setValue(9.81); +{gravity}.value") == 15
+    page.until("Math.abs(parameters.gravity - 15) < 1e-6")
+    page.value("sliders.gravity.setValue(12)")  # of another page
+    assert page.value(f"{release_at % 14}; {gravity}.dispatchEvent(new Event('dblclick', {{bubbles: true}}))")
+    page.until(f"Math.abs(parameters.gravity - 9.81) < 1e-6 && Math.abs({gravity}.value - 9.81) < {gravity}.step")
+
+
 def test_two_pages_show_the_same_cloth(page: Browser, second: Browser) -> None:
     x, y = press(second, 7 * 30 + 5)
     second.mouse("Moved", x + 40, y - 20, button="left", buttons=1)

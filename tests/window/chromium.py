@@ -21,7 +21,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 SIZE = 640, 360  # [pixels]
 OPTIONS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--remote-debugging-pipe")
 START = "import os, sys; _, r, w, *argv = sys.argv; os.dup2(int(r), 3); os.dup2(int(w), 4); os.execvp(argv[0], argv)"
-TIMEOUT = 60_000  # [ms]
+TIMEOUT = 120_000  # [ms] reached only by tests that fail
 READY = f"""new Promise((done, fail) => {{
   const end = Date.now() + {TIMEOUT};
   const poll = () => %s ? done(true) : Date.now() > end ? fail("timeout") : setTimeout(poll, 20);
