@@ -13,8 +13,8 @@ from .cloth_builder import attached_particles, build_particles, check_mesh, weig
 from .signed_distance import check_solid
 
 
-def load_scene(source: str | Path | dict[str, Any], /, **overrides: object) -> Scene:
-    """Load a shipped scene by name, a TOML file by path, or a dict as TOML has it, with keys set by `overrides`.
+def load_scene(source: Scene | str | Path | dict[str, Any], /, **overrides: object) -> Scene:
+    """Load a shipped scene by name, a TOML file by path, a dict as TOML has it, or a scene. `overrides` set its keys.
 
     The name of an override is `section_key` (`wind_z=6`, `cloth_rows=12`) or, if only one section of the scene has the
     key, the key alone (`substeps=10`). The name of a section sets its name (`solver="lines"`) or preset
@@ -52,9 +52,9 @@ def check_scene(scene: Scene | str | Path | dict[str, Any]) -> Scene:
     """
     if not isinstance(scene, Scene):
         return load_scene(scene)
-    checked = check_keys(scene)
-    check_geometry(checked, checked.name)
-    return checked
+    check_keys(scene)
+    check_geometry(scene, scene.name)
+    return scene
 
 
 def check_geometry(scene: Scene, file: str) -> None:

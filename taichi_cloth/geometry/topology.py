@@ -36,7 +36,7 @@ class ColorBatch:
     """Index in `grid.DIRECTIONS`; −1 in a mesh that is not a grid."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Topology:
     """The constant description of one cloth: N particles, E springs, T triangles."""
 
@@ -78,6 +78,10 @@ class Topology:
     def direction(self) -> NDArray[np.int64]:
         """Index in `grid.DIRECTIONS` of every spring, (E,)."""
         return np.repeat([b.direction for b in self.batches], [b.count for b in self.batches]).astype(np.int64)
+
+    def __repr__(self) -> str:
+        counts = f"{self.particle_count} particles, {self.spring_count} springs, {len(self.triangles)} triangles"
+        return f"<Topology: {counts}>"
 
     @property
     def particle_count(self) -> int:

@@ -90,7 +90,9 @@ def render_image(
     places: dict[str, Any] = {"eye": eye, "target": target}
     scene = simulation.scene
     places = {name: place for name, place in places.items() if place is not None}
-    camera = OrbitCamera.from_scene(check_keys(replace(scene, camera=replace(scene.camera, **places))))
+    seen = replace(scene, camera=replace(scene.camera, **places))
+    check_keys(seen)
+    camera = OrbitCamera.from_scene(seen)
     error = getattr(simulation, "frame_error", None)  # of `tc.Simulation` only
     if view == "error" and error is None:
         raise UsageError("the view 'error' needs the error of the last frame: call step(measure_error=True) before")

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from math import isfinite
+from os import PathLike, fspath
 from typing import Any, ClassVar, NamedTuple, get_type_hints
 
 from ..system.errors import RENAMED_SOLVERS, Mistakes, SceneError, nearest_name, new_key, short_repr
@@ -69,6 +70,8 @@ def types_of(section: type) -> dict[str, object]:
 def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     """Return `value` as the type `hint`. Raises SceneError if its type is wrong or `key` does not allow it."""
     value = _without_numpy(value)
+    if hint is str and isinstance(value, PathLike):
+        value = fspath(value)
     if hint == Vec3:
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise SceneError(file, where, f"must be three numbers, as in [0.0, 1.0, 0.0], got {short_repr(value)}")
@@ -164,12 +167,18 @@ class Table:
     """Base of the dataclasses of sections and scene: a keyword that is no field is refused as a key in a file is."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
+    given_keys: frozenset[str]
+    """Fields that were set when the object was made; all of them in an object that a scene has."""
 
     def __new__(cls, *args: Any, **keywords: Any) -> Any:
+        known = cls.__dataclass_fields__
         for name in keywords:
-            if name not in cls.__dataclass_fields__:
-                raise SceneError(cls.__name__, name, *_unknown_key("", name, list(cls.__dataclass_fields__)))
-        return super().__new__(cls)
+            if name not in known:
+                keys = [key for key, one in known.items() if "derived" not in one.metadata]
+                raise SceneError(cls.__name__, name, *_unknown_key("", name, keys))
+        table = super().__new__(cls)
+        object.__setattr__(table, "given_keys", frozenset((*list(known)[: len(args)], *keywords)))
+        return table
 
 
 class Section(NamedTuple):
@@ -211,12 +220,10 @@ class Section(NamedTuple):
         return tuple(self._object(one, mistakes, f"{self.name}[{k}]") for k, one in enumerate(value))
 
     def _object(self, value: Any, mistakes: Mistakes, where: str) -> Any:
-        is_object, values = isinstance(value, self.cls), check_table(self.cls, self.table(value), mistakes, where)
+        is_object = isinstance(value, self.cls)
+        table = {name: getattr(value, name) for name in keys_of(self.cls)} if is_object else value
+        values = check_table(self.cls, table, mistakes, where)
         return replace(value, **values) if is_object else self.cls(**values)
-
-    def table(self, value: Any) -> Any:
-        """Return an object of the class as a dict of its keys; other values are returned unchanged."""
-        return {name: getattr(value, name) for name in keys_of(self.cls)} if isinstance(value, self.cls) else value
 
 
 def check_table(cls: type, table: Any, mistakes: Mistakes, where: str = "", also: Iterable[str] = ()) -> dict[str, Any]:

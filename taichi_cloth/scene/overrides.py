@@ -10,7 +10,7 @@ from typing import Any
 
 from ..system.errors import Mistakes, SceneError, nearest_name, new_key
 from .keys import Section, keys_of
-from .schema import Scene, sections
+from .schema import GRID_KEYS, Cloth, Scene, sections
 from .solver_catalog import SOLVER_CATALOG
 from .toml_io import parse_toml
 
@@ -46,8 +46,18 @@ def plain_tables(name: str, value: Any) -> Any:
     part = sections().get(name)
     if part is not None and isinstance(value, (list, tuple)):
         return [plain_tables(name, one) for one in value]
-    table = value if part is None else part.table(value)
-    return dict(table) if isinstance(table, dict) else table
+    if part is not None and isinstance(value, part.cls):
+        return _given_table(value)
+    return dict(value) if isinstance(value, dict) else value
+
+
+def _given_table(section: Any) -> dict[str, Any]:
+    """Return the keys that were set when a section was made, as a file that sets them has it."""
+    cls: type = type(section)
+    names = [name for name in keys_of(cls) if name in section.given_keys]
+    if isinstance(section, Cloth) and section.file and section.given_keys.issuperset(GRID_KEYS):  # one of a scene
+        names = [name for name in names if name not in GRID_KEYS]
+    return {name: getattr(section, name) for name in names}
 
 
 def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> None:
@@ -61,6 +71,9 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
         else:
             data[key] = plain_tables(key, value)
         return
+    for one in sections().values():
+        if one.is_array and key == one.singular and isinstance(value, (dict, one.cls)):
+            raise SceneError(file, key, "is one of an array", f"{one.name}=[...]")
     name, index = _without_dots(key)
     names = override_targets()
     if name not in names:

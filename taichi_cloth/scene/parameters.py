@@ -43,6 +43,16 @@ class Parameter:
         return isinstance(self.value, int)
 
     @property
+    def min(self) -> float | None:
+        """Smallest allowed value."""
+        return self.key.min
+
+    @property
+    def max(self) -> float | None:
+        """Largest allowed value."""
+        return self.key.max
+
+    @property
     def unit(self) -> str:
         return self.key.unit
 

@@ -12,19 +12,14 @@ from .collider_schema import PROJECTION, RESPONSES, ContactProperties, Mesh, Rou
 from .keys import check_table, check_value, keys_of, types_of
 from .overrides import apply_override, is_section, plain_tables, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
-from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Scene, sections
-from .solver_catalog import SOLVER_CATALOG
-from .toml_io import parse_toml
+from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, SOLVER_DEFAULT_KEYS, Cloth, Scene, sections
+from .toml_io import parse_toml, scene_to_toml
 
 MAX_BYTES = 1_000_000  # of a scene file
-SOLVER_DEFAULT_KEYS = (
-    "substeps",
-    "iterations",
-)  # keys of [solver] with defaults per solver, as in `SolverInfo.defaults`
 MeshOrCloth = TypeVar("MeshOrCloth", Mesh, Cloth)
 
 
-def read_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any]) -> tuple[Scene, str]:
+def read_scene(source: Scene | str | Path | dict[str, Any], overrides: dict[str, Any]) -> tuple[Scene, str]:
     """Return a scene with overrides, as `geometry.scene_loader.load_scene` does, and its name in messages.
 
     Nothing that needs the contents of mesh and map files is checked. Raises SceneError.
@@ -35,9 +30,11 @@ def read_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any]) -
     elif isinstance(source, (str, Path)):
         path, file = scene_path(source), str(source)
         data = _parse(path)
+    elif isinstance(source, Scene):
+        path, file, data = _folder_of(source) / f"{source.name}.toml", source.name, parse_toml(scene_to_toml(source))
     else:
-        reason = f"must be the name of a shipped scene, the path of a TOML file, or a dict, got {short_repr(source)}"
-        raise SceneError("scene", "", reason)
+        reason = "must be a scene, the name of a shipped one, the path of a TOML file, or a dict"
+        raise SceneError("scene", "", f"{reason}, got {short_repr(source)}")
     scene = scene_from(data, file, path)  # the file must be valid without overrides too
     if not overrides:
         return scene, file
@@ -68,24 +65,25 @@ def scene_from_toml(text: str, like: Scene) -> Scene:
 
     Raises ValueError for invalid TOML, and SceneError (a ValueError) for an invalid scene.
     """
-    users = (*like.meshes, like.cloth, like.maps)
-    folder = next((user.folder for user in users if user and user.folder), "")
-    return replace(scene_from(parse_toml(text), "scene", Path(folder) / "scene.toml"), name=like.name)
+    return replace(scene_from(parse_toml(text), "scene", _folder_of(like) / "scene.toml"), name=like.name)
 
 
-def check_keys(scene: Scene) -> Scene:
-    """Check the keys of a scene made in Python against each other, and return it; a mesh file has no pins by default.
+def _folder_of(scene: Scene) -> Path:
+    """Return the folder of the mesh and map files of a scene; the working folder if all of them are shipped."""
+    users = (*scene.meshes, scene.cloth, scene.maps)
+    return Path(next((user.folder for user in users if user and user.folder), ""))
+
+
+def check_keys(scene: Scene) -> None:
+    """Check the keys of a scene made in Python against each other.
 
     Raises SceneError: one line with the name of the scene, key and reason.
     """
     cloth, defaults, mistakes = scene.cloth, Cloth(), Mistakes(scene.name)
     if cloth.file:
         _check_no_grid_keys([key for key in GRID_KEYS if getattr(cloth, key) != getattr(defaults, key)], mistakes)
-        if cloth.pins == defaults.pins:
-            scene = replace(scene, cloth=replace(cloth, pins=()))
     _check_consistency(scene, mistakes)
     mistakes.raise_first()
-    return scene
 
 
 def _dropped_keys(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ...]]:
@@ -94,7 +92,7 @@ def _dropped_keys(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ..
     A fabric preset replaces all fabric keys; another solver replaces substeps and iterations.
     """
     if is_section(key, value):  # it has replaced its own keys
-        preset = key == "fabric" and isinstance(value, dict) and value.get("preset")
+        preset = key == "fabric" and value is not None and plain_tables(key, value).get("preset")
         return {name: keys for name, keys in PRESET_KEYS.items() if name != key} if preset else {}
     targets = [(part.name, name) for part, name in targets_of(key) if part]
     if targets == [("fabric", "preset")]:
@@ -139,7 +137,7 @@ def scene_from(data: dict[str, Any], file: str, path: Path) -> Scene:
 
 def _scene_from(data: dict[str, Any], path: Path, mistakes: Mistakes) -> Scene:
     """Return the scene of parsed TOML, read from `path`. Keys with a mistake have their defaults."""
-    scene = _with_preset(_with_solver_defaults(_sections(data, path.stem, mistakes), data), data, mistakes)
+    scene = _with_preset(_sections(data, path.stem, mistakes), data, mistakes)
     scene = _with_folders(scene, path.parent, mistakes)
     _check_consistency(scene, mistakes)
     return scene
@@ -159,8 +157,8 @@ def _sections(data: dict[str, Any], name: str, mistakes: Mistakes) -> Scene:
             values[part.name] = part.checked(data[part.name], mistakes)
     if "cloth" in values and values["cloth"].file:
         _check_no_grid_keys([key for key in GRID_KEYS if key in data["cloth"]], mistakes)
-        if "pins" not in data["cloth"]:  # a mesh file has none by default
-            values["cloth"] = replace(values["cloth"], pins=())
+    if "fabric" in values:
+        values["fabric"] = replace(values["fabric"])  # with all keys given; `_with_preset` sets those of the preset
     return Scene(**values, name=name)
 
 
@@ -174,13 +172,6 @@ def _table_of(data: dict[str, Any], section: str) -> dict[str, Any]:
     """Return the keys that a file sets in a section: none if the section is missing or is no table."""
     table = data.get(section)
     return table if isinstance(table, dict) else {}
-
-
-def _with_solver_defaults(scene: Scene, data: dict[str, Any]) -> Scene:
-    """Return the scene with the default substeps and iterations of its solver, where it sets none."""
-    defaults = dict(zip(SOLVER_DEFAULT_KEYS, SOLVER_CATALOG[scene.solver.name].defaults, strict=True))
-    missing: dict[str, Any] = {name: n for name, n in defaults.items() if name not in _table_of(data, "solver")}
-    return replace(scene, solver=replace(scene.solver, **missing))
 
 
 def _with_preset(scene: Scene, data: dict[str, Any], mistakes: Mistakes) -> Scene:

@@ -77,6 +77,10 @@ class Cloth(Table):
     )
     folder: str = field(default="", metadata={"derived": "folder of the scene file, for a mesh that is not shipped"})
 
+    def __post_init__(self) -> None:
+        if self.file and "pins" not in self.given_keys:
+            object.__setattr__(self, "pins", ())
+
 
 # Keys of [cloth] that apply to grids only.
 GRID_KEYS = (
@@ -184,13 +188,12 @@ class Fabric(Table):
     )
 
 
+SOLVER_DEFAULT_KEYS = ("substeps", "iterations")  # keys of [solver] in `SolverInfo.defaults`
+
+
 @dataclass(frozen=True)
 class Solver(Table):
-    """The solver and its settings.
-
-    Substeps and iterations that a scene file does not set have the defaults of the solver. In Python they have those of
-    `verlet`, whatever the solver.
-    """
+    """The solver and its settings. Substeps and iterations that are not set have the defaults of the solver."""
 
     name: str = key_field("verlet", "solver that advances the cloth", choices=SOLVER_NAMES)
     substeps: int = key_field(
@@ -211,6 +214,12 @@ class Solver(Table):
         1.0, "factor on the stiffness of all springs", min=0.0, max=1.0, slider=(0.0, 1.0), param="STIFFNESS_FACTOR"
     )
     damping: float = key_field(1.5, "rate at which velocities decay", "1/s", min=0.0, max=1e6, slider=(0.0, 10.0))
+
+    def __post_init__(self) -> None:
+        if isinstance(self.name, str) and self.name in SOLVER_CATALOG:  # not checked yet
+            for key, default in zip(SOLVER_DEFAULT_KEYS, SOLVER_CATALOG[self.name].defaults, strict=True):
+                if key not in self.given_keys:
+                    object.__setattr__(self, key, default)
 
 
 @dataclass(frozen=True)
@@ -373,14 +382,22 @@ class Scene(Table):
 
     def __post_init__(self) -> None:
         mistakes = Mistakes(self.name)
-        if isinstance(self.fabric, dict) and self.fabric.get("preset"):
-            mistakes.add("fabric.preset", "sets no keys in tc.Scene: give the dict with all sections to load_scene")
+        if _names_a_preset(self.fabric):
+            example = f'load_scene(tc.Scene(...), fabric="{PRESET_NAMES[0]}")'
+            mistakes.add("fabric.preset", f"is applied by load_scene only, as in tc.{example}")
         values = check_table(Scene, {key: getattr(self, key) for key in keys_of(Scene)}, mistakes)
         for part in sections().values():
             values[part.name] = part.checked(getattr(self, part.name), mistakes)
         mistakes.raise_first()
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+
+def _names_a_preset(fabric: object) -> bool:
+    """Return whether a fabric has a preset that was not applied: other keys were not set."""
+    if isinstance(fabric, Fabric):
+        return bool(fabric.preset) and not fabric.given_keys.issuperset(keys_of(Fabric))
+    return isinstance(fabric, dict) and bool(fabric.get("preset"))
 
 
 # Sections of `Scene` with colliders, in the order of the collider table.

@@ -98,7 +98,7 @@ def switch_scene(simulation: Simulation, text: str) -> None:
     for name in ("file", "rows", "columns", "layers"):
         ours, theirs = getattr(simulation.scene.cloth, name), getattr(scene.cloth, name)
         if ours != theirs:
-            raise UsageError(f"{scene.name} has {theirs} {name}, the running cloth has {ours}")
+            raise UsageError(f"the new scene has {theirs} {name}, the running cloth has {ours}")
     simulation.rebuild(scene, simulation.built.pin_changes)
 
 

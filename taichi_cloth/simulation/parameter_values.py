@@ -75,6 +75,8 @@ class Parameters(MutableMapping[str, "float | bool"]):
     that is not True or False.
     """
 
+    __slots__ = ("_known", "_on_set", "values_by_name", "wind_on")  # `params.wind_z = 6` raises AttributeError
+
     def __init__(self, on_set: Callable[[str, float | bool], None]) -> None:
         """`on_set` is called with a name and its checked value, instead of setting it here."""
         self._on_set = on_set

@@ -47,7 +47,7 @@ Row = tuple[int, Event]  # after how many frames
 
 
 class Recorder:
-    """Records the events of a simulation, from its first frame on or from `restart`.
+    """Records the events of a simulation, from its present state on; `restart` begins anew.
 
     A drag or a slider is four numbers a frame; a frame without events costs nothing.
     """
@@ -56,6 +56,8 @@ class Recorder:
         self.simulation = simulation
         self.scene = simulation.scene
         self._begin()
+        if simulation.has_changed or simulation.frames_stepped:
+            self.restart()
         simulation.listeners.append(self._add)
 
     def _begin(self) -> None:

@@ -56,6 +56,8 @@ class Simulation(RunningCloth):
         would take too many substeps.
         """
         self.listeners: list[Listener] = []
+        self.has_changed = False
+        """Whether an event was applied since the simulation was opened."""
         super().__init__(check_scene(scene), layout, partial(_set_param, weakref.ref(self)))
 
     def __enter__(self) -> Self:
@@ -85,6 +87,7 @@ class Simulation(RunningCloth):
 
     def notify(self, event: Event) -> None:
         """Pass an event to the listeners, without carrying it out."""
+        self.has_changed = True
         for listener in self.listeners:
             listener(event)
 

@@ -29,6 +29,8 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     if ctx.s == ctx.substeps:
         drift = 0.0
     integrate(cloth, features, ctx.params, kick * ctx.h, ti.pow(ctx.params[VELOCITY_FACTOR], kick), drift)
+    if ctx.s == ctx.substeps:  # the frame ends with the velocities of held particles, which `integrate` sets to 0
+        move_kinematic_particles(cloth, features, ctx, ctx.s)
 
 
 @ti.func

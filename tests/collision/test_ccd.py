@@ -160,7 +160,7 @@ def test_continuous_collision_detection_does_not_change_resting_contact(solver: 
         cloth = Cloth(
             rows=8, columns=9, width=0.4, height=0.4, center=(0.0, 0.05, 0.0), rotation=(-90.0, 0.0, 15.0), pins=()
         )
-        with Simulation(Scene(cloth=cloth, planes=(slope,), solver=Solver(solver)), "serial") as simulation:
+        with Simulation(Scene(cloth=cloth, planes=(slope,), solver=Solver(solver, 5, 12)), "serial") as simulation:
             for _ in range(60):
                 simulation.step()
             assert simulation.metrics().penetration == 0

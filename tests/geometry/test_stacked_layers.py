@@ -1,5 +1,7 @@
 """Several layers as one cloth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import SceneError, UsageError
 
 ONE = Cloth(rows=3, columns=4, width=0.3, height=0.2, center=(1.0, 2.0, 3.0), rotation=(-90.0, 0.0, 0.0), pins=())
-THREE = Cloth(**{**vars(ONE), "layers": 3, "layer_spacing": 0.5, "layer_rotation": 90.0, "pins": ("top-left", 13)})
+THREE = replace(ONE, layers=3, layer_spacing=0.5, layer_rotation=90.0, pins=("top-left", 13))
 
 
 def test_layers_are_stacked_and_rotated() -> None:
@@ -53,8 +55,8 @@ def test_the_simd_layout_and_tethers_need_a_single_layer() -> None:
 
 
 def test_stacked_layers_move_like_a_single_layer() -> None:
-    alone = Scene(cloth=Cloth(**{**vars(THREE), "layers": 1, "pins": ("top-left",)}))
-    pile = Scene(cloth=Cloth(**{**vars(THREE), "pins": ("top-left",)}))
+    alone = Scene(cloth=replace(THREE, layers=1, pins=("top-left",)))
+    pile = Scene(cloth=replace(THREE, pins=("top-left",)))
     for solver in ("xpbd", "lines"):
         with Simulation(alone, "serial") as one, Simulation(pile, "serial") as three:
             one.switch_solver(solver)

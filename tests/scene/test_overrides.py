@@ -12,10 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene import Scene, SceneError, Sphere, Wind, key_table, parse_override
+from taichi_cloth.geometry.scene_loader import check_scene, load_scene
+from taichi_cloth.scene import Cloth, Scene, SceneError, Solver, Sphere, Wind, key_table, parse_override
 from taichi_cloth.scene.overrides import override_targets, targets_of
-from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
+from taichi_cloth.scene.schema import Fabric
+from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG, SolverInfo
 
 Write = Callable[[str | bytes], Path]
 Refuse = Callable[..., SceneError]
@@ -50,6 +51,56 @@ Refuse = Callable[..., SceneError]
 def test_an_override_changes_the_key_it_names(override: dict[str, Any], read: Any, value: Any) -> None:
     assert read(load_scene("curtain")) != value
     assert read(load_scene("curtain", **override)) == value
+
+
+def test_an_object_sets_the_keys_that_were_given_as_a_dict_does() -> None:
+    for name, given_object, table in (
+        ("solver", Solver(name="xpbd"), {"name": "xpbd"}),
+        ("solver", Solver("xpbd", 7), {"name": "xpbd", "substeps": 7}),
+        ("fabric", Fabric(preset="silk"), {"preset": "silk"}),
+        ("cloth", Cloth(file="round", pins=()), {"file": "round", "pins": []}),
+        ("cloth", load_scene(Scene(cloth=Cloth(file="round"))).cloth, {"file": "round"}),  # with all keys
+    ):
+        by_object, by_table = (load_scene("sphere", **{name: section}) for section in (given_object, table))
+        assert getattr(by_object, name) == getattr(by_table, name)
+        assert by_object.cloth.area_density == by_table.cloth.area_density
+
+
+def test_a_scene_is_loaded_with_overrides() -> None:
+    scene = load_scene("hammock")
+    assert load_scene(scene) == scene
+    changed = load_scene(scene, fabric="silk", solver="xpbd", gravity=1.0)
+    assert changed == load_scene("hammock", fabric="silk", solver="xpbd", gravity=1.0)
+    own = Scene(cloth=Cloth(rows=7), name="own")
+    assert load_scene(own, rows=5) == replace(own, cloth=replace(own.cloth, rows=5))
+
+
+def test_a_single_table_of_an_array_is_refused() -> None:
+    for table in ({"radius": 0.3}, Sphere(radius=0.3)):
+        with pytest.raises(SceneError, match=r"sphere: is one of an array \(did you mean 'spheres=\[...\]'\?\)"):
+            load_scene("curtain", sphere=table)
+
+
+def test_a_path_is_accepted_as_text() -> None:
+    assert load_scene({"cloth": {"file": Path("round")}}).cloth.file == "round"
+
+
+def test_a_sheet_from_a_file_has_the_pins_that_were_given() -> None:
+    assert Cloth(file="round").pins == ()
+    assert Cloth(file="round", pins=("top",)).pins == ("top",)  # refused where it is used
+    assert Cloth().pins == ("top",)
+    with pytest.raises(SceneError, match="'top' needs a sheet"):
+        check_scene(Scene(cloth=Cloth(file="round", pins=("top",))))
+    with pytest.raises(SceneError, match=r"allowed: rows, .*, layer_rotation$"):  # without `folder`, which is derived
+        Cloth(size=1)  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize(("name", "info"), SOLVER_CATALOG.items())
+def test_a_solver_made_in_python_has_its_defaults(name: str, info: SolverInfo) -> None:
+    solver = Solver(name=name)
+    assert (solver.substeps, solver.iterations) == info.defaults
+    assert Solver(name, 3).substeps == 3
+    assert Scene(solver={"name": name}).solver == solver  # type: ignore[arg-type]
 
 
 def test_another_solver_uses_its_default_substeps_and_iterations() -> None:

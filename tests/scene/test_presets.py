@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -224,9 +225,19 @@ def test_a_preset_override_replaces_the_fabric_keys_of_the_file() -> None:
     assert load_scene("curtain", verlet_bend=0.3, fabric="silk").verlet.bend == 0.3
 
 
-def test_a_preset_in_a_dict_of_a_python_scene_is_refused() -> None:
+@pytest.mark.parametrize("fabric", [{"preset": "denim"}, Fabric(preset="denim"), Fabric(preset="denim", warp=5.0)])
+def test_a_preset_of_a_python_scene_is_refused(fabric: Any) -> None:
     """Its other sections would not have the values of the preset."""
-    with pytest.raises(SceneError, match=r"fabric\.preset: sets no keys in tc\.Scene: give the dict with all sections"):
-        Scene(fabric={"preset": "denim"})  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match=r"fabric\.preset: is applied by load_scene only, as in tc\.load_scene"):
+        Scene(fabric=fabric)
+    loaded = load_scene("curtain", fabric=fabric)
+    assert loaded.fabric.weft == pytest.approx(CONSTANTS["denim"][1], rel=1e-4)
+    own_warp = isinstance(fabric, Fabric) and "warp" in fabric.given_keys
+    assert loaded.fabric.warp == pytest.approx(5.0 if own_warp else CONSTANTS["denim"][0], rel=1e-4)
+    assert loaded.cloth.area_density == load_preset("denim").area_density
+    assert replace(Scene(), fabric=loaded.fabric).fabric == loaded.fabric  # it was applied
+
+
+def test_a_preset_in_a_dict_with_all_sections_is_applied() -> None:
     assert load_scene({"fabric": {"preset": "denim"}}).fabric.warp > 10_000
     assert Scene(fabric={"preset": ""}).fabric == Fabric()  # type: ignore[arg-type]

@@ -62,6 +62,26 @@ def test_pins_and_grabs_hold_the_weight_of_a_sheet_at_rest(solver: str) -> None:
         assert grabs[0].force.tolist() == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.parametrize("solver", ["explicit", "rk4"])
+def test_a_damped_sheet_that_is_lifted_evenly_weighs_what_it_weighs(solver: str) -> None:
+    """The dampers act on the velocity relative to the pins: none, once the sheet moves as a whole."""
+    lifted = Attachment(pins=CORNERS, keyframes=((0.0, 0.0, 0.0, 0.0), (9.0, 0.0, 4.5, 0.0)))
+    fabric = replace(SHEET.fabric, damping_time=1e-3)
+    solver_settings = replace(sheet(solver).solver, damping=0.0)
+    scene = replace(sheet(solver), cloth=without_pins(), attachments=(lifted,), fabric=fabric, solver=solver_settings)
+    with Simulation(scene, "serial") as simulation:
+        simulation.step(300)
+        assert simulation.velocities()[simulation.topology.pinned, 1] == pytest.approx(0.5, rel=1e-4)
+        mean = np.mean([step_and_lift(simulation) for _ in range(120)])
+        assert mean == pytest.approx(WEIGHT, rel=0.02)
+
+
+def step_and_lift(simulation: Simulation) -> float:
+    """Advance one frame and return the upward force that holds the sheet [N]."""
+    simulation.step()
+    return float(simulation.reaction_forces()[:, 1].sum())
+
+
 def test_a_patch_takes_the_force_of_all_its_particles() -> None:
     with Simulation(sheet(cloth=without_pins()), "serial") as simulation:
         patches = [simulation.grab(index, radius=0.3) for index in (0, 8)]

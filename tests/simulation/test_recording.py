@@ -233,6 +233,31 @@ def test_a_loaded_checkpoint_is_in_the_recording(recorder: Recorder, tmp_path: P
     check_replay(recorder, tmp_path / "loaded.toml")
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda simulation: simulation.step(9),
+        lambda simulation: simulation.params.update(wind_z=6.0),
+        lambda simulation: simulation.pin(7),
+        lambda simulation: simulation.grab(7).move_to((0.1, 1.0, 0.3)),
+        lambda simulation: simulation.set_state(simulation.positions() + 0.1),
+        lambda simulation: simulation.switch_solver("xpbd"),
+    ],
+    ids=["frames", "parameter", "pin", "grab", "state", "solver"],
+)
+def test_a_recording_of_a_simulation_that_has_changed_begins_with_its_state(
+    simulation: Simulation, tmp_path: Path, change: Callable[[Simulation], object]
+) -> None:
+    change(simulation)
+    late = Recorder(simulation)
+    run(simulation, 6)
+    check_replay(late, tmp_path / "late.toml")
+
+
+def test_a_recording_of_a_simulation_at_its_start_has_no_checkpoint(recorder: Recorder) -> None:
+    assert recorder.rows == []
+
+
 def test_a_change_of_the_last_bit_of_an_argument_is_detected(recorder: Recorder) -> None:
     recorder.simulation.grab(LAST).move_to((0.3, 1.5, 0.3))
     run(recorder.simulation, 2)

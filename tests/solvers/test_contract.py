@@ -134,6 +134,17 @@ def test_runs_of_the_same_scene_are_bit_equal(solver: str, layout: str) -> None:
     assert (runs[0] == runs[1]).all()
 
 
+def test_held_particles_have_the_velocity_of_their_grab(solver: str, layout: str) -> None:
+    with Simulation(busy(solver), layout) as simulation:
+        start, grab = simulation.positions()[40], simulation.grab(40)
+        for frame in range(1, 4):
+            grab.move_to(start + np.array([0.02, 0.01, 0.0]) * frame)
+            simulation.step()
+            assert simulation.velocities()[40] == pytest.approx((1.2, 0.6, 0.0), abs=1e-3)
+        simulation.step()
+        assert np.abs(simulation.velocities()[40]).max() < 1e-3  # the grab is at rest
+
+
 def test_reset_restores_the_start_bit_for_bit(solver: str, layout: str) -> None:
     with Simulation(busy(solver), layout) as simulation:
         start, first = simulation.positions(), run(simulation, 30)
