@@ -101,9 +101,24 @@ def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert cli.main(["check", str(path), "twist", "denim"]) == 0
     mine, twist, denim = capsys.readouterr().out.splitlines()
     assert mine.startswith(f"{path}: valid · 9×7 particles · 300 springs · verlet 5×12 · about 0.")
-    assert mine.endswith(" of the 16.7 ms of a frame")
-    assert ", without self_collision · not converged: elongation is " in twist
+    assert mine.endswith(" ms per frame of 16.7 ms")
+    assert ", without self_collision · not converged: " in twist
     assert " · 16,002 springs and 23,938 bending links · lines 5×1 · " in denim
+
+
+def test_check_tells_that_verlet_does_not_use_the_springs_of_a_fabric(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.toml"
+    for text, told in (
+        ("[fabric]\nwarp = 5\nshear = 1", "verlet uses [verlet], not fabric.warp, fabric.shear"),
+        ("[fabric]\nwarp = 5\n[solver]\nname = 'xpbd'", ""),
+        ("[fabric]\npreset = 'silk'", ""),
+    ):
+        file.write_text(text)
+        assert cli.main(["check", str(file)]) == 0
+        out = capsys.readouterr().out.strip()
+        assert out.endswith(told) if told else "verlet uses" not in out
 
 
 def test_check_prints_every_mistake_of_every_file_and_counts_them(
@@ -200,13 +215,13 @@ def test_check_refuses_what_run_refuses(
 
 def test_check_measures_frames(here: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["check", "drape15", "--time"]) == 0
-    assert re.search(r" · [\d.]+ of the 16.7 ms of a frame \(measured\) · not converged", capsys.readouterr().out)
+    assert re.search(r" · [\d.]+ ms per frame of 16.7 ms \(measured\) · not converged", capsys.readouterr().out)
 
 
 def test_frame_times_are_compared_with_real_time() -> None:
     assert [scenes.frame_time(ms) for ms in (0.0512, 9.96, 33.3, 25_000)] == [
-        "0.051 of the 16.7 ms of a frame",
-        "10 of the 16.7 ms of a frame",
+        "0.051 ms per frame of 16.7 ms",
+        "10 ms per frame of 16.7 ms",
         "33 ms per frame, 2.0 times slower than real time",
         "25 s per frame, 1,500 times slower than real time",
     ]

@@ -10,7 +10,7 @@ from PIL import Image
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench import scene_error
-from taichi_cloth.evaluation.compare import overrides
+from taichi_cloth.evaluation.compare import explanations, overrides
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.sequence import RenderPlan
 from taichi_cloth.render.split_view import SEAM, nearest_vertex_map, render_both
@@ -32,6 +32,20 @@ def image_halves(path: Path) -> tuple[np.ndarray, np.ndarray]:
     assert image.shape == (60, 202, 3)
     assert (image[:, 100 : 100 + SEAM] == 255).all()
     return image[:, :100], image[:, 102:]
+
+
+def test_figures_that_seem_to_contradict_each_other_are_explained() -> None:
+    cancel, order = "residual and step error point in opposite directions", "the order of the sides can differ"
+
+    def lines(a: list[float | None], b: list[float | None], rms: list[float | None]) -> list[bool]:
+        text = "\n".join(explanations([a, b], rms))
+        return [cancel in text, order in text]
+
+    assert lines([3e-3, 3e-3, 1e-4], [2e-3, 1e-3, 1e-3], [0.3, 0.2]) == [False, False]
+    assert lines([3e-3, 18e-3, 17e-3], [2e-3, 1e-3, 1e-3], [0.3, 0.2]) == [True, False]
+    assert lines([3e-3, 3e-3, 1e-4], [2e-3, 1e-3, 1e-3], [0.1, 0.2]) == [False, True]
+    assert lines([3e-3, None, 3e-3], [2e-3, 1e-3, 1e-3], [None, 0.2]) == [False, False]
+    assert lines([None, None, None], [2e-3, 1e-3, 1e-3], [0.1, 0.2]) == [False, False]
 
 
 def test_two_solvers_side_by_side(

@@ -7,12 +7,13 @@ import argparse
 from ..scene import Scene, key_table, scene_names
 from ..scene.overrides import removable_sections
 from ..scene.presets import load_preset
-from ..scene.schema import FRAME_SECONDS, PRESET_NAMES
+from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, Fabric
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
 from .options import Command
 
+SPRING_KEYS = ("warp", "weft", "shear", "bend_spring")  # of [fabric]
 MAX_TIMED_MS = 20_000.0  # [ms] estimated frame time above which `check --time` does not run a scene
 
 
@@ -121,7 +122,17 @@ def describe(scene: Scene, *, timed: bool) -> str:
         if features := removable_sections(scene):
             time += f", without {', '.join(features)}"
         time += " (too slow to measure)" if timed else ""
-    return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished, inside]))
+    idle = keys_without_effect(scene)
+    return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished, inside, idle]))
+
+
+def keys_without_effect(scene: Scene) -> str:
+    """Return that `verlet` does not use the stiffness of springs that a scene sets in `[fabric]`; empty otherwise."""
+    section = SOLVER_CATALOG[scene.solver.name].stiffness_section
+    names = [name for name in SPRING_KEYS if getattr(scene.fabric, name) != getattr(Fabric(), name)]
+    if section == "fabric" or not names or scene.fabric.preset:
+        return ""
+    return f"{scene.solver.name} uses [{section}], not fabric.{', fabric.'.join(names)}"
 
 
 def started_inside(scene: Scene) -> str:
@@ -154,7 +165,7 @@ def frame_time(ms: float) -> str:
     """Return a frame time [ms] as text, compared with real time."""
     real = 1e3 * FRAME_SECONDS
     if ms <= real:
-        return f"{ms:.2g} of the {real:.1f} ms of a frame"
+        return f"{ms:.2g} ms per frame of {real:.1f} ms"
     time = f"{ms:.0f} ms" if ms < 1000 else f"{two_digits(ms / 1000)} s"
     return f"{time} per frame, {two_digits(ms / real)} times slower than real time"
 

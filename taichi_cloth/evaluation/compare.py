@@ -148,6 +148,8 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
             split_view.write_report(plan, (left, right), distances, measured)
         wide_console().print(printed_table(table([left, right], errors)))
         print(summary(distances, reference))
+        for line in explanations([median_frame_errors(run) for run in (left, right)], errors):
+            print(line)
     print(f"{count_noun(plan.image_count, 'image')} in {plan.out}; a is on the left, b on the right")
     return 0
 
@@ -201,6 +203,11 @@ FRAME_ERROR_COLUMNS = ["frame error [mm]", "residual", "step error"]
 
 def frame_error_cells(run: Run) -> list[str]:
     """Return the median error of a frame, the residual of the iterations and the step error [mm], as text."""
+    return ["-" if value is None else f"{1e3 * value:.2g}" for value in median_frame_errors(run)]
+
+
+def median_frame_errors(run: Run) -> list[float | None]:
+    """Return the median error of a frame, the residual of the iterations and the step error [m]; None if unknown."""
     import numpy as np
 
     converged = [found.parts for found in run.frame_errors if found.reference_has_converged]
@@ -208,7 +215,25 @@ def frame_error_cells(run: Run) -> list[str]:
         [part for parts in converged if (part := parts[name]) is not None]
         for name in ("error", "residual", "step_error")
     ]
-    return [f"{1e3 * np.median(values):.2g}" if values else "-" for values in columns]
+    return [float(np.median(values)) if values else None for values in columns]
+
+
+def explanations(frame_errors: list[list[float | None]], rms_errors: list[float | None]) -> list[str]:
+    """Return lines about figures that seem to contradict each other.
+
+    `frame_errors`: of both sides, as `median_frame_errors`. `rms_errors`: of both sides over the run.
+    """
+    lines = []
+    if any(error and max(residual or 0.0, step or 0.0) > 1.5 * error for error, residual, step in frame_errors):
+        lines.append("residual and step error point in opposite directions: they partly cancel in the frame error")
+    (a, *_), (b, *_) = frame_errors
+    rms_a, rms_b = rms_errors
+    if a and b and rms_a and rms_b and (a < b) != (rms_a < rms_b):
+        lines.append(
+            "a frame error is that of one frame from the state of its own side; in the RMS error those of all frames"
+            " add up or cancel, so the order of the sides can differ"
+        )
+    return lines
 
 
 def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:

@@ -24,6 +24,7 @@ from ..simulation.copies import FrameError, FrameErrorMeter
 from ..simulation.parameter_values import check_frames
 from ..simulation.recording import read_recording, run_recording
 from ..simulation.rollback import DivergenceGuard
+from ..simulation.running_cloth import check_simulation
 from ..simulation.simulation import Simulation as BaseSimulation
 from ..system.errors import Diverged, UsageError
 from ..system.files import next_free_path
@@ -81,6 +82,7 @@ def write_frame(path: Path, format: str, simulation: BaseSimulation, up: str = "
 
 def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y") -> None:
     """Write the cloth as it is now, as `Simulation.export` does."""
+    check_simulation(simulation)
     file = Path(path)
     format = BY_SUFFIX.get(file.suffix.lower(), "")
     if not format or format in CLIP_ONLY_FORMATS:

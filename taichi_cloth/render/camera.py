@@ -8,12 +8,14 @@ Taichi's window toolkit.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import asin, atan2, cos, exp, hypot, inf, log, pi, radians, sin, tan
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..scene import Scene
+from ..geometry.cloth_builder import build_particles
+from ..scene import Camera, Scene
 
 NEAR, FAR = 0.1, 1000.0  # [m] clip planes, those of GGUI
 MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is undefined
@@ -52,7 +54,8 @@ class OrbitCamera:
     @classmethod
     def from_scene(cls, scene: Scene) -> OrbitCamera:
         """Return the camera of a scene, above its ground."""
-        return cls(scene.camera.eye, scene.camera.target, scene.camera.fov, floor_height(scene))
+        camera = camera_of(scene)
+        return cls(camera.eye, camera.target, camera.fov, floor_height(scene))
 
     def reset(self) -> None:
         """Return to the initial target, distance and angles."""
@@ -69,15 +72,20 @@ class OrbitCamera:
     def include(self, points: ArrayLike, aspect: float) -> None:
         """Move the target to the middle of `points`, (N, 3) [m], and the eye back, if not all are in the picture.
 
-        `aspect`: width over height of the picture.
+        `aspect`: width over height of the picture. Of a picture whose target is shifted to the right, only the part on
+        both sides of the target counts, which a panel does not cover.
         """
         points = np.asarray(points, np.float64)
         uv, _ = self.to_screen(points, aspect)
+        covered = 2 * self.view_shift
+        uv[:, 0] = (aspect * uv[:, 0] - covered) / (aspect - covered)
+        aspect -= covered
         if ((uv >= 0) & (uv <= 1)).all():  # NaN behind the eye
             return
         self.target = (points.min(axis=0) + points.max(axis=0)) / 2
         right, up, back = ((points - self.target) @ axis for axis in self._axes())
         half = tan(self.fov / 2)
+        right = right + 2 * self.view_shift * half * back  # nearer points are shifted more than the target
         needed = np.maximum(np.abs(up), np.abs(right) / aspect) / half + back
         self.distance = max(INCLUDE_MARGIN * float(needed.max()), NEAR)
         self._stay_above_floor()
@@ -179,6 +187,23 @@ class OrbitCamera:
         front = depth > 0
         uv[front] = (clip[front, :2] / depth[front, None] + 1) / 2
         return uv, depth
+
+
+DISTANCE_OF_COVER = 0.95  # of the eye, over that at which a ball around the cloth is as high as the image
+
+
+def camera_of(scene: Scene) -> Camera:
+    """Return the camera of a scene; if it sets none, one that frames the cloth at its start, from the same side."""
+    camera = scene.camera
+    if camera != Camera():
+        return camera
+    points = build_particles(scene).start
+    target = (points.min(axis=0) + points.max(axis=0)) / 2
+    radius = float(np.linalg.norm(points - target, axis=1).max())
+    away = np.subtract(camera.eye, camera.target)
+    distance = DISTANCE_OF_COVER * radius / tan(radians(camera.fov) / 2)
+    eye = target + away * max(distance, 2 * NEAR) / np.linalg.norm(away)
+    return replace(camera, eye=tuple(eye.tolist()), target=tuple(target.tolist()))
 
 
 def floor_height(scene: Scene) -> float:

@@ -125,7 +125,11 @@ GLYPHS = {
     "-": "... ... ### ... ...",
     ".": "... ... ... ... .#.",
     "%": "#.# ..# .#. #.. #.#",
+    "a": "... .## #.# #.# .##",
+    "e": ".#. #.# ### #.. .##",
+    "f": ".## #.. ### #.. #..",
     "m": "... ... ##. ### #.#",
+    "r": "... #.# ##. #.. #..",
     "u": "... #.# #.# ### #..",
     " ": "... ... ... ... ...",
 }
@@ -156,7 +160,7 @@ UNIT = 1 / 216  # [image heights] a pixel of a glyph
 STEPS = 40  # colors in the bar
 BAR_WIDTH, BAR_HEIGHT, MARGIN = 5, 80, 8  # [units]
 TEXT_COLOR = (0.22, 0.23, 0.25)
-MAX_RECTANGLES = 400  # of a scale
+MAX_RECTANGLES = 500  # of a scale
 
 Rectangles = NDArray[np.float64]
 
@@ -168,6 +172,8 @@ class Scale:
     labels: dict[float, str]
     largest: float
     """The largest value: a strain, or a distance [m]."""
+    caption: str = ""
+    """Text below the bar."""
 
 
 STRAIN_SCALE = Scale(
@@ -175,10 +181,10 @@ STRAIN_SCALE = Scale(
 )
 
 
-def distance_scale(largest: float) -> Scale:
+def distance_scale(largest: float, caption: str = "") -> Scale:
     """Return the scale of distances from 0 to `largest` [m]."""
     unit, name = (1e-3, "mm") if largest >= 1e-3 else (1e-6, "um")
-    return Scale({f: f"{f * largest / unit:g}{name if f else ''}" for f in (0.0, 0.5, 1.0)}, largest)
+    return Scale({f: f"{f * largest / unit:g}{name if f else ''}" for f in (0.0, 0.5, 1.0)}, largest, caption)
 
 
 def rounded_up(value: float) -> float:
@@ -202,6 +208,7 @@ def legend_rectangles(scale: Scale) -> tuple[Rectangles, Rectangles]:
     for fraction, text in scale.labels.items():
         y = BAR_HEIGHT * (0.5 - (fraction - low) / (high - low))
         ink += [(left - 2, y - 0.5, 2, 1), *text_rectangles(text, left - 4 - text_width(text), y - GLYPH_HEIGHT / 2)]
+    ink += [*text_rectangles(scale.caption, -MARGIN - text_width(scale.caption), BAR_HEIGHT / 2 + GLYPH_HEIGHT)]
     return np.array([*bar, *ink]), np.concatenate([colors, np.tile(TEXT_COLOR, (len(ink), 1))])
 
 

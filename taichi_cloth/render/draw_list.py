@@ -20,6 +20,7 @@ from ..scene.schema import Scene
 from ..simulation.simulation import Simulation
 from ..state.field_pool import Pool, upload
 from . import fill, lighting
+from .camera import camera_of
 from .colors import STRAIN_SCALE, Scale, distance_scale, pattern_colors, rgb, rounded_up
 
 Floats = NDArray[np.float32]
@@ -152,13 +153,16 @@ class DrawList:
         self.simulation = simulation
         self.errors: NDArray[np.float64] | None = None
         """Error of each particle [m], (N,), for the view `error`; None if it was not measured."""
+        self.error_frame: int | None = None
+        """Number of the frame that had these errors, for the caption of the scale; None if it is the present one."""
         scene, topology = simulation.scene, simulation.topology
-        distance = float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
+        self._camera = camera_of(scene)
+        distance = float(np.linalg.norm(np.subtract(self._camera.eye, self._camera.target)))
         self._sphere, self._marker = (closed_surface.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
         self._pins = simulation.added_pins
         self._spring_length = mean_spring_length(topology)
         self._marker_radius = marker_radius(topology)
-        self._shadow_frame = ti.math.vec4(*scene.camera.target, SHADOW_EXTENT * distance)
+        self._shadow_frame = ti.math.vec4(*self._camera.target, SHADOW_EXTENT * distance)
         self._floor_extent = FLOOR_EXTENT * distance  # [m] half the side of the floor
 
         colliders = simulation.colliders()
@@ -222,7 +226,8 @@ class DrawList:
         """Return the color scale of a view, or None if it has none, or if no error was measured."""
         if view == "strain":
             return STRAIN_SCALE
-        return distance_scale(self._full_error) if view == "error" and self._full_error else None
+        caption = "" if self.error_frame is None else f"frame {self.error_frame}"
+        return distance_scale(self._full_error, caption) if view == "error" and self._full_error else None
 
     @property
     def _full_error(self) -> float:
@@ -300,7 +305,7 @@ class DrawList:
     def _floor_center(self) -> NDArray[np.float64]:
         """Return the point of the floor below the camera's target [m], (3,)."""
         scene = self.simulation.scene
-        x, _, z = scene.camera.target
+        x, _, z = self._camera.target
         return np.array([x, scene.ground.height if scene.ground else 0.0, z])
 
     # -- colors of the cloth -------------------------------------------------------------------------------------------

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..scene.reader import check_keys
+from ..simulation.running_cloth import check_simulation
 from ..simulation.simulation import Simulation
 from ..system.errors import UsageError, choose_from, short_repr
 from ..system.taichi_runtime import check_thread
-from .camera import OrbitCamera
+from .camera import OrbitCamera, camera_of
 from .colors import draw_legend
 from .draw_list import VIEWS, DrawList
 from .image_files import Pixels, encode_png, write_png
@@ -76,13 +77,15 @@ def render_image(
     """Return an image of the current frame. `size`: width and height [pixels].
 
     `view`: "shaded", "strain", "error" (if it was measured), "wireframe" or "particles". `eye` and `target`: positions
-    of the camera, and of what it looks at [m]; without one, that of the scene's camera.
+    of the camera, and of what it looks at [m]; without one, that of the scene's camera, which frames the cloth if the
+    scene sets none.
 
     Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, an
     unknown view, and a position that a scene does not allow: one not of three numbers, or a camera that looks straight
     up or down. Raises UsageError for the view "error" of a frame without a measured error.
     """
     check_thread()
+    check_simulation(simulation)
     if view not in VIEWS:
         raise ValueError(f"unknown view {view!r}{choose_from(view, VIEWS)}")
     if np.shape(size) != (2,) or not all(isinstance(n, (int, np.integer)) and 1 <= n <= MAX_SIDE for n in size):
@@ -90,7 +93,7 @@ def render_image(
     places: dict[str, Any] = {"eye": eye, "target": target}
     scene = simulation.scene
     places = {name: place for name, place in places.items() if place is not None}
-    seen = replace(scene, camera=replace(scene.camera, **places))
+    seen = replace(scene, camera=replace(camera_of(scene), **places))
     check_keys(seen)
     camera = OrbitCamera.from_scene(seen)
     error = getattr(simulation, "frame_error", None)  # of `tc.Simulation` only

@@ -21,7 +21,7 @@ from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, UsageError
 from ..system.files import atomic_file
 from ..system.taichi_runtime import machine
-from .camera import OrbitCamera, floor_height
+from .camera import OrbitCamera, camera_of, floor_height
 from .draw_list import DrawList
 from .image import render_pixels
 from .image_files import Pixels
@@ -38,9 +38,10 @@ MIN_ASPECT = (
 
 def camera_for_both(scene: Scene, aspect: float) -> OrbitCamera:
     """Return the scene's camera, farther away for an aspect ratio below `MIN_ASPECT`, to show the same width."""
-    eye, target = np.array(scene.camera.eye), np.array(scene.camera.target)
+    camera = camera_of(scene)
+    eye, target = np.array(camera.eye), np.array(camera.target)
     far = target + max(1.0, MIN_ASPECT / aspect) * (eye - target)
-    return OrbitCamera(far, target.tolist(), scene.camera.fov, floor_height(scene))
+    return OrbitCamera(far, target.tolist(), camera.fov, floor_height(scene))
 
 
 def half_width(width: int) -> int:

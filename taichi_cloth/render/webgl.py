@@ -24,6 +24,7 @@ from ..scene.schema import Scene
 from ..simulation.simulation import Simulation
 from ..system.errors import one_line
 from . import draw_list, lighting, split_view
+from .camera import camera_of
 from .draw_list import TriangleSoup, collider_mesh, pole_mesh, with_color
 
 # -- HTML templates ----------------------------------------------------------------------------------------------------
@@ -122,7 +123,8 @@ class Solids:
 
 def air(scene: Scene) -> dict[str, object]:
     """Return camera, light and floor with the values of the window, for JSON; lengths in m, colors as factors 0…1."""
-    camera, distance = scene.camera, float(np.linalg.norm(np.subtract(scene.camera.eye, scene.camera.target)))
+    camera = camera_of(scene)
+    distance = float(np.linalg.norm(np.subtract(camera.eye, camera.target)))
     light = {
         "lightDirection": lighting.LIGHT_DIRECTION,
         "shadowU": lighting.SHADOW_U,

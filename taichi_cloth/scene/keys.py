@@ -180,6 +180,19 @@ class Table:
         object.__setattr__(table, "given_keys", frozenset((*list(known)[: len(args)], *keywords)))
         return table
 
+    def _set_defaults(self, **values: Any) -> None:
+        """Set the fields that were not given, for defaults that depend on other fields."""
+        for name in values.keys() - self.given_keys:
+            object.__setattr__(self, name, values[name])
+
+
+def given_table(section: Any) -> dict[str, Any]:
+    """Return the keys that a dict or an object of a section sets; none for any other value."""
+    if isinstance(section, Table):
+        cls: type = type(section)
+        return {name: getattr(section, name) for name in keys_of(cls) if name in section.given_keys}
+    return dict(section) if isinstance(section, dict) else {}
+
 
 class Section(NamedTuple):
     """One section of a scene: its table in a file, and its class."""

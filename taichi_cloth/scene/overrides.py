@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from ..system.errors import Mistakes, SceneError, nearest_name, new_key
-from .keys import Section, keys_of
+from .keys import Section, given_table, keys_of
 from .schema import GRID_KEYS, Cloth, Scene, sections
 from .solver_catalog import SOLVER_CATALOG
 from .toml_io import parse_toml
@@ -46,18 +46,12 @@ def plain_tables(name: str, value: Any) -> Any:
     part = sections().get(name)
     if part is not None and isinstance(value, (list, tuple)):
         return [plain_tables(name, one) for one in value]
-    if part is not None and isinstance(value, part.cls):
-        return _given_table(value)
-    return dict(value) if isinstance(value, dict) else value
-
-
-def _given_table(section: Any) -> dict[str, Any]:
-    """Return the keys that were set when a section was made, as a file that sets them has it."""
-    cls: type = type(section)
-    names = [name for name in keys_of(cls) if name in section.given_keys]
-    if isinstance(section, Cloth) and section.file and section.given_keys.issuperset(GRID_KEYS):  # one of a scene
-        names = [name for name in names if name not in GRID_KEYS]
-    return {name: getattr(section, name) for name in names}
+    if part is None or not isinstance(value, (dict, part.cls)):
+        return value
+    table = given_table(value)
+    if isinstance(value, Cloth) and value.file and table.keys() >= {*GRID_KEYS}:  # of a scene, with all keys
+        table = {key: value for key, value in table.items() if key not in GRID_KEYS}
+    return table
 
 
 def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> None:

@@ -9,13 +9,14 @@ from typing import Any, TypeVar
 
 from ..system.errors import Mistakes, SceneError, nearest_name, short_repr
 from .collider_schema import PROJECTION, RESPONSES, ContactProperties, Mesh, RoundCollider
-from .keys import check_table, check_value, keys_of, types_of
+from .keys import check_table, check_value, given_table, keys_of, types_of
 from .overrides import apply_override, is_section, plain_tables, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
-from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, SOLVER_DEFAULT_KEYS, Cloth, Scene, sections
+from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Scene, sections
 from .toml_io import parse_toml, scene_to_toml
 
 MAX_BYTES = 1_000_000  # of a scene file
+SOLVER_DEFAULT_KEYS = ("substeps", "iterations")  # keys of [solver] with defaults per solver
 MeshOrCloth = TypeVar("MeshOrCloth", Mesh, Cloth)
 
 
@@ -92,7 +93,7 @@ def _dropped_keys(key: str, value: Any, scene: Scene) -> dict[str, tuple[str, ..
     A fabric preset replaces all fabric keys; another solver replaces substeps and iterations.
     """
     if is_section(key, value):  # it has replaced its own keys
-        preset = key == "fabric" and value is not None and plain_tables(key, value).get("preset")
+        preset = key == "fabric" and given_table(value).get("preset")
         return {name: keys for name, keys in PRESET_KEYS.items() if name != key} if preset else {}
     targets = [(part.name, name) for part, name in targets_of(key) if part]
     if targets == [("fabric", "preset")]:

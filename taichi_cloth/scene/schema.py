@@ -12,12 +12,10 @@ from typing import get_args, get_origin
 
 from ..system.errors import Mistakes
 from .collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
-from .keys import CORNERS, Pins, Section, Table, Vec3, check_table, key_field, keys_of, types_of
+from .keys import CORNERS, Pins, Section, Table, Vec3, check_table, given_table, key_field, keys_of, types_of
 from .solver_catalog import SOLVER_CATALOG
 
 FRAME_SECONDS = 1 / 60  # [s] duration of a frame
-
-
 SOLVER_NAMES = tuple(SOLVER_CATALOG)
 PATTERN_NAMES = ("plain", "check", "stripe", "gingham", "twill", "ring")  # render/colors.py
 PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
@@ -78,8 +76,8 @@ class Cloth(Table):
     folder: str = field(default="", metadata={"derived": "folder of the scene file, for a mesh that is not shipped"})
 
     def __post_init__(self) -> None:
-        if self.file and "pins" not in self.given_keys:
-            object.__setattr__(self, "pins", ())
+        if self.file:
+            self._set_defaults(pins=())
 
 
 # Keys of [cloth] that apply to grids only.
@@ -188,9 +186,6 @@ class Fabric(Table):
     )
 
 
-SOLVER_DEFAULT_KEYS = ("substeps", "iterations")  # keys of [solver] in `SolverInfo.defaults`
-
-
 @dataclass(frozen=True)
 class Solver(Table):
     """The solver and its settings. Substeps and iterations that are not set have the defaults of the solver."""
@@ -216,10 +211,9 @@ class Solver(Table):
     damping: float = key_field(1.5, "rate at which velocities decay", "1/s", min=0.0, max=1e6, slider=(0.0, 10.0))
 
     def __post_init__(self) -> None:
-        if isinstance(self.name, str) and self.name in SOLVER_CATALOG:  # not checked yet
-            for key, default in zip(SOLVER_DEFAULT_KEYS, SOLVER_CATALOG[self.name].defaults, strict=True):
-                if key not in self.given_keys:
-                    object.__setattr__(self, key, default)
+        info = SOLVER_CATALOG.get(self.name) if isinstance(self.name, str) else None  # it is not checked yet
+        if info is not None:
+            self._set_defaults(substeps=info.substeps, iterations=info.iterations)
 
 
 @dataclass(frozen=True)
@@ -248,10 +242,10 @@ class Tethers(Table):
 
     slack: float = key_field(
         1.01,
-        "maximum distance to a pin, relative to that on the flat sheet",
-        min=1.0,
-        max=2.0,
-        slider=(1.0, 1.2),
+        "maximum distance to a pin over that on the flat sheet",
+        min=1,
+        max=2,
+        slider=(1, 1.2),
         param="TETHER_SLACK",
     )
 
@@ -321,7 +315,7 @@ class SelfCollision(Table):
 
 @dataclass(frozen=True)
 class Camera(Table):
-    """The camera of the window and of images."""
+    """The camera of the window and of images. Without this section it frames the cloth."""
 
     eye: Vec3 = key_field((3.5, 2.6, 6.5), "position of the camera", "m", min=-1e5, max=1e5)
     target: Vec3 = key_field((0.0, 1.9, 0.0), "point that the camera looks at", "m", min=-1e5, max=1e5)
@@ -335,10 +329,7 @@ class Look(Table):
     color: str = key_field("#b5303c", "first color of the pattern", color=True)
     second_color: str = key_field("#e9dcc3", "second color of the pattern", color=True)
     pattern_scale: int = key_field(
-        3,
-        "cells per check, per stripe or per half period of a twill; on a mesh file, edges per ring",
-        min=1,
-        max=2048,
+        3, "cells per check, per stripe or per half period of a twill; on a mesh file, edges per ring", min=1, max=2048
     )
     pattern: str = key_field("check", "pattern of the two colors", choices=PATTERN_NAMES)
     sheen: float = key_field(0.08, "brightness of the specular highlight", min=0.0, max=1.0)
@@ -382,7 +373,8 @@ class Scene(Table):
 
     def __post_init__(self) -> None:
         mistakes = Mistakes(self.name)
-        if _names_a_preset(self.fabric):
+        fabric = given_table(self.fabric)
+        if fabric.get("preset") and len(fabric) < len(keys_of(Fabric)):  # that of a scene has all keys
             example = f'load_scene(tc.Scene(...), fabric="{PRESET_NAMES[0]}")'
             mistakes.add("fabric.preset", f"is applied by load_scene only, as in tc.{example}")
         values = check_table(Scene, {key: getattr(self, key) for key in keys_of(Scene)}, mistakes)
@@ -391,13 +383,6 @@ class Scene(Table):
         mistakes.raise_first()
         for name, value in values.items():
             object.__setattr__(self, name, value)
-
-
-def _names_a_preset(fabric: object) -> bool:
-    """Return whether a fabric has a preset that was not applied: other keys were not set."""
-    if isinstance(fabric, Fabric):
-        return bool(fabric.preset) and not fabric.given_keys.issuperset(keys_of(Fabric))
-    return isinstance(fabric, dict) and bool(fabric.get("preset"))
 
 
 # Sections of `Scene` with colliders, in the order of the collider table.

@@ -1,8 +1,8 @@
 """Estimates of the error, the cost and the frame time of a solver setting, without simulating.
 
-Error of motion: measured by `taichi-cloth bench --error` on the swinging curtain, or from a scaling law. It is the root
-mean square of all position errors over the first second of a swing from 45°, as a fraction of the side. Errors of
-contact and wind are not included.
+Error of motion: measured by `taichi-cloth bench --error` on the swinging curtain. It is the root mean square of all
+position errors over the first second of a swing from 45°, as a fraction of the side. Errors of contact and wind are not
+included.
 
 Artificial stretch of a hanging sheet by iterations that do not converge: in each substep of h seconds every particle
 falls by g·h², and red-black Gauss-Seidel iterations over the springs correct that. On a sheet of N rows below its pins,
@@ -25,7 +25,7 @@ from __future__ import annotations
 import csv
 from dataclasses import dataclass, replace
 from functools import cache
-from math import exp, hypot, log, sqrt
+from math import hypot, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,13 +57,6 @@ from ..system.errors import UsageError
 
 # Fewest stable substeps of explicit solvers.
 MIN_STABLE_SUBSTEPS = {"explicit": min_symplectic_substeps, "rk4": min_rk4_substeps}
-
-# Scaling law of `verlet` and `xpbd`, within a factor of 1.6 of every measured row it is used for: Euler steps have an
-# error of EULER_ERROR·h·√(g/L) even if each step is solved exactly, and iterations leave a stretch of
-# ½·N²·g·h²/iterations.
-EULER_ERROR = 1.05
-MAX_LAW_SUBSTEPS = {"verlet": 40, "xpbd": 60}  # most substeps the law holds for: above, float32 rounding dominates
-
 
 # -- error of motion ---------------------------------------------------------------------------------------------------
 
@@ -114,46 +107,6 @@ def settings_near(cells: float) -> list[MeasuredSetting]:
     """Return the measured settings of the grid closest in size."""
     grid = min({row.cells for row in measured()}, key=lambda n: (abs(log(n / cells)), n))
     return [row for row in measured() if row.cells == grid]
-
-
-def estimate(scene: Scene, solver: str, substeps: int, iterations: int, gravity: float) -> float | None:
-    """Return the error of a setting on a scene, measured or by the scaling law; None if neither applies.
-
-    `gravity`: current value [m/s²].
-    """
-    if scene.cloth.file:  # only grids were measured
-        return None
-    cells = cells_of(scene)
-    for row in settings_near(cells):
-        if row.solver == solver and solver in MIN_STABLE_SUBSTEPS:  # it takes as many substeps as it needs on any grid
-            return row.error
-    for row in measured():
-        if (row.solver, row.cells, row.substeps, row.iterations) == (solver, cells, substeps, iterations):
-            return row.error
-    if solver == "lines":
-        return interpolate_lines(cells, substeps)
-    if substeps > MAX_LAW_SUBSTEPS.get(solver, 0):
-        return None
-    return scaling_law(cells, substeps, iterations, gravity, scene.cloth.height)
-
-
-def interpolate_lines(cells: int, substeps: int) -> float | None:
-    """Return the error of `lines` by log-log interpolation of the closest grid; None outside the measured substeps."""
-    rows = [row for row in settings_near(cells) if row.solver == "lines"]
-    steps, errors = ([log(getattr(row, name)) for row in rows] for name in ("substeps", "error"))
-    if not rows[0].substeps <= substeps <= rows[-1].substeps:
-        return None
-    return exp(float(np.interp(log(substeps), steps, errors)))
-
-
-def scaling_law(cells: int, substeps: int, iterations: int, gravity: float, height: float) -> float:
-    """Return the error of `verlet` and `xpbd`, as a fraction of the side: of Euler steps and of unconverged iterations.
-
-    `gravity` [m/s²], `height` of the sheet [m].
-    """
-    h = FRAME_SECONDS / substeps
-    time_step_error = EULER_ERROR * h * sqrt(gravity / height)
-    return hypot(time_step_error, cells**2 * gravity * h**2 / (2 * iterations * height))
 
 
 def settings_for_error(scene: Scene, target: float, only: str | None = None) -> tuple[Scene, str]:
@@ -368,15 +321,16 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
     if not rows or not gravity:
         return ""
     factor = STRETCH_WITH_SHEAR if len(topology.family("shear")) else 1.0
+    rest = float(np.median(topology.rest[topology.family("structural")]))
     if scene.solver.name == "verlet":
-        rest = float(np.median(topology.rest[topology.family("structural")]))
         stretch = factor * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
         return f"not converged: {100 * stretch:.1f} % artificial stretch" if stretch >= MIN_REPORTED_STRETCH else ""
     if scene.solver.name == "xpbd":
-        mass = float(np.median(topology.mass))
-        fraction = factor * unconverged_fraction(max(scene.fabric.warp, scene.fabric.weft), mass, h, iterations)
+        mass, constant = float(np.median(topology.mass)), max(scene.fabric.warp, scene.fabric.weft)
+        fraction = factor * unconverged_fraction(constant, mass, h, iterations)
+        stretch = fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet
         return (
-            f"not converged: elongation is {100 * fraction:.0f} % above the static solution"
+            f"not converged: {100 * stretch:.2g} % artificial stretch, forces {100 * fraction:.0f} % too large"
             if fraction >= MIN_REPORTED_FRACTION
             else ""
         )

@@ -22,6 +22,7 @@ from ..system.taichi_runtime import cpu_model, machine
 from .checkpoint import checkpoint_bytes
 from .events import EVENTS, Event
 from .rollback import DivergenceGuard
+from .running_cloth import check_simulation
 from .simulation import Simulation
 
 FORMAT = 3
@@ -53,6 +54,7 @@ class Recorder:
     """
 
     def __init__(self, simulation: Simulation) -> None:
+        check_simulation(simulation)
         self.simulation = simulation
         self.scene = simulation.scene
         self._begin()

@@ -320,6 +320,13 @@ class RunningCloth:
             self.solver.rebuild_topology(remaining, stiffness)
 
 
+def check_simulation(value: object) -> None:
+    """Raise TypeError for a scene, and for anything else that is not a simulation."""
+    if not isinstance(value, RunningCloth):
+        hint = ": use tc.Simulation(scene)" if isinstance(value, (Scene, str, dict)) else ""
+        raise TypeError(f"a simulation is needed, not a {type(value).__name__}{hint}")
+
+
 def timed_frame(simulation: RunningCloth) -> float:
     """Run one frame and return its time [ms]."""
     start = time.perf_counter()

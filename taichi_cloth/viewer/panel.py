@@ -19,7 +19,7 @@ from ..scene.schema import FRAME_SECONDS, Solver
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.builder import unsupported_by
 from ..simulation.copies import FeatureTimes
-from ..simulation.error_estimate import estimate, nearest_setting
+from ..simulation.error_estimate import nearest_setting
 from ..simulation.simulation import Simulation
 from . import charts
 from .error_process import error_lines
@@ -36,8 +36,8 @@ PANEL_HEIGHT = 700  # [pixels] room for the longest page
 # Characters in a line: the toolkit's padding is 8 pixels, its scroll bar 14, and a character is 7 pixels wide.
 LINE_LENGTH = (PANEL_WIDTH - 2 * 8 - 14) // 7
 HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 68 characters
-MIN_SHOWN_ERROR = 1e-4  # fraction of the cloth's side: smaller errors are reported as below it
-SUMMARY_LINES = 5  # lines of the statistics that most pages show; all show the first
+SUMMARY_LINES = 6  # lines of the statistics that most pages show; pages with lists show the first two
+LIST_SUMMARY_LINES = 2
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
 MAX_ZOOM_LEVEL = 15.0  # end of the zoom slider [steps], in both directions
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
@@ -105,9 +105,9 @@ class Panel:
             for line in wrap(slow_line(session)):
                 gui.text(line, color=NOTE_COLORS[Refusal])
             if session.page != "Statistics":
-                shown = 1 if session.page in LIST_PAGES else SUMMARY_LINES
-                lines = statistics.splitlines()[:shown]
-                if shown == 1 and session.view == "error" and not session.frame_error:  # why nothing is colored
+                is_list = session.page in LIST_PAGES
+                lines = statistics.splitlines()[: LIST_SUMMARY_LINES if is_list else SUMMARY_LINES]
+                if is_list and session.view == "error" and not session.frame_error:  # why nothing is colored
                     lines.append(error_lines(session.meter)[0])
                 for line in wrapped_lines(lines):
                     gui.text(line)
@@ -306,17 +306,19 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
     """
     simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
     physics, drawn, measuring = map(milliseconds, (session.physics_ms, draw_ms, session.measuring_ms))
+    found = session.frame_error
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
     fabric = simulation.scene.fabric.preset or OWN_FABRIC
+    shown = view or (f"error of frame {found.frame}" if session.view == "error" and found else session.view)
     lines = (
-        f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
-        f"frame {simulation.frame} · {fps:.0f} fps",
-        f"physics {physics} + {drawing} {drawn} + measuring {measuring} of {1e3 * FRAME_SECONDS:.1f} ms",
+        f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {shown}",
+        f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}",
+        f"physics {physics} ms of {1e3 * FRAME_SECONDS:.1f} ms",
+        f"{drawing} {drawn} ms, measuring {measuring} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
         *error_lines(session.meter),
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
         f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
-        f"this setting on the swinging curtain: {error_text(simulation)}",
         *([] if metrics.intersections is None else [f"self-intersections: {metrics.intersections} edges"]),
         f"{simulation.method}: {' '.join(simulation.features)}",
         f"{topology.particle_count} particles, {topology.spring_count} springs, {topology.pinned.sum()} pins",
@@ -369,17 +371,3 @@ def slow_line(session: Session) -> str:
         fewer = {"iterations": iterations > 1, "substeps": simulation.substeps > simulation.min_stable_substeps}
         faster = next((f"fewer {name}" for name, possible in fewer.items() if possible), "a coarser cloth")
     return f"too slow: a frame needs {ms:.3g} ms of {limit:.1f}; try {faster}"
-
-
-def error_text(s: Simulation) -> str:
-    """Return the error of the current solver settings for a swinging cloth, in % of its side, if known.
-
-    It depends on the setting only, not on what the cloth does now.
-    """
-    error = estimate(s.scene, s.solver.name, s.substeps, int(s.params["iterations"]), float(s.params["gravity"]))
-    if error is None:
-        return "error unknown"
-    # Smaller errors of a swinging sheet do not carry over to other scenes.
-    return (
-        f"error about {100 * error:.2g} %" if error >= MIN_SHOWN_ERROR else f"error below {100 * MIN_SHOWN_ERROR:g} %"
-    )

@@ -21,6 +21,7 @@ from ..render.draw_list import VIEWS, DrawList
 from ..scene import Scene, SceneError, scene_names
 from ..scene.overrides import removable_sections, scene_without
 from ..simulation.copies import FeatureTimes, FrameError
+from ..simulation.events import Event
 from ..simulation.recording import Recorder
 from ..simulation.rollback import DivergenceGuard, RewindBuffer
 from ..simulation.simulation import Simulation
@@ -38,6 +39,7 @@ from .input import (
     OWN_FABRIC,
     PAGES,
     REWIND_RATES,
+    UNDONE,
     Deferred,
     Progress,
     Refusal,
@@ -58,25 +60,19 @@ class Session:
 
         Raises SceneError and UsageError as `Simulation` does.
         """
-        self.running = True
-        """False once the user has quit."""
+        self.running = True  # until the user quits
         self.frozen = False
-        self.hidden = False
-        """Whether the panel is hidden."""
+        self.hidden = False  # whether the panel is
         self.view = VIEWS[0]
         self.speed = "1"  # simulated time per wall time, by its name in `SPEEDS`
-        self.page = PAGES[0]
-        """Page of the panel."""
-        self.charts = False
-        """Whether the charts are shown."""
+        self.page = PAGES[0]  # of the panel
+        self.charts = False  # whether the charts are shown
         self.physics_ms = 0.0
         """Time of one frame, mean over the frames of the last displayed frame [ms]; 0 before the first."""
-        self.measuring_ms = 0.0
-        """Time of the last measurement [ms]."""
+        self.measuring_ms = 0.0  # of the last measurement
         self.note = ""
         """One line for the user: of success, a `Progress`, or a `Refusal`."""
-        self.size = (1280, 720)
-        """Size of the last image [pixels]."""
+        self.size = (1280, 720)  # of the last image [pixels]
         self.pointer = Pointer()
         self.meter: ErrorProcess | None = None  # if errors of frames are measured
         self.deferred = Deferred()  # until the next frame was displayed
@@ -86,6 +82,7 @@ class Session:
 
     def _open(self, scene: Scene) -> None:
         self.simulation = Simulation(scene, self.layout)
+        self.simulation.listeners.append(self._on_event)
         self.recorder = Recorder(self.simulation)
         self._full_scene = scene  # with all its features
         self.fabric = ""
@@ -100,15 +97,12 @@ class Session:
             self.simulation.close()
             raise
         self.camera = OrbitCamera.from_scene(scene)
-        self.dragger = Dragger(self.simulation)
-        """The dragger of the window's mouse."""
-        self.draggers = {0: self.dragger}
-        """The draggers of all cursors, by number."""
+        self.dragger = Dragger(self.simulation)  # of the window's mouse
+        self.draggers = {0: self.dragger}  # of all cursors, by number
         self._guard = DivergenceGuard(self.simulation)
         radii = (share * self.simulation.topology.longest_side for share in GRAB_RADII)
         self.default_grab_radius, self.max_grab_radius = radii  # [m]
-        self.grab_radius = self.default_grab_radius
-        """Grab radius [m]."""
+        self.grab_radius = self.default_grab_radius  # [m]
         self.measure()
 
     def refresh(self) -> None:
@@ -117,6 +111,11 @@ class Session:
         self.draw_list.close()
         self.draw_list = DrawList(self.simulation)
         self._guard = DivergenceGuard(self.simulation)
+
+    def _on_event(self, event: Event) -> None:
+        """Forget the error of a frame that ran with another setting."""
+        if event.name == "set_param" and self.meter is not None:
+            self.meter.forget()
 
     def forget_measurements(self) -> None:
         """Forget times and errors of frames, which are not those of the cloth that runs now."""
@@ -331,7 +330,8 @@ class Session:
         self.note = self.capture.status() or self.note
         if not self.frozen:
             self.simulate(frames)
-        self.draw_list.errors = self.frame_error.by_particle if self.frame_error else None
+        found = self.frame_error
+        self.draw_list.errors, self.draw_list.error_frame = (found.by_particle, found.frame) if found else (None, None)
 
     def simulate(self, frames: int) -> None:
         """Advance the cloth by a number of frames, also if it is frozen."""
@@ -364,13 +364,13 @@ class Session:
     def go_back(self, seconds: float) -> None:
         """Freeze, and restore the state nearest to `seconds` [s] before the newest one."""
         if seconds != self.rewind_buffer.back:
-            self._restore(lambda: self.rewind_buffer.go_back(seconds))
+            self._restore(lambda: self.rewind_buffer.go_back(seconds), "")
 
     def undo(self) -> None:
         """Restore the state before the last pull or change of pins. The note says if there is none."""
-        self._restore(self.rewind_buffer.undo)
+        self._restore(self.rewind_buffer.undo, UNDONE)
 
-    def _restore(self, restore: Callable[[], bool]) -> None:
+    def _restore(self, restore: Callable[[], bool], note: str) -> None:
         if self.capture.clip_is_on:
             self.note = Refusal("cannot go back in time while recording a clip: press C to stop it")
             return
@@ -379,7 +379,7 @@ class Session:
         if not restore():
             self.note = Refusal(NOTHING_TO_UNDO)
             return
-        self.frozen, self.note = True, ""
+        self.frozen, self.note = True, note
         if (self.simulation.topology.pinned != pins).any():
             self.refresh()
         self.forget_measurements()

@@ -345,7 +345,8 @@ class MessageBuilder:
         scale, errors = draw_list.scale("error"), draw_list.errors
         labels = [] if scale is None else [scale.labels[fraction] for fraction in (1.0, 0.5, 0.0)]
         shares = [] if scale is None or errors is None else [np.rint(255 * errors / scale.largest).astype(np.uint8)]
-        return pack_message({"kind": "frameError", "sceneId": self.scene_id, "labels": labels}, shares)
+        frame = draw_list.error_frame
+        return pack_message({"kind": "frameError", "sceneId": self.scene_id, "frame": frame, "labels": labels}, shares)
 
     def metrics(self, sending_ms: float, update_rate: float, clients: int) -> bytes:
         """Return the message with timings and the session's last metrics.

@@ -15,13 +15,10 @@ from taichi_cloth.scene.collider_schema import Ground, Plane
 from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver, Tearing
 from taichi_cloth.simulation import error_estimate
 from taichi_cloth.simulation.error_estimate import (
-    MAX_LAW_SUBSTEPS,
     MIN_STABLE_SUBSTEPS,
     cost_of,
-    estimate,
     measured,
     nearest_setting,
-    scaling_law,
     settings_for_error,
     settings_near,
 )
@@ -72,22 +69,6 @@ def test_a_faster_solver_is_the_most_accurate_that_is_fast_enough_or_else_the_fa
     assert faster_solver(64, solvers["xpbd"], [], 100.0, 16.7) == ""
 
 
-IN_RANGE_OF_LAW = [row for row in measured() if row.substeps <= MAX_LAW_SUBSTEPS.get(row.solver, 0)]
-
-
-@pytest.mark.parametrize("row", IN_RANGE_OF_LAW, ids=lambda row: f"{row.cells}-{row.setting}")
-def test_the_scaling_law_holds_where_it_is_used(row) -> None:
-    estimated = scaling_law(row.cells, row.substeps, row.iterations, 9.81, 1.0)
-    assert row.error / 1.6 < estimated < row.error * 1.6
-
-
-@pytest.mark.parametrize("row", settings_near(64), ids=lambda row: row.setting)
-def test_the_estimate_of_a_measured_setting_is_the_measured_error(row) -> None:
-    error = estimate(square(64), row.solver, row.substeps, row.iterations, 9.81)
-    same = [r.error for r in settings_near(64) if r.solver == row.solver]
-    assert error == (same[0] if row.solver in MIN_STABLE_SUBSTEPS else row.error)
-
-
 # A row of the smallest grid for every solver.
 SIMULATED = [
     ("verlet", 5, 12),
@@ -112,26 +93,6 @@ def test_the_shipped_errors_can_be_reproduced(
     found = error_sweep.measure(Curtain(grid), solver, factor, iterations)
     assert found.substeps == substeps
     assert found.rms_error == pytest.approx(row.error, rel=0.02, abs=2e-6)  # float32 at one meter
-
-
-def test_the_scaling_law_is_used_for_unmeasured_settings_without_rounding() -> None:
-    curtain = load_scene("curtain")
-    coarse, fine = (estimate(curtain, "verlet", n, 12, 9.81) for n in (3, 30))
-    assert coarse is not None
-    assert fine is not None
-    assert coarse > 10 * fine
-    assert estimate(curtain, "verlet", 3, 12, 0.0) == 0.0
-    assert estimate(curtain, "verlet", 1000, 12, 9.81) is None
-    assert estimate(curtain, "projective", 7, 3, 9.81) is None
-
-
-def test_the_error_of_lines_is_interpolated_between_two_rows() -> None:
-    rows = [row for row in settings_near(64) if row.solver == "lines"]
-    low, high = rows[1], rows[2]
-    found = estimate(square(64), "lines", (low.substeps + high.substeps) // 2, 1, 9.81)
-    assert found is not None
-    assert high.error < found < low.error
-    assert estimate(square(64), "lines", 1, 1, 9.81) is None
 
 
 def test_the_fastest_setting_that_meets_the_target_is_selected() -> None:

@@ -84,3 +84,20 @@ def test_a_replayed_simulation_can_do_the_same(tmp_path: Path) -> None:
         assert (replayed.positions() == positions).all()
         replayed.export(tmp_path / "c.obj")
         assert replayed._repr_png_() is not None
+
+
+def test_what_needs_a_simulation_refuses_a_scene_in_one_line(taichi: None, tmp_path: Path) -> None:
+    scene = tc.Scene(cloth=tc.Cloth(rows=3, columns=3))
+    for needs_a_simulation in (tc.render_image, tc.Recorder, lambda one: tc.export_mesh(one, tmp_path / "a.obj")):
+        for wrong in (scene, "curtain"):
+            with pytest.raises(TypeError, match=r"a simulation is needed, not a \w+: use tc\.Simulation\(scene\)"):
+                needs_a_simulation(wrong)  # type: ignore[operator]
+    with pytest.raises(TypeError, match=r"a simulation is needed, not a int$"):
+        tc.render_image(3)  # type: ignore[arg-type]
+
+
+def test_a_misspelled_parameter_cannot_be_set_as_an_attribute(taichi: None) -> None:
+    with tc.Simulation({"cloth": {"rows": 3, "columns": 3}}) as simulation:
+        with pytest.raises(AttributeError):
+            simulation.params.gravity = 3.0  # type: ignore[attr-defined]
+        assert repr(simulation.topology) == "<Topology: 9 particles, 26 springs, 8 triangles>"

@@ -9,9 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichi_cloth.render.camera import FAR, FLOOR_CLEARANCE, MAX_ELEVATION, MAX_ZOOM, NEAR, OrbitCamera, floor_height
+from taichi_cloth.geometry.cloth_builder import build_particles
+from taichi_cloth.render.camera import (
+    FAR,
+    FLOOR_CLEARANCE,
+    MAX_ELEVATION,
+    MAX_ZOOM,
+    NEAR,
+    OrbitCamera,
+    camera_of,
+    floor_height,
+)
 from taichi_cloth.scene.collider_schema import Ground
-from taichi_cloth.scene.schema import Scene
+from taichi_cloth.scene.schema import Camera, Cloth, Scene
 
 numbers = st.floats(-50, 50)
 points = st.tuples(numbers, numbers, numbers)
@@ -195,9 +205,10 @@ def test_view_shift_moves_the_target_on_the_screen_and_centers_look_at(
     assert depth == pytest.approx([camera.distance, camera.distance])
 
 
-@pytest.mark.parametrize("aspect", [0.5, 1.0, 1.8])
-def test_points_outside_the_picture_are_included(aspect: float) -> None:
+@pytest.mark.parametrize(("aspect", "covered"), [(0.5, 0.0), (1.0, 0.0), (1.8, 0.0), (1.8, 0.6)])
+def test_points_outside_the_picture_are_included(aspect: float, covered: float) -> None:
     camera = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0, floor=0.0)
+    camera.view_shift = covered / 2  # by a panel at the left, of this width [image heights]
     inside = np.array([[0.0, 1.0, 0.0], [0.1, 1.1, 0.0]])
     before = camera.eye
     camera.include(inside, aspect)
@@ -205,7 +216,32 @@ def test_points_outside_the_picture_are_included(aspect: float) -> None:
     outside = np.random.default_rng(0).uniform((-4, 1, -9), (2, 5, 6), (50, 3))  # some behind the eye
     camera.include(outside, aspect)
     uv, _ = camera.to_screen(outside, aspect)
+    uv[:, 0] = (uv[:, 0] * aspect - covered) / (aspect - covered)
     assert ((uv >= 0) & (uv <= 1)).all()
     assert np.ptp(uv, axis=0).max() > 0.4, "too far away"
     camera.reset()
     assert camera.eye == pytest.approx(before)
+
+
+def test_a_cloth_under_the_panel_is_not_in_the_picture() -> None:
+    camera = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
+    camera.view_shift = 0.3
+    eye, half_height = camera.eye, 3.0 * np.tan(np.radians(20.0))
+    beside, covered = [[1.15 * half_height, 1.0, 0.0]], [[-1.25 * half_height, 1.0, 0.0]]  # the area is ±1.2 wide
+    camera.include(beside, 1.8)
+    assert camera.eye == eye
+    camera.include(covered, 1.8)
+    assert camera.eye != eye
+
+
+@pytest.mark.parametrize("size", [0.1, 1.0, 30.0])
+def test_a_scene_without_a_camera_frames_its_cloth(size: float) -> None:
+    cloth = Cloth(rows=9, columns=9, width=size, height=size, center=(3.0, 40.0, -2.0))
+    camera = OrbitCamera.from_scene(Scene(cloth=cloth))
+    corners = build_particles(Scene(cloth=cloth)).start
+    for aspect in (1.0, 1.8):
+        uv, _ = camera.to_screen(corners, aspect)
+        assert ((uv > 0) & (uv < 1)).all()
+        assert np.ptp(uv[:, 1]) > 0.5
+    own = Camera(eye=(1.0, 2.0, 3.0))
+    assert camera_of(Scene(cloth=cloth, camera=own)) == own

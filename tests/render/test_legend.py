@@ -106,3 +106,13 @@ def test_the_window_legend_changes_with_the_scale() -> None:
     legend.show(canvas, distance_scale(0.002), (1280, 720))
     assert not np.array_equal(legend._color.to_numpy(), strain)
     assert len(legend_rectangles(STRAIN_SCALE)[0]) <= MAX_RECTANGLES
+
+
+def test_the_caption_is_below_the_bar() -> None:
+    plain, captioned = (legend_rectangles(distance_scale(0.002, text))[0] for text in ("", "frame 61"))
+    added = captioned[len(plain) :]
+    assert np.array_equal(captioned[: len(plain)], plain)
+    assert len(added) == len(text_rectangles("frame 61", 0.0, 0.0)) > 40
+    assert added[:, 1].min() > plain[:, 1].max()
+    assert (added[:, 0] + added[:, 2]).max() <= -MARGIN
+    assert len(captioned) < MAX_RECTANGLES

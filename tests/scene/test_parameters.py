@@ -69,3 +69,8 @@ def test_a_parameter_value_is_checked_like_a_key_of_a_file(name: str, value: Any
     with pytest.raises(SceneError) as caught:
         check_parameter(parameters_of(load_scene("curtain"))[name], value)
     assert str(caught.value) == line
+
+
+def test_info_has_the_allowed_range_beside_that_of_the_slider() -> None:
+    wind = parameters_of(load_scene("curtain"))["wind_z"]
+    assert (wind.min, wind.slider_min, wind.slider_max, wind.max) == (-100.0, -12.0, 12.0, 100.0)

@@ -26,10 +26,10 @@ def test_verlet_reports_its_artificial_stretch() -> None:
 
 
 def test_xpbd_reports_its_excess_elongation() -> None:
-    """32 rows at 30×1: 158 %, kh²/m; the default 60×4 leaves 0.2 %, and 14 % for 64 rows."""
-    assert line("xpbd", 32, 30, 1) == "not converged: elongation is 158 % above the static solution"
+    """32 rows at 30×1: kh²/m, 158 %, or ½·32²·9.81/1800² of a meter; 60×4 leaves 0.2 %, and 14 % for 64 rows."""
+    assert line("xpbd", 32, 30, 1) == "not converged: 0.16 % artificial stretch, forces 158 % too large"
     assert line("xpbd", 32, 60, 4) == ""
-    assert line("xpbd", 64, 60, 4) == "not converged: elongation is 14 % above the static solution"
+    assert line("xpbd", 64, 60, 4) == "not converged: 0.014 % artificial stretch, forces 14 % too large"
 
 
 def test_nothing_is_reported_without_pins_and_for_solvers_that_converge() -> None:

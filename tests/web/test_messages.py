@@ -166,9 +166,10 @@ def test_the_error_of_each_particle_is_sent_as_a_share_of_the_largest(session: S
     before = Decoded(builder.frame_error())
     assert (before.head["labels"], before.rest) == ([], b"")
     errors = np.linspace(0, 0.004, 72)
-    session.draw_list.errors = errors
+    session.draw_list.errors, session.draw_list.error_frame = errors, 61
     message = Decoded(builder.frame_error())
     assert message.head["labels"] == ["5mm", "2.5mm", "0"]
+    assert message.head["frame"] == 61
     shares = message.take("u1", 72)
     np.testing.assert_allclose(shares / 255 * 0.005, errors, atol=0.005 / 255)
     assert message.rest == b""
