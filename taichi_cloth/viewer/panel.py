@@ -306,12 +306,10 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
     """
     simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
     physics, drawn, measuring = map(milliseconds, (session.physics_ms, draw_ms, session.measuring_ms))
-    found = session.frame_error
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
     fabric = simulation.scene.fabric.preset or OWN_FABRIC
-    shown = view or (f"error of frame {found.frame}" if session.view == "error" and found else session.view)
     lines = (
-        f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {shown}",
+        f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
         f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}",
         f"physics {physics} ms of {1e3 * FRAME_SECONDS:.1f} ms",
         f"{drawing} {drawn} ms, measuring {measuring} ms",

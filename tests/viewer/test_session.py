@@ -635,7 +635,9 @@ def test_another_setting_shows_no_error_of_the_one_before(session: Session) -> N
     session.view, session.meter.answer = "error", Answer(found)
     session.advance(1)
     assert session.draw_list.error_frame == 1
-    assert statistics(session, 1.0, 60.0).splitlines()[0].endswith(" · error of frame 1")
+    scale = session.draw_list.scale("error")
+    assert scale is not None
+    assert scale.caption == "frame 1"
     session.act("wind")  # its switch is a parameter too
     assert session.frame_error is None
     session.meter.answer = Answer(found)
@@ -643,7 +645,7 @@ def test_another_setting_shows_no_error_of_the_one_before(session: Session) -> N
     assert session.frame_error is None
     session.advance(1)
     assert (session.draw_list.errors, session.draw_list.error_frame) == (None, None)
-    assert statistics(session, 1.0, 60.0).splitlines()[0].endswith(" · error")
+    assert session.draw_list.scale("error") is None
 
 
 def test_undo_says_how_to_go_on_and_the_panel_that_the_cloth_is_frozen(session: Session) -> None:
