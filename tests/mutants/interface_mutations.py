@@ -116,4 +116,32 @@ INTERFACES = [
         "return not (waits or self._is_busy)",
         ("viewer/test_error_process.py::test_a_refused_scene_is_not_sent_again",),
     ),
+    Mutation(
+        "error-of-another-setting-shown",
+        "viewer/session.py",
+        'if event.name == "set_param" and self.meter is not None:',
+        'if event.name == "set_params" and self.meter is not None:',
+        ("viewer/test_session.py::test_another_setting_shows_no_error_of_the_one_before",),
+    ),
+    Mutation(
+        "cloth-framed-under-the-panel",
+        "render/camera.py",
+        "        covered = 2 * self.view_shift\n",
+        "        covered = 0.0\n",
+        ("render/test_camera.py::test_a_cloth_under_the_panel_is_not_in_the_picture",),
+    ),
+    Mutation(
+        "shift-of-near-points-ignored",
+        "render/camera.py",
+        "right = right + 2 * self.view_shift * half * back",
+        "right = right + 0 * self.view_shift * half * back",
+        ("render/test_camera.py::test_points_outside_the_picture_are_included[1.8-0.6]",),
+    ),
+    Mutation(
+        "order-of-sides-not-explained",
+        "evaluation/compare.py",
+        "if a and b and rms_a and rms_b and (a < b) != (rms_a < rms_b):",
+        "if a and b and rms_a and rms_b and (a < b) == (rms_a < rms_b):",
+        ("test_compare.py::test_figures_that_seem_to_contradict_each_other_are_explained",),
+    ),
 ]

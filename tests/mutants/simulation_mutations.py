@@ -163,4 +163,34 @@ SIMULATION = [
             "simulation/test_reaction_forces.py::test_wind_that_is_off_still_resists_motion",
         ),
     ),
+    Mutation(
+        "late-recording-without-events-before-it",
+        "simulation/recording.py",
+        "if simulation.has_changed or simulation.frames_stepped:",
+        "if simulation.frames_stepped:",
+        ("simulation/test_recording.py::test_a_recording_of_a_simulation_that_has_changed_begins_with_its_state[pin]",),
+    ),
+    Mutation(
+        "late-recording-without-frames-before-it",
+        "simulation/recording.py",
+        "if simulation.has_changed or simulation.frames_stepped:",
+        "if simulation.has_changed:",
+        (
+            "simulation/test_recording.py::test_a_recording_of_a_simulation_that_has_changed_begins_with_its_state[frames]",
+        ),
+    ),
+    Mutation(
+        "preset-of-a-python-scene-ignored",
+        "scene/schema.py",
+        'if fabric.get("preset") and len(fabric) < len(keys_of(Fabric)):',
+        'if isinstance(self.fabric, dict) and fabric.get("preset"):',
+        ("scene/test_presets.py::test_a_preset_of_a_python_scene_is_refused",),
+    ),
+    Mutation(
+        "objects-set-all-keys",
+        "scene/keys.py",
+        "for name in keys_of(cls) if name in section.given_keys}",
+        "for name in keys_of(cls)}",
+        ("scene/test_overrides.py::test_an_object_sets_the_keys_that_were_given_as_a_dict_does",),
+    ),
 ]
