@@ -22,7 +22,7 @@ SCENES := curtain drape15 table denim net slope fast-ball veil poles responses f
 	sphere flag sail hammock cape banner relief
 
 help:
-	@echo "make run          open the window (without a display: render 240 frames to out/curtain)"
+	@echo "make run          open the window (without a display: render 240 frames to out/run_curtain)"
 	@echo "make test         run the tests (REQUIRE_WINDOW=1: fail instead of skipping the tests of the real window)"
 	@echo "make bounds       run the tests of kernels and collision with bounds checks of all array accesses"
 	@echo "make long         run the tests that take minutes each; write tests/long_result.toml"

@@ -21,6 +21,7 @@ from ..scene import Scene
 from ..scene.collider_schema import Ground
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.copies import FrameError, FrameErrorMeter
+from ..simulation.error_estimate import unconverged
 from ..simulation.parameter_values import check_frames
 from ..simulation.recording import read_recording, run_recording
 from ..simulation.rollback import DivergenceGuard
@@ -108,6 +109,12 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     def __dir__(self) -> list[str]:
         return [name for name in super().__dir__() if name not in INNER_NAMES]
+
+    @property
+    def warnings(self) -> str:
+        """One line if the solver uses other substeps or damping than requested, or if iterations do not converge."""
+        iterations = int(self.params["iterations"])
+        return "; ".join(filter(None, [super().warnings, unconverged(self.scene, self.topology, self.h, iterations)]))
 
     def step(self, frames: int = 1, *, measure_error: bool = False) -> None:
         """Advance by frames of 1/60 s.

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..scene import Camera
 from ..scene.reader import check_keys
 from ..simulation.running_cloth import check_simulation
 from ..simulation.simulation import Simulation
@@ -77,8 +78,8 @@ def render_image(
     """Return an image of the current frame. `size`: width and height [pixels].
 
     `view`: "shaded", "strain", "error" (if it was measured), "wireframe" or "particles". `eye` and `target`: positions
-    of the camera, and of what it looks at [m]; without one, that of the scene's camera, which frames the cloth if the
-    scene sets none.
+    of the camera, and of what it looks at [m]; without one, that of the scene's camera. If the scene has none, the
+    camera frames the cloth at its start, and again where it has left the picture.
 
     Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, an
     unknown view, and a position that a scene does not allow: one not of three numbers, or a camera that looks straight
@@ -96,6 +97,8 @@ def render_image(
     seen = replace(scene, camera=replace(camera_of(scene), **places))
     check_keys(seen)
     camera = OrbitCamera.from_scene(seen)
+    if scene.camera == Camera() and not places:
+        camera.include(simulation.positions(), size[0] / size[1])
     error = getattr(simulation, "frame_error", None)  # of `tc.Simulation` only
     if view == "error" and error is None:
         raise UsageError("the view 'error' needs the error of the last frame: call step(measure_error=True) before")

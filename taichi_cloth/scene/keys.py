@@ -242,7 +242,9 @@ class Section(NamedTuple):
 def check_table(cls: type, table: Any, mistakes: Mistakes, where: str = "", also: Iterable[str] = ()) -> dict[str, Any]:
     """Return the valid keys of a table. Messages name it `where`, and suggest the names in `also` as well."""
     if not isinstance(table, dict):
-        mistakes.add(where, f"must be a table, got {short_repr(table)}")
+        key = next((key for key in ("name", "preset") if key in keys_of(cls)), "")
+        example = f", as in {{{key} = {short_repr(table)}}}" if key and isinstance(table, str) else ""
+        mistakes.add(where, f"must be a table{example}, got {short_repr(table)}")
         return {}
     keys, hints = keys_of(cls), types_of(cls)
     values = {}

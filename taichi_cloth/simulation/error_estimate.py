@@ -288,6 +288,7 @@ def artificial_stretch(rows: int, h: float, iterations: int, gravity: float = GR
 STRETCH_WITH_SHEAR = 2 / 3  # of the stretch remains with shear springs: ⅓·N²·g·h²/i
 MAX_SAMPLES = 2048  # particles, and pins, whose distances are compared
 MIN_REPORTED_STRETCH = 1e-3  # smallest artificial stretch that is reported, as a fraction of the hanging length
+REMEDY = "artificial stretch at rest; more iterations or substeps reduce it"
 MIN_REPORTED_FRACTION = 1e-2  # smallest excess that is reported, as a fraction of the elastic elongation
 
 
@@ -324,13 +325,13 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
     rest = float(np.median(topology.rest[topology.family("structural")]))
     if scene.solver.name == "verlet":
         stretch = factor * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
-        return f"not converged: {100 * stretch:.1f} % artificial stretch" if stretch >= MIN_REPORTED_STRETCH else ""
+        return f"not converged: {100 * stretch:.1f} % {REMEDY}" if stretch >= MIN_REPORTED_STRETCH else ""
     if scene.solver.name == "xpbd":
         mass, constant = float(np.median(topology.mass)), max(scene.fabric.warp, scene.fabric.weft)
         fraction = factor * unconverged_fraction(constant, mass, h, iterations)
         stretch = fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet
         return (
-            f"not converged: {100 * stretch:.2g} % artificial stretch, forces {100 * fraction:.0f} % too large"
+            f"not converged: forces {100 * fraction:.0f} % too large, {100 * stretch:.2g} % {REMEDY}"
             if fraction >= MIN_REPORTED_FRACTION
             else ""
         )

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..scene.keys import keys_of
+from ..scene.overrides import targets_of
 from ..scene.parameters import Parameter, check_parameter
 from ..system.errors import choose_from, short_repr
 
@@ -89,7 +91,9 @@ class Parameters(MutableMapping[str, "float | bool"]):
         return self._known[self._checked(name)]
 
     def __getitem__(self, name: str) -> float | bool:
-        return self.wind_on if name == WIND else self.values_by_name[self._checked(name)]
+        if name == WIND:
+            return self.wind_on and self._has_wind
+        return self.values_by_name[self._checked(name)]
 
     def __setitem__(self, name: str, value: float | bool) -> None:
         self._on_set(name, self.check(name, value))
@@ -137,8 +141,20 @@ class Parameters(MutableMapping[str, "float | bool"]):
         """Return all parameters by name."""
         return dict(self._known)
 
+    @property
+    def _has_wind(self) -> bool:
+        return any(known.section == WIND for known in self._known.values())
+
     def _checked(self, name: str) -> str:
         if name not in self._known:
-            names = [*self._known, *[WIND] * any(known.section == WIND for known in self._known.values())]
-            raise ValueError(f"{name!r} is not a parameter of this scene{choose_from(name, names)}")
+            raise ValueError(f"{name!r} is not a parameter of this scene{self._reason_unknown(name)}")
         return name
+
+    def _reason_unknown(self, name: str) -> str:
+        """Return why a scene key is not a parameter of this scene, or for other names the parameters to choose from."""
+        for part, key in targets_of(name) if isinstance(name, str) else ():
+            if part and keys_of(part.cls)[key].slider is None:
+                return f": {part.name}.{key} cannot change while the scene runs; load_scene sets it"
+            if part and part.name not in {known.section for known in self._known.values()}:
+                return f": it has no [{part.name}]; load_scene adds one, as in load_scene(scene, {part.name}={{...}})"
+        return choose_from(name, [*self._known, *[WIND] * self._has_wind])

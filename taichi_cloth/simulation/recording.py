@@ -13,7 +13,10 @@ from typing import Any
 import taichi as ti
 
 from ..scene import Scene, scene_to_toml
+from ..scene.collider_schema import Mesh
+from ..scene.presets import is_file_name, is_map_name
 from ..scene.reader import scene_from
+from ..scene.schema import MAP_NAMES, Cloth
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..scene.toml_io import parse_toml, toml_value
 from ..system.errors import UsageError, short_repr
@@ -149,9 +152,13 @@ class Recording:
 
     @property
     def folder(self) -> str:
-        """The folder of the scene file, if it has meshes or maps of its own."""
-        users = (*self.scene.meshes, self.scene.cloth, self.scene.maps)
-        return next((str(Path(user.folder).absolute()) for user in users if user and user.folder), "")
+        """The folder of meshes and maps that are not shipped, or "". Of a scene made in Python, the working folder."""
+        meshes: list[Mesh | Cloth] = [*self.scene.meshes, self.scene.cloth]
+        folders = {mesh.folder for mesh in meshes if is_file_name(mesh.file)}
+        maps = self.scene.maps
+        if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
+            folders.add(maps.folder)
+        return str(Path(max(folders)).absolute()) if folders else ""
 
     def _toml(self) -> str:
         head: dict[str, Any] = {

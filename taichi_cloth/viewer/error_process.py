@@ -82,7 +82,7 @@ class ErrorProcess:
         if simulation.scene is not self._scene:
             self.forget()
             self._scene = simulation.scene
-        self._receive()
+        self.receive()
         if not self._is_free():
             simulation.step()
             return
@@ -93,6 +93,11 @@ class ErrorProcess:
     def forget(self) -> None:
         """Drop the last measurement, and the one that is under way: the cloth has changed otherwise than by a frame."""
         self.answer, self._is_stale = None, True
+
+    @property
+    def is_measuring(self) -> bool:
+        """Whether the process works on a frame of the cloth as it has run since."""
+        return self._is_busy and not self._is_stale
 
     @property
     def error(self) -> FrameError | None:
@@ -122,7 +127,7 @@ class ErrorProcess:
         self._process.start()
         other.close()
 
-    def _receive(self) -> None:
+    def receive(self) -> None:
         """Take over the answer to the last job, if it has come."""
         if not self._is_busy or self._pipe is None:
             return
@@ -151,7 +156,7 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
     if meter is None:
         return ["error of a frame: not measured (U)"]
     if meter.answer is None:
-        return ["error of a frame: not measured yet"]
+        return [f"error of a frame: {'being measured' if meter.is_measuring else 'not measured yet'}"]
     found, growth = meter.answer.error, meter.answer.growth
     if found is None or meter.answer.refusal:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]

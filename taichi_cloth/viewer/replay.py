@@ -19,6 +19,7 @@ from ..render.sequence import RenderPlan
 from ..simulation.copies import FrameStart
 from ..simulation.events import Event
 from ..simulation.recording import REBUILDING, Recording, apply_recorded, hash_of
+from ..simulation.rollback import RewindBuffer
 from ..simulation.simulation import Simulation
 from ..system.errors import UsageError, choose_from
 from .capture import Exporter
@@ -103,6 +104,7 @@ class ReplaySession(Session):
         except BaseException:
             self.close()
             raise
+        self.rewind_buffer = RewindBuffer(self.simulation)  # the recording may begin with another state than the scene
 
     @property
     def is_over(self) -> bool:
@@ -141,6 +143,7 @@ class ReplaySession(Session):
         """Replay one frame and the events after it. Raises UsageError if the scene does not support one of them."""
         self.meter.run_frame(self.simulation) if self.meter else self.simulation.step()
         self._guard.check_and_snapshot()  # takes the snapshot for a recorded roll-back
+        self.rewind_buffer.add()
         self.frames_replayed += 1
         self._apply_due()
 

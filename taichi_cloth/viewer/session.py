@@ -67,11 +67,9 @@ class Session:
         self.speed = "1"  # simulated time per wall time, by its name in `SPEEDS`
         self.page = PAGES[0]  # of the panel
         self.charts = False  # whether the charts are shown
-        self.physics_ms = 0.0
-        """Time of one frame, mean over the frames of the last displayed frame [ms]; 0 before the first."""
+        self.physics_ms = 0.0  # of one frame, mean over those of the last displayed frame; 0 before the first
         self.measuring_ms = 0.0  # of the last measurement
-        self.note = ""
-        """One line for the user: of success, a `Progress`, or a `Refusal`."""
+        self.note = ""  # one line for the user: of success, a `Progress`, or a `Refusal`
         self.size = (1280, 720)  # of the last image [pixels]
         self.pointer = Pointer()
         self.meter: ErrorProcess | None = None  # if errors of frames are measured
@@ -330,6 +328,8 @@ class Session:
         self.note = self.capture.status() or self.note
         if not self.frozen:
             self.simulate(frames)
+        if self.meter is not None:
+            self.meter.receive()  # also while the cloth is frozen
         found = self.frame_error
         self.draw_list.errors, self.draw_list.error_frame = (found.by_particle, found.frame) if found else (None, None)
 
@@ -363,7 +363,7 @@ class Session:
 
     def go_back(self, seconds: float) -> None:
         """Freeze, and restore the state nearest to `seconds` [s] before the newest one."""
-        if seconds != self.rewind_buffer.back:
+        if seconds != self.rewind_buffer.back and self.is_allowed("rewind"):
             self._restore(lambda: self.rewind_buffer.go_back(seconds), "")
 
     def undo(self) -> None:

@@ -101,3 +101,33 @@ def test_a_misspelled_parameter_cannot_be_set_as_an_attribute(taichi: None) -> N
         with pytest.raises(AttributeError):
             simulation.params.gravity = 3.0  # type: ignore[attr-defined]
         assert repr(simulation.topology) == "<Topology: 9 particles, 26 springs, 8 triangles>"
+
+
+def test_a_cloth_that_has_left_the_picture_is_framed_again(taichi: None) -> None:
+    cloth = tc.Cloth(rows=5, columns=5, width=0.4, height=0.4)
+    for camera, shown in ((tc.Camera(), True), (tc.Camera(eye=(0.0, 2.2, 2.0), target=(0.0, 2.2, 0.0)), False)):
+        with tc.Simulation(tc.Scene(cloth=cloth, camera=camera)) as simulation:
+            for height in (0.0, 3.0):
+                simulation.set_state(simulation.topology.start + [0.0, height, 0.0])
+                image = np.asarray(tc.render_image(simulation, size=(64, 36))).astype(int)
+                red = (image[:, :, 0] > image[:, :, 2] + 60).sum()
+                assert (red > 20) == (shown or height == 0.0)
+
+
+def test_warnings_tell_iterations_that_do_not_converge(taichi: None) -> None:
+    with tc.Simulation(tc.load_scene("drape15", solver={"name": "xpbd", "substeps": 5, "iterations": 1})) as simulation:
+        assert "not converged: " in simulation.warnings
+        simulation.params["substeps"], simulation.params["iterations"] = 60, 40
+        assert simulation.warnings == ""
+
+
+def test_a_key_that_is_no_parameter_says_why(taichi: None) -> None:
+    with tc.Simulation({"cloth": {"rows": 3, "columns": 3}}) as simulation:
+        assert simulation.params["wind"] is False
+        for name, reason in (
+            ("wind_z", r"it has no \[wind\]; load_scene adds one, as in load_scene\(scene, wind=\{\.\.\.\}\)"),
+            ("rows", "cloth.rows cannot change while the scene runs; load_scene sets it"),
+            ("dampin", r"gravity, .*; did you mean 'damping'\?"),
+        ):
+            with pytest.raises(ValueError, match=f"'{name}' is not a parameter of this scene: {reason}"):
+                simulation.params[name] = 3.0

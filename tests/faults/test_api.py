@@ -361,7 +361,7 @@ def test_a_scene_is_loaded_from_a_dict_as_from_a_file(tmp_path: Path) -> None:
         ({"cloth": None}, "scene: cloth: must be a table, got None"),
         ({"cloth": {"pins": ["tp"]}}, "scene: cloth.pins[0]: 'tp' is not a pin"),
         ("curtan", "curtan: no such scene; use "),
-        (None, "scene: must be the name of a shipped scene, the path of a TOML file, or a dict, got None"),
+        (None, "scene: must be a scene, the name of a shipped one, the path of a TOML file, or a dict, got None"),
     ],
 )
 def test_what_is_no_scene_is_refused_by_one_line(source: Any, line: str) -> None:

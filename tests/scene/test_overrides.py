@@ -81,6 +81,13 @@ def test_a_single_table_of_an_array_is_refused() -> None:
             load_scene("curtain", sphere=table)
 
 
+def test_a_name_in_place_of_a_table_is_refused_with_an_example() -> None:
+    with pytest.raises(SceneError, match=r"solver: must be a table, as in \{name = 'xpbd'\}, got 'xpbd'"):
+        Scene(solver="xpbd")  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match=r"fabric: must be a table, as in \{preset = 'silk'\}, got 'silk'"):
+        load_scene({"fabric": "silk"})
+
+
 def test_a_path_is_accepted_as_text() -> None:
     assert load_scene({"cloth": {"file": Path("round")}}).cloth.file == "round"
 

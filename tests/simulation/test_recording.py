@@ -200,6 +200,29 @@ def test_a_recording_may_begin_during_a_drag(recorder: Recorder, tmp_path: Path)
     assert session.frames_replayed == 4
 
 
+def test_the_replayed_frames_can_be_gone_back_to(tmp_path: Path) -> None:
+    """The recording begins late, with other values than the scene; during replay nothing goes back."""
+    with Simulation(SMALL) as simulation:
+        run(simulation, 30)
+        simulation.params["iterations"] = 3
+        recorder = Recorder(simulation)
+        run(simulation, 24)
+        recorder.save(tmp_path / "late.toml")
+    with closing(ReplaySession(read_recording(tmp_path / "late.toml"))) as session:
+        session.advance(12)
+        session.on_key_held("rewind", 0.1)
+        assert session.simulation.frame == 42
+        session.advance(12)
+        end = session.simulation.positions()
+        assert session.is_equal
+        session.go_back(0.2)
+        assert (session.simulation.frame, session.simulation.params["iterations"]) == (42, 3)
+        session.go_back(5.0)
+        assert (session.simulation.frame, session.simulation.params["iterations"]) == (30, 3)
+        session.go_back(0.0)
+        assert (session.simulation.positions() == end).all()
+
+
 def test_grabs_that_are_active_at_the_end_of_a_recording_are_released(recorder: Recorder, tmp_path: Path) -> None:
     simulation = recorder.simulation
     patch = simulation.grab(LAST, radius=0.3)
@@ -419,11 +442,16 @@ def test_a_mesh_of_the_user_is_found_from_another_folder(tmp_path: Path, monkeyp
         '[cloth]\nrows = 4\ncolumns = 4\n[[meshes]]\nfile = "./own.obj"\ncenter = [0.0, 0.0, 0.0]\n'
     )
     scene = load_scene("here/own.toml")
-    Recording(scene, None, SIZE, 0, 0, (), "", {}).write(tmp_path / "a.toml")
+    in_python = Scene(cloth=Cloth(file="here/own.obj"))  # in the working folder
+    for name, one in (("a", scene), ("b", in_python)):
+        Recording(one, None, SIZE, 0, 0, (), "", {}).write(tmp_path / f"{name}.toml")
     Path("elsewhere").mkdir()
     monkeypatch.chdir("elsewhere")
     [found] = read_recording(tmp_path / "a.toml").scene.meshes
     assert Path(found.folder, found.file).samefile(tmp_path / "here" / "own.obj")
+    cloth = read_recording(tmp_path / "b.toml").scene.cloth
+    assert Path(cloth.folder, cloth.file).samefile(tmp_path / "here" / "own.obj")
+    assert Recording(load_scene("hammock"), None, SIZE, 0, 0, (), "", {}).folder == ""
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer.capture import Capture
 from taichi_cloth.viewer.dragging import Target
-from taichi_cloth.viewer.error_process import Answer, ErrorProcess
+from taichi_cloth.viewer.error_process import Answer, ErrorProcess, error_lines
 from taichi_cloth.viewer.input import HELD_KEY_RATES, REWIND_RATES, SHORTCUTS, Refusal
 from taichi_cloth.viewer.panel import statistics
 from taichi_cloth.viewer.session import Session
@@ -646,6 +646,39 @@ def test_another_setting_shows_no_error_of_the_one_before(session: Session) -> N
     session.advance(1)
     assert (session.draw_list.errors, session.draw_list.error_frame) == (None, None)
     assert session.draw_list.scale("error") is None
+
+
+def test_an_error_that_arrives_while_the_cloth_is_frozen_is_shown(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.act("errors")
+    assert session.meter is not None
+    session.frozen = True
+    session.advance(1)
+    assert error_lines(session.meter) == ["error of a frame: not measured yet"]
+    session.meter._is_busy, session.meter._is_stale = True, False
+    assert error_lines(session.meter) == ["error of a frame: being measured"]
+    found = FrameError(1, 0.1, 0.1, 0.0, None, 0.1, np.ones(720), 0.1)
+    monkeypatch.setattr(session.meter, "_pipe", ReadyPipe(Answer(found)))
+    session.advance(1)
+    assert session.frame_error is found
+    assert error_lines(session.meter)[0].startswith("error of frame 1: ")
+
+
+class ReadyPipe:
+    """A connection on which an answer has arrived."""
+
+    def __init__(self, answer: Answer) -> None:
+        self._answer = answer
+
+    def poll(self) -> bool:
+        return True
+
+    def recv(self) -> Answer:
+        return self._answer
+
+    def close(self) -> None:
+        pass
 
 
 def test_undo_says_how_to_go_on_and_the_panel_that_the_cloth_is_frozen(session: Session) -> None:
