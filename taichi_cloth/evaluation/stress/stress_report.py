@@ -166,8 +166,8 @@ def origin_lines(store: Store) -> list[str]:
         )
     if repeated := sum(bool(result.repeated) for result in results):
         lines.append(
-            f"{repeated} results are from an earlier version of the program, whose last start of each variant this"
-            " version repeated bit by bit."
+            f"{repeated} results are from an earlier version of the program, whose last start of each variant a"
+            " later version repeated bit by bit."
         )
     if fewest := {result.starts for result in results}:
         starts = f"{min(fewest)} to {max(fewest)}" if len(fewest) > 1 else f"{min(fewest)}"
