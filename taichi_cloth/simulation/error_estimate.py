@@ -325,13 +325,13 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
     rest = float(np.median(topology.rest[topology.family("structural")]))
     if scene.solver.name == "verlet":
         stretch = factor * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
-        return f"not converged: {100 * stretch:.1f} % {REMEDY}" if stretch >= MIN_REPORTED_STRETCH else ""
+        return f"not converged: about {100 * stretch:.1f} % {REMEDY}" if stretch >= MIN_REPORTED_STRETCH else ""
     if scene.solver.name == "xpbd":
         mass, constant = float(np.median(topology.mass)), max(scene.fabric.warp, scene.fabric.weft)
         fraction = factor * unconverged_fraction(constant, mass, h, iterations)
         stretch = fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet
         return (
-            f"not converged: forces {100 * fraction:.0f} % too large, {100 * stretch:.2g} % {REMEDY}"
+            f"not converged: forces are too large, about {100 * stretch:.2g} % {REMEDY}"
             if fraction >= MIN_REPORTED_FRACTION
             else ""
         )

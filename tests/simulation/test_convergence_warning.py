@@ -21,15 +21,15 @@ def line(solver: str, cells: int, substeps: int, iterations: int, **cloth: objec
 
 def test_verlet_reports_its_artificial_stretch() -> None:
     """64 rows at 10×1: 5.6 % of a meter, ½·64²·9.81/600²."""
-    assert line("verlet", 64, 10, 1) == f"not converged: 5.6 % {REMEDY}"
+    assert line("verlet", 64, 10, 1) == f"not converged: about 5.6 % {REMEDY}"
     assert line("verlet", 32, 60, 8) == ""
 
 
 def test_xpbd_reports_its_excess_elongation() -> None:
     """32 rows at 30×1: kh²/m, 158 %, or ½·32²·9.81/1800² of a meter; 60×4 leaves 0.2 %, and 14 % for 64 rows."""
-    assert line("xpbd", 32, 30, 1) == f"not converged: forces 158 % too large, 0.16 % {REMEDY}"
+    assert line("xpbd", 32, 30, 1) == f"not converged: forces are too large, about 0.16 % {REMEDY}"
     assert line("xpbd", 32, 60, 4) == ""
-    assert line("xpbd", 64, 60, 4) == f"not converged: forces 14 % too large, 0.014 % {REMEDY}"
+    assert line("xpbd", 64, 60, 4) == f"not converged: forces are too large, about 0.014 % {REMEDY}"
 
 
 def test_nothing_is_reported_without_pins_and_for_solvers_that_converge() -> None:

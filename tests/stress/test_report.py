@@ -149,6 +149,6 @@ def test_the_page_names_dates_hours_starts_and_versions() -> None:
     ]
     again = result(repeated="2026-02-01 00:00")
     assert report.origin_lines(store_of(again))[0] == (
-        "1 results are from an earlier version of the program, whose last start of each variant a later version repeated"
-        " bit by bit."
+        "1 results are from an earlier version of the program, whose last start of each variant a later version"
+        " repeated bit by bit."
     )
