@@ -173,7 +173,7 @@ class Scale:
     largest: float
     """The largest value: a strain, or a distance [m]."""
     caption: str = ""
-    """Text below the bar."""
+    """Text above the bar, where charts do not cover it."""
 
 
 STRAIN_SCALE = Scale(
@@ -208,7 +208,7 @@ def legend_rectangles(scale: Scale) -> tuple[Rectangles, Rectangles]:
     for fraction, text in scale.labels.items():
         y = BAR_HEIGHT * (0.5 - (fraction - low) / (high - low))
         ink += [(left - 2, y - 0.5, 2, 1), *text_rectangles(text, left - 4 - text_width(text), y - GLYPH_HEIGHT / 2)]
-    ink += [*text_rectangles(scale.caption, -MARGIN - text_width(scale.caption), BAR_HEIGHT / 2 + GLYPH_HEIGHT)]
+    ink += [*text_rectangles(scale.caption, -MARGIN - text_width(scale.caption), -BAR_HEIGHT / 2 - 2 * GLYPH_HEIGHT)]
     return np.array([*bar, *ink]), np.concatenate([colors, np.tile(TEXT_COLOR, (len(ink), 1))])
 
 

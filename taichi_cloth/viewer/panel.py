@@ -306,11 +306,12 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
     """
     simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
     physics, drawn, measuring = map(milliseconds, (session.physics_ms, draw_ms, session.measuring_ms))
+    clip = " · recording a clip" if session.capture.clip_is_on else ""
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
     fabric = simulation.scene.fabric.preset or OWN_FABRIC
     lines = (
         f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
-        f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}",
+        f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}{clip}",
         f"physics {physics} ms of {1e3 * FRAME_SECONDS:.1f} ms",
         f"{drawing} {drawn} ms, measuring {measuring} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",

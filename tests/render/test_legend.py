@@ -108,11 +108,11 @@ def test_the_window_legend_changes_with_the_scale() -> None:
     assert len(legend_rectangles(STRAIN_SCALE)[0]) <= MAX_RECTANGLES
 
 
-def test_the_caption_is_below_the_bar() -> None:
+def test_the_caption_is_above_the_bar() -> None:
     plain, captioned = (legend_rectangles(distance_scale(0.002, text))[0] for text in ("", "frame 61"))
     added = captioned[len(plain) :]
     assert np.array_equal(captioned[: len(plain)], plain)
     assert len(added) == len(text_rectangles("frame 61", 0.0, 0.0)) > 40
-    assert added[:, 1].min() > plain[:, 1].max()
+    assert (added[:, 1] + added[:, 3]).max() < plain[:, 1].min()
     assert (added[:, 0] + added[:, 2]).max() <= -MARGIN
     assert len(captioned) < MAX_RECTANGLES

@@ -690,6 +690,9 @@ def test_undo_says_how_to_go_on_and_the_panel_that_the_cloth_is_frozen(session: 
     session.act("freeze")
     assert session.note == ""
     assert statistics(session, 1.0, 60.0).splitlines()[1] == "frame 0 · 60 fps"
+    session.act("clip")
+    session.pin(PARTICLE)  # its note takes the place of that of the clip
+    assert statistics(session, 1.0, 60.0).splitlines()[1] == "frame 0 · 60 fps · recording a clip"
 
 
 @pytest.mark.parametrize("change", ["solver", "fabric", "next_scene", "reset", "undo"])
