@@ -155,6 +155,8 @@ class DrawList:
         """Error of each particle [m], (N,), for the view `error`; None if it was not measured."""
         self.error_frame: int | None = None
         """Number of the frame that had these errors, for the caption of the scale; None if it is the present one."""
+        self.other_error = 0.0
+        """Largest error of a cloth that is shown beside this one [m]: both have one scale."""
         scene, topology = simulation.scene, simulation.topology
         self._camera = camera_of(scene)
         distance = float(np.linalg.norm(np.subtract(self._camera.eye, self._camera.target)))
@@ -232,8 +234,13 @@ class DrawList:
     @property
     def _full_error(self) -> float:
         """The error with the full color [m]; 0 if none was measured."""
-        largest = 0.0 if self.errors is None else float(self.errors.max(initial=0.0))
+        largest = max(self.largest_error, self.other_error if self.errors is not None else 0.0)
         return rounded_up(largest) if largest > 0 and np.isfinite(largest) else 0.0
+
+    @property
+    def largest_error(self) -> float:
+        """The largest error of a particle [m]; 0 if none was measured."""
+        return 0.0 if self.errors is None else float(self.errors.max(initial=0.0))
 
     def _fill_errors(self) -> None:
         """Write the error of each particle as the strain that has its color."""
