@@ -153,7 +153,7 @@ class Fabric(Table):
     `warp` and `weft` are those of the structural springs: forces per strain and meter of width, independent of the
     grid. For cells that are not square, spring stiffness is scaled by the sides of the cell. In a scene file, a preset
     sets all of these keys but `compression`, and also `area_density` in `[cloth]`, `[verlet]`, and colors and pattern
-    in `[look]`. Keys that the file sets take precedence. In Python a preset sets nothing.
+    in `[look]`. Keys that the file sets take precedence. Only `load_scene` applies a preset.
     """
 
     warp: float = key_field(2000.0, "stiffness of the springs along columns", "N/m", min=0.0, max=1e9)
