@@ -28,6 +28,7 @@ from taichi_cloth.evaluation.bench.scene_error import SceneErrors, ScenePoint
 from taichi_cloth.evaluation.stress.setup import ROBUST
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import key_table, schema
+from taichi_cloth.scene.keys import KEYS_TITLE
 from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.scene.schema import PRESET_NAMES
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
@@ -484,16 +485,18 @@ def elbow() -> str:
 
 def keys() -> str:
     blocks = []
-    docs = {f"[[{p.name}]]" if p.is_array else f"[{p.name}]": p.cls.__doc__ for p in schema.sections().values()}
+    docs = {"": "These keys come before all sections."}
+    for part in schema.sections().values():
+        name = f"[[{part.name}]]" if part.is_array else f"[{part.name}]"
+        docs[name] = described(part.cls)
     for section in dict.fromkeys(row[0] for row in key_table()):
         title = f"## {section}" if section else "## Top level"
-        says = inspect.cleandoc(docs[section]) if section else "These keys come before all sections."
         rows = [
             [f"`{key}`", f"`{default}`", unit, bounds.removesuffix(f" {unit}"), text]
             for at, key, default, unit, bounds, text in key_table()
             if at == section
         ]
-        blocks.append(f"{title}\n\n{says}\n\n" + table(["key", "default", "unit", "range", "meaning"], rows))
+        blocks.append(f"{title}\n\n{docs[section]}\n\n" + table(["key", "default", "unit", "range", "meaning"], rows))
     return "\n\n".join(blocks)
 
 
@@ -626,7 +629,8 @@ def signature(name: str, member: Any) -> str:
 
 
 def described(member: Any) -> str:
-    return textwrap.dedent(inspect.getdoc(member) or "").strip()
+    text, _, _ = textwrap.dedent(inspect.getdoc(member) or "").partition(f"\n\n{KEYS_TITLE}")
+    return text.strip()
 
 
 BLOCKS: dict[str, Callable[..., str]] = {

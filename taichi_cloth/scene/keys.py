@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache
+from itertools import chain
 from math import isfinite
 from os import PathLike, fspath
 from typing import Any, ClassVar, NamedTuple, get_type_hints
@@ -21,6 +22,7 @@ EDGES = ("top", "bottom", "left", "right")
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 GROUP, REGION = "group:", "region:"  # prefixes: a group of a mesh file; one of [[regions]]
 PIN_NAMES = (*EDGES, *CORNERS)
+KEYS_TITLE = "Keys:"  # of the docstring of a section
 MAX_TABLES = 16  # tables of one section, such as [[spheres]]
 
 _TYPE_NAMES = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
@@ -169,6 +171,15 @@ class Table:
     __dataclass_fields__: ClassVar[dict[str, Any]]
     given_keys: frozenset[str]
     """Fields that were set when the object was made; all of them in an object that a scene has."""
+
+    def __init_subclass__(cls) -> None:
+        """Append the keys with their meaning and range to the docstring, for `help`."""
+        inherited = [getattr(base, "__dataclass_fields__", {}).items() for base in reversed(cls.__mro__[1:])]
+        own = [(name, one) for name, one in vars(cls).items() if isinstance(one, Field)]
+        keys = {name: one.metadata["key"] for name, one in chain(*inherited, own) if "key" in one.metadata}
+        if cls.__doc__ and keys:
+            lines = [f"    {name}: {key.help}, {range_text(key)}".rstrip(", ") for name, key in keys.items()]
+            cls.__doc__ = "\n".join([cls.__doc__.rstrip(), "", f"    {KEYS_TITLE}", *lines])
 
     def __new__(cls, *args: Any, **keywords: Any) -> Any:
         known = cls.__dataclass_fields__

@@ -66,7 +66,7 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
             data[key] = plain_tables(key, value)
         return
     for one in sections().values():
-        if one.is_array and key == one.singular and isinstance(value, (dict, one.cls)):
+        if one.is_array and key == one.singular and not isinstance(value, str):  # a string is its name
             raise SceneError(file, key, "is one of an array", f"{one.name}=[...]")
     name, index = _without_dots(key)
     names = override_targets()

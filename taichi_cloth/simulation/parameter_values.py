@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -94,6 +95,13 @@ class Parameters(MutableMapping[str, "float | bool"]):
         if name == WIND:
             return self.wind_on and self._has_wind
         return self.values_by_name[self._checked(name)]
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return a value, or `default` if the scene has no parameter of this name."""
+        try:
+            return self[name]
+        except ValueError:
+            return default
 
     def __setitem__(self, name: str, value: float | bool) -> None:
         self._on_set(name, self.check(name, value))

@@ -98,7 +98,8 @@ class Simulation(RunningCloth):
     def set_state(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Set the position of every particle [m], (N, 3), and its velocity [m/s], (N, 3) or one for all.
 
-        Pinned particles are pinned where they are put. Raises ValueError, and changes nothing, for another shape and
+        Pinned particles are pinned where they are put; attached ones return to their attachment in the next frame.
+        Raises ValueError, and changes nothing, for another shape and
         for numbers that are not finite or exceed 10⁶.
         """
         shape = self.topology.start.shape

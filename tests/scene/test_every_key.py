@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene.keys import Key, Keyframes, Pins, Vec3, keys_of, range_text, types_of
+from taichi_cloth.scene.keys import Key, Keyframes, Pins, Section, Vec3, keys_of, range_text, types_of
 from taichi_cloth.scene.schema import Scene, sections
 from taichi_cloth.scene.toml_io import toml_value
 from taichi_cloth.system.errors import SceneError
@@ -114,3 +115,10 @@ def test_a_mistyped_name_gets_a_hint(write: Write, refuse: Refuse, case: Case) -
     error = refuse(write(f"{case.table}\n{case.name}q = 1\n"))
     assert (error.key, error.reason.split(";")[0]) == (f"{case.where}{case.name}q", "unknown key")
     assert case.name in (error.hint, *error.reason.replace(",", "").split())
+
+
+@pytest.mark.parametrize("part", sections().values(), ids=lambda part: part.name)
+def test_help_of_a_section_has_all_keys_with_meaning_and_range(part: Section) -> None:
+    lines = (inspect.getdoc(part.cls) or "").splitlines()
+    for name, key in keys_of(part.cls).items():
+        assert f"{name}: {key.help}, {range_text(key)}".rstrip(", ") in lines

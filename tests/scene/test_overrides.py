@@ -76,7 +76,7 @@ def test_a_scene_is_loaded_with_overrides() -> None:
 
 
 def test_a_single_table_of_an_array_is_refused() -> None:
-    for table in ({"radius": 0.3}, Sphere(radius=0.3)):
+    for table in ({"radius": 0.3}, Sphere(radius=0.3), None, 3):
         with pytest.raises(SceneError, match=r"sphere: is one of an array \(did you mean 'spheres=\[...\]'\?\)"):
             load_scene("curtain", sphere=table)
 

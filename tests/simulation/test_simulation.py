@@ -79,6 +79,8 @@ def test_an_unknown_parameter_raises_and_is_named() -> None:
                 simulation.params[name] = 1.0
             with pytest.raises(ValueError, match=f"{name!r} is not a parameter"):
                 simulation.params[name]
+            assert simulation.params.get(name, 0.0) == 0.0
+        assert simulation.params.get("gravity") == simulation.params["gravity"]
 
 
 @pytest.mark.parametrize("index", [-1, 30, 10**9])
