@@ -23,7 +23,7 @@ def frames(text: str) -> Frames:
     first, colon, end = text.partition(":")
     if not colon:
         return Frames(count(text))
-    if not first.isdecimal() or int(first) >= count(end):
+    if not first.isdecimal() or not end.isdecimal() or int(first) >= int(end):
         raise argparse.ArgumentTypeError(f"{text!r} is not a range A:B of frames with 0 <= A < B")
     return Frames(count(end), int(first))
 

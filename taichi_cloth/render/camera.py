@@ -193,17 +193,34 @@ DISTANCE_OF_COVER = 0.95  # of the eye, over that at which a ball around the clo
 
 
 def camera_of(scene: Scene) -> Camera:
-    """Return the camera of a scene; if it sets none, one that frames the cloth at its start, from the same side."""
+    """Return the camera of a scene; if it sets none, one that frames the cloth and the colliders near it at their
+    start, from the same side.
+    """
     camera = scene.camera
     if camera != Camera():
         return camera
-    points = build_particles(scene).start
+    points = _with_colliders(build_particles(scene).start, scene)
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = float(np.linalg.norm(points - target, axis=1).max())
     away = np.subtract(camera.eye, camera.target)
     distance = DISTANCE_OF_COVER * radius / tan(radians(camera.fov) / 2)
     eye = target + away * max(distance, 2 * NEAR) / np.linalg.norm(away)
     return replace(camera, eye=tuple(eye.tolist()), target=tuple(target.tolist()))
+
+
+def _with_colliders(points: Floats, scene: Scene) -> Floats:
+    """Return points, with those around the spheres, capsules and boxes that are no larger than the cloth and near it.
+
+    Colliders are taken where they stand without oscillation and keyframes.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float(np.linalg.norm(high - low))
+    boxes = [(one.center, np.full(3, one.radius)) for one in scene.spheres]
+    boxes += [(one.center, np.full(3, one.radius + one.length / 2)) for one in scene.capsules]
+    boxes += [(one.center, np.linalg.norm(one.size) * np.full(3, 0.5)) for one in scene.boxes]
+    ends = [(center - half, center + half) for center, half in boxes if np.linalg.norm(half) <= size]
+    near = [pair for pair in ends if (pair[0] <= high + size / 2).all() and (pair[1] >= low - size / 2).all()]
+    return np.concatenate([points, *near])
 
 
 def floor_height(scene: Scene) -> float:

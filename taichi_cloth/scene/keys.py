@@ -255,7 +255,8 @@ def check_table(cls: type, table: Any, mistakes: Mistakes, where: str = "", also
     if not isinstance(table, dict):
         key = next((key for key in ("name", "preset") if key in keys_of(cls)), "")
         example = f", as in {{{key} = {short_repr(table)}}}" if key and isinstance(table, str) else ""
-        mistakes.add(where, f"must be a table{example}, got {short_repr(table)}")
+        wanted = f"must be a {cls.__name__} or a dict" if isinstance(table, Table) else f"must be a table{example}"
+        mistakes.add(where, f"{wanted}, got {short_repr(table)}")
         return {}
     keys, hints = keys_of(cls), types_of(cls)
     values = {}

@@ -139,7 +139,7 @@ def scene_from(data: dict[str, Any], file: str, path: Path) -> Scene:
 def _scene_from(data: dict[str, Any], path: Path, mistakes: Mistakes) -> Scene:
     """Return the scene of parsed TOML, read from `path`. Keys with a mistake have their defaults."""
     scene = _with_preset(_sections(data, path.stem, mistakes), data, mistakes)
-    scene = _with_folders(scene, path.parent, mistakes)
+    scene = _with_folders(scene, path.parent)
     _check_consistency(scene, mistakes)
     return scene
 
@@ -194,26 +194,31 @@ def _with_preset(scene: Scene, data: dict[str, Any], mistakes: Mistakes) -> Scen
     return replace(scene, **filled)
 
 
-def _with_folders(scene: Scene, folder: Path, mistakes: Mistakes) -> Scene:
-    """Return the scene with the folders of its mesh and map files, and check the names of meshes."""
-    meshes = tuple(_located(mesh, folder, f"meshes[{k}].file", mistakes) for k, mesh in enumerate(scene.meshes))
-    cloth = _located(scene.cloth, folder, "cloth.file", mistakes) if scene.cloth.file else scene.cloth
+def _with_folders(scene: Scene, folder: Path) -> Scene:
+    """Return the scene with the folders of its mesh and map files."""
+    meshes = tuple(_located(mesh, folder) for mesh in scene.meshes)
+    cloth = _located(scene.cloth, folder)
     maps = scene.maps
     if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
         maps = replace(maps, folder=str(folder))
     return replace(scene, meshes=meshes, cloth=cloth, maps=maps)
 
 
-def _located(mesh: MeshOrCloth, folder: Path, where: str, mistakes: Mistakes) -> MeshOrCloth:
-    """Return a mesh with the folder of its file, and check its name."""
-    if is_file_name(mesh.file):
-        return replace(mesh, folder=str(folder))
-    if mesh.file not in mesh_names():
-        reason = (
-            f"{short_repr(mesh.file)} is not a shipped mesh; use {', '.join(mesh_names())}, or the path of an OBJ file"
-        )
-        mistakes.add(where, reason, nearest_name(mesh.file, mesh_names()))
-    return mesh
+def _located(mesh: MeshOrCloth, folder: Path) -> MeshOrCloth:
+    """Return a mesh with the folder of its file."""
+    return replace(mesh, folder=str(folder)) if is_file_name(mesh.file) else mesh
+
+
+def _check_mesh_names(scene: Scene, mistakes: Mistakes) -> None:
+    """Check the names of meshes that are not paths."""
+    files = {f"meshes[{k}].file": mesh.file for k, mesh in enumerate(scene.meshes)}
+    if scene.cloth.file:
+        files["cloth.file"] = scene.cloth.file
+    for where, file in files.items():
+        if not is_file_name(file) and file not in mesh_names():
+            shipped = ", ".join(mesh_names())
+            reason = f"{short_repr(file)} is not a shipped mesh; use {shipped}, or the path of an OBJ file"
+            mistakes.add(where, reason, nearest_name(file, mesh_names()))
 
 
 def _check_response(collider: ContactProperties, where: str, mistakes: Mistakes) -> None:
@@ -259,6 +264,7 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
         mistakes.add("self_collision.static_friction", 'requires primitives = "particles"')
     if scene.cloth.file and scene.look.pole:
         mistakes.add("look.pole", "is drawn along the top edge of a grid, but cloth.file names a mesh")
+    _check_mesh_names(scene, mistakes)
     _check_regions(scene, mistakes)
     _check_pins(scene, mistakes)
     for name in (*COLLIDERS, "ground"):

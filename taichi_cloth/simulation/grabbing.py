@@ -74,6 +74,14 @@ def vertices_in_radius(flat: Floats, free: NDArray[np.bool_], index: int, radius
     return np.concatenate([[index], np.flatnonzero(within)])
 
 
+def with_identity(grab: Grab, held: Grab | None) -> Grab:
+    """Return a grab; if it has the particles of one that is held, that one in its state, so that handles stay valid."""
+    if held is None or not np.array_equal(held.particles, grab.particles):
+        return grab
+    vars(held).update(vars(grab))
+    return held
+
+
 def all_grabbed(grabs: Mapping[int, Grab]) -> tuple[Ids, Floats, Ids]:
     """Return the grabbed particles, (M,), where they were grabbed [m], (M, 3), and the grab of each, (M,)."""
     particles = [grab.particles for grab in grabs.values()]

@@ -147,11 +147,19 @@ class RunningCloth:
             self._end_frame()
 
     def step_by_substep(self, callback: Callable[[float], object]) -> None:
-        """Advance by one frame, bit-equal to `step`. Call `callback(fraction of the frame)` after each substep."""
-        for part in self._frame_input().by_substep():
-            self.solver.step(part)
-            callback(part.last / part.substeps)
-        self._end_frame()
+        """Advance by one frame, bit-equal to `step`. Call `callback(fraction of the frame)` after each substep.
+
+        If the callback raises, the frame is completed without it before the exception is passed on.
+        """
+        parts = self._frame_input().by_substep()
+        try:
+            for part in parts:
+                self.solver.step(part)
+                callback(part.last / part.substeps)
+        finally:
+            for part in parts:
+                self.solver.step(part)
+            self._end_frame()
 
     def _frame_input(self) -> FrameInput:
         start, end = self.seconds, self.seconds + FRAME_SECONDS

@@ -20,7 +20,7 @@ from taichi_cloth.render.camera import (
     camera_of,
     floor_height,
 )
-from taichi_cloth.scene.collider_schema import Ground
+from taichi_cloth.scene.collider_schema import Ground, Sphere
 from taichi_cloth.scene.schema import Camera, Cloth, Scene
 
 numbers = st.floats(-50, 50)
@@ -232,6 +232,16 @@ def test_a_cloth_under_the_panel_is_not_in_the_picture() -> None:
     assert camera.eye == eye
     camera.include(covered, 1.8)
     assert camera.eye != eye
+
+
+def test_a_scene_without_a_camera_frames_the_colliders_near_its_cloth() -> None:
+    cloth = Cloth(rows=9, columns=9, width=1.0, height=1.0, center=(0.0, 1.0, 0.0))
+    near, huge, far = Sphere(center=(0.0, 0.2, 0.0), radius=0.3), Sphere(radius=50.0), Sphere(center=(0.0, 9.0, 0.0))
+    alone = camera_of(Scene(cloth=cloth))
+    assert camera_of(Scene(cloth=cloth, spheres=(huge, far))) == alone
+    camera = OrbitCamera.from_scene(Scene(cloth=cloth, spheres=(near,)))
+    uv, _ = camera.to_screen(np.array([[0.0, -0.1, 0.0], [0.3, 0.2, 0.0], [0.5, 1.5, 0.0]]), 1.0)
+    assert ((uv > 0) & (uv < 1)).all()
 
 
 @pytest.mark.parametrize("size", [0.1, 1.0, 30.0])

@@ -11,6 +11,7 @@ import pytest
 
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.scene_loader import check_scene, load_scene
+from taichi_cloth.scene.collider_schema import Mesh
 from taichi_cloth.scene.schema import GRID_KEYS, Cloth, Scene
 from taichi_cloth.system.errors import SceneError
 
@@ -115,3 +116,9 @@ def test_an_invalid_scene_is_refused_in_one_line(
     assert (error.key, error.hint) == (key, hint)
     assert reason in error.reason
     assert str(error).isprintable()
+
+
+@pytest.mark.parametrize("scene", [Scene(cloth=Cloth(file="disk")), Scene(meshes=(Mesh(file="disk.stl"),))])
+def test_the_name_of_a_mesh_is_checked_in_a_scene_made_in_python_too(scene: Scene) -> None:
+    with pytest.raises(SceneError, match=r"file: 'disk(\.stl)?' is not a shipped mesh; use bust, disc, round"):
+        check_scene(scene)

@@ -1,5 +1,7 @@
 """A frame advanced substep by substep."""
 
+from typing import Never
+
 import numpy as np
 import pytest
 
@@ -30,3 +32,20 @@ def test_step_by_substep_is_bit_equal_to_step(solver: str) -> None:
             assert np.array_equal(slow.velocities(), whole.velocities())
         steps = whole.substeps
         assert shares == pytest.approx([(k + 1) / steps for k in range(steps)] * 3)
+
+
+def test_a_callback_that_raises_leaves_a_whole_frame() -> None:
+    def fail(fraction: float) -> Never:
+        calls.append(fraction)
+        raise KeyError(fraction)
+
+    calls: list[float] = []
+    scene = Scene(cloth=Cloth(rows=5, columns=6), solver=Solver("verlet", substeps=4, iterations=2))
+    with Simulation(scene, "serial") as whole, Simulation(scene, "serial") as interrupted:
+        for _ in range(2):
+            whole.step()
+            with pytest.raises(KeyError):
+                interrupted.step_by_substep(fail)
+        assert calls == [0.25, 0.25]
+        assert interrupted.frame == whole.frame == 2
+        assert np.array_equal(interrupted.positions(), whole.positions())
