@@ -100,13 +100,15 @@ FIRST_STEPS = (
 )
 
 
-def help_lines() -> list[str]:
-    """Return the help: how to begin, then keys and mouse, two entries to a line."""
+def help_lines(columns: int = 2) -> list[str]:
+    """Return the help: how to begin, then keys and mouse, one or two entries to a line."""
     entries = [f"{key.label:5} {key.help}" for key in SHORTCUTS if key.code not in ARROWS] + ["arrows: pan camera"]
     entries += [f"{drag}: {help}" for drag, help in MOUSE]
+    begin = textwrap.wrap(FIRST_STEPS, columns * KEY_COLUMN)
+    if columns == 1:
+        return [*begin, *entries]
     half = (len(entries) + 1) // 2
-    columns = zip(entries[:half], [*entries[half:], ""], strict=False)
-    return [*textwrap.wrap(FIRST_STEPS, 2 * KEY_COLUMN), *(f"{a:{KEY_COLUMN}} {b}" for a, b in columns)]
+    return [*begin, *(f"{a:{KEY_COLUMN}} {b}" for a, b in zip(entries[:half], [*entries[half:], ""], strict=False))]
 
 
 ZOOM_RATE = 8.0  # [steps/s] while a key is held down

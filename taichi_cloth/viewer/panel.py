@@ -129,7 +129,7 @@ class Panel:
         """A button for each name of a list. The one in use is marked."""
         kind = LIST_PAGES[session.page]
         in_use = chosen(session, kind)
-        labels = {name: name or OWN_FABRIC for name in names(session, kind)}
+        labels = {name: name or own_fabric(session) for name in names(session, kind)}
         pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
         for name in pressed:
             if kind == "speed":
@@ -194,21 +194,28 @@ class Panel:
         """Draw the help on keys and mouse over the picture."""
         place, (width, height) = self.help_place, self.window_size
         with gui.sub_window(HELP, place.left / width, place.top / height, place.width / width, place.height / height):
-            for line in help_lines():
+            for line in help_lines(2 if place.width == HELP_SIZE[0] else 1):
                 gui.text(line)
 
     @property
     def help_place(self) -> PanelRect:
-        """The rectangle of the help, in the middle of the area beside the panel."""
+        """The rectangle of the help, in the middle of the area beside the panel if there is room, and in the window."""
+        size = [min(most, side - 2 * PANEL_MARGIN) for most, side in zip(HELP_SIZE, self.window_size, strict=True)]
         width, height = self.window_size
-        left = (self._initial_place.right + width - HELP_SIZE[0]) // 2
-        return PanelRect(left, (height - HELP_SIZE[1]) // 2, *HELP_SIZE)
+        left = min((self._initial_place.right + width - size[0]) // 2, width - size[0] - PANEL_MARGIN)
+        return PanelRect(max(left, PANEL_MARGIN), (height - size[1]) // 2, size[0], size[1])
 
 
 # -- widgets -----------------------------------------------------------------------------------------------------------
 
 Switches = Sequence[tuple[str, str, bool]]  # action, label, state
 Buttons = Sequence[tuple[str, str]]  # action, label
+
+
+def own_fabric(session: Session) -> str:
+    """Return the label of the scene's own fabric: with its preset if it has one, short enough for a button."""
+    preset = session.simulation.original_scene.fabric.preset
+    return f"own ({preset})" if preset else OWN_FABRIC
 
 
 def apply_changes(gui: ti.ui.Gui, session: Session, switches: Switches = (), buttons: Buttons = ()) -> bool:
@@ -306,12 +313,13 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
     """
     simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
     physics, drawn, measuring = map(milliseconds, (session.physics_ms, draw_ms, session.measuring_ms))
+    slow = "" if SPEEDS[session.speed] == 1 else f" · {session.speed} speed"
     clip = " · recording a clip" if session.capture.clip_is_on else ""
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
     fabric = simulation.scene.fabric.preset or OWN_FABRIC
     lines = (
         f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
-        f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}{clip}",
+        f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}{slow}{clip}",
         f"physics {physics} ms of {1e3 * FRAME_SECONDS:.1f} ms",
         f"{drawing} {drawn} ms, measuring {measuring} ms",
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",

@@ -99,6 +99,7 @@ def line_of(
 
 # -- timing ------------------------------------------------------------------------------------------------------------
 
+SMALL_WIDTH = 1000  # [pixels] of a window that the panel covers so far that scenes begin framed beside it
 MAX_FRAMES = 4  # simulated for one displayed frame; on a slow machine or after a stall, further frames are dropped
 INTERVAL_TOLERANCE = 0.1  # [frames] an interval between displayed frames this close to one frame counts as exactly one
 
@@ -200,6 +201,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
     clock, overlays = FrameClock(time.perf_counter()), Overlays()
     draw_ms, displayed = 0.0, 0
+    camera: OrbitCamera | None = None
     compiling = Progress(f"{session.simulation.scene.name}: compiling")  # the first frame
     session.note = session.note or compiling
     memory = MemoryWatch()
@@ -224,6 +226,10 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
             panel.draw_help(gui)
         session.camera.zoom(scroll_steps(window))
         session.camera.view_shift = 0.0 if session.hidden else panel.shift(size)
+        if session.camera is not camera:  # that of a new scene
+            camera = session.camera
+            if size[0] < SMALL_WIDTH:
+                camera.include(session.simulation.positions(), size[0] / size[1])
         on_panel = not session.hidden and panel.place.contains(cursor, size)
         on_panel |= session.page == HELP and panel.help_place.contains(cursor, size)
         session.on_pointer(cursor, held_buttons(window), size, on_panel=on_panel, widget_changed=widget_used)

@@ -29,11 +29,12 @@ from ..scene.parameters import Parameter
 from ..scene.schema import SOLVER_NAMES
 from ..system.errors import short_repr
 from ..viewer.charts import CHART_SECONDS, CHARTS
-from ..viewer.input import HELD_KEY_RATES, LISTS, MOUSE, OWN_FABRIC, REWIND_RATES, SHORTCUTS, Progress, Refusal
+from ..viewer.input import HELD_KEY_RATES, LISTS, MOUSE, REWIND_RATES, SHORTCUTS, Progress, Refusal
 from ..viewer.panel import (
     GRAB_RADIUS,
     acting_parameters,
     help_for,
+    own_fabric,
     slow_line,
     statistics,
     timing_line,
@@ -325,7 +326,7 @@ class MessageBuilder:
                 "scene": scene.name,
                 "solvers": SOLVER_NAMES,
                 "solver": scene.solver.name,
-                "fabrics": {name: name or OWN_FABRIC for name in LISTS["fabric"]},
+                "fabrics": {name: name or own_fabric(session) for name in LISTS["fabric"]},
                 "fabric": session.fabric,
                 "speeds": LISTS["speed"],
                 "speed": session.speed,

@@ -32,6 +32,7 @@ from taichi_cloth.viewer.input import (
 )
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
+    HELP_SIZE,
     LINE_LENGTH,
     PANEL_HEIGHT,
     PANEL_MARGIN,
@@ -177,6 +178,32 @@ def test_a_list_marks_what_is_in_use_and_a_press_chooses(
     assert f"> {in_use}" in gui.labels
     assert [label for label in gui.labels if label.startswith(">")] == [f"> {in_use}"]
     assert chosen_by(session) == press
+
+
+def test_the_own_fabric_of_a_scene_is_named_with_its_preset(drawn: Drawn) -> None:
+    _, gui, _ = drawn("banner", "Fabrics")
+    assert [label for label in gui.labels if label.startswith(">")] == ["> own (silk)"]
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (800, 600), (640, 480), (480, 320)])
+def test_the_help_is_inside_the_window(size: tuple[int, int], tmp_path: Path) -> None:
+    panel = Panel(size, tmp_path / "imgui.ini")
+    place = panel.help_place
+    assert place.left >= PANEL_MARGIN
+    assert place.top >= PANEL_MARGIN
+    assert place.left + place.width <= size[0] - PANEL_MARGIN
+    assert place.top + place.height <= size[1] - PANEL_MARGIN
+    gui = FakeGui()
+    panel.draw_help(gui)
+    scroll_bar = 14 if place.height < HELP_SIZE[1] else 0
+    assert max(map(len, gui.texts)) * LETTER <= place.width - 2 * PADDING - scroll_bar
+
+
+def test_slow_motion_is_shown_on_every_page(drawn: Drawn) -> None:
+    session, _, _ = drawn("drape15")
+    assert " speed" not in statistics(session, 1.0, 60.0)
+    session.speed = "1/8"
+    assert statistics(session, 1.0, 60.0).split("\n")[1] == "frame 0 · 60 fps · 1/8 speed"
 
 
 def test_every_page_shows_what_runs(drawn: Drawn) -> None:
