@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,11 @@ class ObjError(ValueError):
 
     def __init__(self, path: Path, line: int, reason: str) -> None:
         """`line` is 0 if the error concerns the whole file."""
-        self.line, self.reason = line, reason
+        self.path, self.line, self.reason = path, line, reason
         super().__init__(one_line(": ".join([str(path), *([f"line {line}"] if line else []), reason])))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.path, self.line, self.reason)
 
 
 @dataclass(frozen=True, eq=False)

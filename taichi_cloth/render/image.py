@@ -14,17 +14,16 @@ from numpy.typing import DTypeLike, NDArray
 
 from ..scene import Camera
 from ..scene.reader import check_keys
+from ..simulation.parameter_values import check_image_size
 from ..simulation.running_cloth import check_simulation
 from ..simulation.simulation import Simulation
-from ..system.errors import UsageError, choose_from, short_repr
+from ..system.errors import UsageError, choose_from
 from ..system.taichi_runtime import check_thread
 from .camera import OrbitCamera, camera_of
 from .colors import draw_legend
 from .draw_list import VIEWS, DrawList
 from .image_files import Pixels, encode_png, write_png
 from .rasterizer import Rasterizer
-
-MAX_SIDE = 8192  # [pixels] of an image
 
 
 def render_pixels(raster: Rasterizer, draw_list: DrawList, camera: OrbitCamera, view: str) -> Pixels:
@@ -89,8 +88,7 @@ def render_image(
     check_simulation(simulation)
     if view not in VIEWS:
         raise ValueError(f"unknown view {view!r}{choose_from(view, VIEWS)}")
-    if np.shape(size) != (2,) or not all(isinstance(n, (int, np.integer)) and 1 <= n <= MAX_SIDE for n in size):
-        raise ValueError(f"size must be width and height, 1 to {MAX_SIDE} pixels each, not {short_repr(size)}")
+    size = check_image_size(size)
     places: dict[str, Any] = {"eye": eye, "target": target}
     scene = simulation.scene
     places = {name: place for name, place in places.items() if place is not None}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 from math import prod
-from os import PathLike
+from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,7 +109,7 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
     try:
         content = source
         if not isinstance(content, bytes):
-            with open(content, "rb") as file:
+            with open(fspath(content), "rb") as file:
                 content = file.read(limit + 1)
         if len(content) > limit:
             raise ValueError(f"it is larger than {limit} bytes")

@@ -51,7 +51,7 @@ from ..geometry.stability_bounds import (
 )
 from ..geometry.topology import Topology
 from ..scene.presets import asset_folder
-from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene
+from ..scene.schema import COLLIDERS, FRAME_SECONDS, Fabric, Scene
 from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid
 from ..system.errors import UsageError
 
@@ -117,6 +117,9 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
     if scene.cloth.file:
         raise UsageError("a target error needs a grid: errors were not measured for a cloth from a mesh file")
     near = [row for row in settings_near(cells_of(scene)) if only in (None, row.solver)]
+    ignored = only is None and scene.solver.name != "verlet" and scene.fabric != Fabric()
+    if ignored:
+        near = [row for row in near if row.solver != "verlet"]
     rows = sorted((estimate_for_scene(row, scene) for row in near), key=lambda row: row.ms)
     good = [row for row in rows if row.error <= target]
     if not good:
@@ -134,6 +137,8 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
     if faster:
         best_faster = min(faster, key=lambda row: row.error)
         line += f"; best of the faster settings: {best_faster.setting}, {100 * best_faster.error:.2g} %"
+    if ignored:
+        line += "; verlet is left out: it does not use [fabric]"
     solver = replace(scene.solver, name=chosen.solver, substeps=chosen.substeps, iterations=chosen.iterations)
     return replace(scene, solver=solver), line
 

@@ -59,6 +59,17 @@ def check_frames(frames: int) -> int:
     return int(frames)
 
 
+MAX_SIDE = 8192  # [pixels] of an image
+
+
+def check_image_size(size: object) -> tuple[int, int]:
+    """Return width and height [pixels]. Raises ValueError unless they are two integers from 1 to `MAX_SIDE`."""
+    sides = list(size) if isinstance(size, (list, tuple, np.ndarray)) else []
+    if len(sides) != 2 or not all(isinstance(n, (int, np.integer)) and 1 <= n <= MAX_SIDE for n in sides):
+        raise ValueError(f"size must be width and height, 1 to {MAX_SIDE} pixels each, not {short_repr(size)}")
+    return int(sides[0]), int(sides[1])
+
+
 def check_numbers(values: ArrayLike) -> Floats:
     """Return `values` as a new float64 array; an empty one if they are not numbers."""
     try:

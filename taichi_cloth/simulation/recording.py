@@ -24,6 +24,7 @@ from ..system.files import atomic_file
 from ..system.taichi_runtime import cpu_model, machine
 from .checkpoint import checkpoint_bytes
 from .events import EVENTS, Event
+from .parameter_values import MAX_SIDE, check_image_size
 from .rollback import DivergenceGuard
 from .running_cloth import check_simulation
 from .simulation import Simulation
@@ -105,8 +106,11 @@ class Recorder:
         self.rows.append(row)
 
     def save(self, path: str | PathLike[str], size: tuple[int, int] = (1280, 720)) -> None:
-        """Write the recording. `size`: of replayed images [pixels]. Raises OSError; a partial file never remains."""
-        Recording.of(self, size).write(Path(path))
+        """Write the recording. `size`: of replayed images, 1 to 8192 [pixels].
+
+        Raises ValueError for another size, and OSError; a partial file never remains.
+        """
+        Recording.of(self, check_image_size(size)).write(Path(path))
 
 
 @dataclass(frozen=True)
@@ -223,8 +227,8 @@ def _recording(data: dict[str, Any], file: str) -> Recording:
     frames, size, name = (_value(head, key, kind) for key, kind in (("frames", int), ("size", list), ("name", str)))
     if not 0 <= frames <= MAX_FRAMES:
         raise _Invalid(f"recording.frames must be from 0 to {MAX_FRAMES}, not {short_repr(frames)}")
-    if len(size) != 2 or not all(type(n) is int and 1 <= n <= 8192 for n in size):
-        raise _Invalid(f"recording.size must be two numbers from 1 to 8192, not {short_repr(size)}")
+    if len(size) != 2 or not all(type(n) is int and 1 <= n <= MAX_SIDE for n in size):
+        raise _Invalid(f"recording.size must be two numbers from 1 to {MAX_SIDE}, not {short_repr(size)}")
     created_with = _value(data, "created_with", dict)
     scene = scene_from(_value(data, "scene", dict), f"{file}: scene", Path(_value(head, "folder", str)) / "scene.toml")
     return Recording(

@@ -49,6 +49,7 @@ class RunningCloth:
         self.frame = 0
         self.frames_stepped = 0
         """Frames since the simulation was opened; a reset does not change it."""
+        self._is_within_frame = False
         self._tear: TearState | None = None
         self._build(scene, None)
 
@@ -142,6 +143,7 @@ class RunningCloth:
 
     def step(self, frames: int = 1) -> None:
         """Advance by frames of 1/60 s. Raises ValueError for a number that is not an integer from 0."""
+        self._check_between_frames()
         for _ in range(check_frames(frames)):
             self.solver.step(self._frame_input())
             self._end_frame()
@@ -151,7 +153,9 @@ class RunningCloth:
 
         If the callback raises, the frame is completed without it before the exception is passed on.
         """
+        self._check_between_frames()
         parts = self._frame_input().by_substep()
+        self._is_within_frame = True
         try:
             for part in parts:
                 self.solver.step(part)
@@ -159,7 +163,12 @@ class RunningCloth:
         finally:
             for part in parts:
                 self.solver.step(part)
+            self._is_within_frame = False
             self._end_frame()
+
+    def _check_between_frames(self) -> None:
+        if self._is_within_frame:
+            raise UsageError("a callback of step_by_substep cannot start another frame")
 
     def _frame_input(self) -> FrameInput:
         start, end = self.seconds, self.seconds + FRAME_SECONDS

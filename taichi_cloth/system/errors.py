@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
+from typing import Any
 
 
 class OutputConflict(ValueError):
@@ -74,6 +75,10 @@ class SceneError(ValueError):
         self.file, self.key, self.reason, self.hint = file, key, reason, hint
         text = ": ".join(part for part in (file, _clipped(key, 100), _clipped(reason, 400)) if part)
         super().__init__(one_line(text + (f" (did you mean {hint!r}?)" if hint else "")))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by its arguments: a process pool waits forever for an exception that cannot be unpickled."""
+        return type(self), (self.file, self.key, self.reason, self.hint)
 
 
 class PinError(ValueError):

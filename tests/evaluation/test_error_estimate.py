@@ -216,3 +216,13 @@ def test_the_estimated_time_counts_bending_once_in_a_substep(solver: str, parts:
 
 def test_a_sheet_larger_than_those_measured_is_not_of_measured_size() -> None:
     assert [cost_of(square(cells)).is_measured_size for cells in (500, 600)] == [True, False]
+
+
+def test_verlet_is_not_selected_for_a_fabric_that_it_ignores() -> None:
+    scene = load_scene("curtain", solver="xpbd", fabric_warp=60000.0)
+    chosen, why = settings_for_error(scene, 0.005)
+    assert chosen.solver.name != "verlet"
+    assert why.endswith("; verlet is left out: it does not use [fabric]")
+    asked, why = settings_for_error(scene, 0.005, "verlet")
+    assert asked.solver.name == "verlet"
+    assert "left out" not in why

@@ -283,7 +283,7 @@ def test_lists_in_a_scene_become_tuples() -> None:
         ({"wind": 3}, "scene: wind: must be a table, got 3"),
         ({"verlet": VerletSprings(shear=np.nan)}, "scene: verlet.shear: must be a finite number, got nan"),
         ({"spheres": Sphere()}, "scene: spheres: write [[spheres]] with two brackets: it is an array of tables"),
-        ({"spheres": (Box(),)}, "scene: spheres[0]: must be a table, got Box("),
+        ({"spheres": (Box(),)}, "scene: spheres[0]: must be a Sphere or a dict, got Box("),
         ({"spheres": [{"sway": (1, 0, 0)}]}, "scene: spheres[0].sway: was renamed to oscillation"),
         ({"boxes": (Box(center="here"),)}, "scene: boxes[0].center: must be three numbers"),  # type: ignore[arg-type]
         ({"boxes": (Box(center=np.zeros(2)),)}, "scene: boxes[0].center: must be three numbers, as in [0.0, 1.0"),

@@ -559,3 +559,12 @@ def test_damaged_files_are_read_or_refused_in_one_line(good: str, tmp_path: Path
         read_recording(path)
     except (UsageError, SceneError) as error:
         assert "bad.toml" in str(error)
+
+
+def test_a_recording_has_the_size_of_an_image_or_is_not_written(recorder: Recorder, tmp_path: Path) -> None:
+    recorder.save(tmp_path / "numpy.toml", size=np.array([640, 360]))
+    assert read_recording(tmp_path / "numpy.toml").size == (640, 360)
+    for size in ((640.0, 360.0), (3,), (0, 10), (10, 8193), "ab", None, (True, "1")):
+        with pytest.raises(ValueError, match="size must be width and height, 1 to 8192 pixels each"):
+            recorder.save(tmp_path / "wrong.toml", size=size)
+    assert not (tmp_path / "wrong.toml").exists()

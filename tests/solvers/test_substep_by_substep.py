@@ -8,6 +8,7 @@ import pytest
 from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system.errors import UsageError
 
 
 @pytest.mark.parametrize("solver", SOLVER_NAMES)
@@ -49,3 +50,13 @@ def test_a_callback_that_raises_leaves_a_whole_frame() -> None:
         assert calls == [0.25, 0.25]
         assert interrupted.frame == whole.frame == 2
         assert np.array_equal(interrupted.positions(), whole.positions())
+
+
+def test_a_callback_cannot_start_another_frame() -> None:
+    with Simulation(Scene(cloth=Cloth(rows=5, columns=6)), "serial") as simulation:
+        for nested in (simulation.step, lambda: simulation.step_by_substep(print)):
+            with pytest.raises(UsageError, match="a callback of step_by_substep cannot start another frame"):
+                simulation.step_by_substep(lambda _, nested=nested: nested())
+        assert simulation.frame == 2
+        simulation.step()
+        assert simulation.frame == 3

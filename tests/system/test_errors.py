@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import pickle
 import re
 import sys
 import tomllib
@@ -13,7 +14,8 @@ from pathlib import Path
 import pytest
 
 import taichi_cloth
-from taichi_cloth.system.errors import error_text, install_command
+from taichi_cloth.geometry.obj_reader import ObjError
+from taichi_cloth.system.errors import PinError, SceneError, UsageError, error_text, install_command
 
 
 def test_the_text_of_an_os_error_has_its_file_and_reason() -> None:
@@ -82,3 +84,19 @@ def test_every_named_extra_exists_and_none_is_installed_from_an_index() -> None:
     found = [name for text in texts.values() for groups in pattern.findall(text) for name in "".join(groups).split(",")]
     assert {"web", "usd", "video", "maps", "plot"} <= set(found) <= set(project["optional-dependencies"])
     assert [path.name for path, text in texts.items() if "taichi-cloth[" in text] == []
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        SceneError("a.toml", "wind.z", "500 is out of range", "x"),
+        ObjError(Path("a.obj"), 3, "no vertices"),
+        PinError("no group 'hem'", "hem", ["top"]),
+        UsageError("unknown layout"),
+    ],
+)
+def test_errors_arrive_from_other_processes(error: Exception) -> None:
+    """A process pool pickles them, and would wait forever for one that cannot be unpickled."""
+    copy = pickle.loads(pickle.dumps(error))
+    assert (type(copy), str(copy)) == (type(error), str(error))
+    assert vars(copy).get("reason") == vars(error).get("reason")
