@@ -315,7 +315,7 @@ class SelfCollision(Table):
 
 @dataclass(frozen=True)
 class Camera(Table):
-    """The camera of the window and of images. Without this section it frames the cloth at its start."""
+    """The camera of the window and of images. Without this section it frames the cloth and the colliders near it."""
 
     eye: Vec3 = key_field((3.5, 2.6, 6.5), "position of the camera", "m", min=-1e5, max=1e5)
     target: Vec3 = key_field((0.0, 1.9, 0.0), "point that the camera looks at", "m", min=-1e5, max=1e5)

@@ -17,7 +17,7 @@ from ..scene.parameters import check_parameter
 from ..state.field_pool import upload_all
 from ..system.errors import one_line, short_repr
 from ..system.files import atomic_file
-from .grabbing import grab_arrays, grabs_from_arrays, with_identity
+from .grabbing import grab_arrays, grabs_from_arrays, restored_grab
 from .parameter_values import check_vectors
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
     simulation.untear(arrays["torn"])
     simulation.frame = int(arrays["frame"])
     upload_all(*((getattr(simulation.cloth, key), arrays[key]) for key in ("x", "x_prev", "velocity")))
-    simulation.set_grabs({number: with_identity(grab, simulation.grabs.get(number)) for number, grab in grabs.items()})
+    simulation.set_grabs({number: restored_grab(grab, simulation.grabs.get(number)) for number, grab in grabs.items()})
 
 
 def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like: Arrays) -> Arrays:

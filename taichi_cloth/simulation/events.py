@@ -220,8 +220,7 @@ class GrabHandle:
         """Move the grab to `target` (x, y, z) [m] within the next frame. Raises ValueError, also after its release."""
         point = check_target(target)
         if not self.active:
-            restored = "; `grab_handles` has those that `load` restored" if self._simulation.grabs else ""
-            raise ValueError(f"the grab was released{restored}")
+            raise ValueError("the grab was released; `grab_handles` of the simulation are those that hold particles")
         self._simulation.apply(Event("move_grab", (self.number, *map(float, point))))
 
     def release(self) -> None:

@@ -74,8 +74,8 @@ def vertices_in_radius(flat: Floats, free: NDArray[np.bool_], index: int, radius
     return np.concatenate([[index], np.flatnonzero(within)])
 
 
-def with_identity(grab: Grab, held: Grab | None) -> Grab:
-    """Return a grab; if it has the particles of one that is held, that one in its state, so that handles stay valid."""
+def restored_grab(grab: Grab, held: Grab | None) -> Grab:
+    """Return the grab of a checkpoint. If `held` has the same particles, it gets that state: its handles stay valid."""
     if held is None or not np.array_equal(held.particles, grab.particles):
         return grab
     vars(held).update(vars(grab))

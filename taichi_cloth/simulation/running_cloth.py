@@ -161,9 +161,9 @@ class RunningCloth:
                 self.solver.step(part)
                 callback(part.last / part.substeps)
         finally:
+            self._is_within_frame = False
             for part in parts:
                 self.solver.step(part)
-            self._is_within_frame = False
             self._end_frame()
 
     def _check_between_frames(self) -> None:

@@ -99,8 +99,7 @@ class Simulation(RunningCloth):
         """Set the position of every particle [m], (N, 3), and its velocity [m/s], (N, 3) or one for all.
 
         Pinned particles are pinned where they are put; attached ones return to their attachment in the next frame.
-        Raises ValueError, and changes nothing, for another shape and
-        for numbers that are not finite or exceed 10⁶.
+        Raises ValueError, and changes nothing, for another shape and for numbers that are not finite or exceed 10⁶.
         """
         shape = self.topology.start.shape
         x, v = check_vectors(positions, "positions", shape), check_vectors(velocities, "velocities", shape, (3,))

@@ -99,7 +99,6 @@ def line_of(
 
 # -- timing ------------------------------------------------------------------------------------------------------------
 
-SMALL_WIDTH = 1000  # [pixels] of a window that the panel covers so far that scenes begin framed beside it
 MAX_FRAMES = 4  # simulated for one displayed frame; on a slow machine or after a stall, further frames are dropped
 INTERVAL_TOLERANCE = 0.1  # [frames] an interval between displayed frames this close to one frame counts as exactly one
 
@@ -194,6 +193,9 @@ def run(
         if line:
             print(line, flush=True)
     return session
+
+
+SMALL_WIDTH = 1000  # [pixels] the panel covers much of a narrower window, where each scene begins framed beside it
 
 
 def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | None, frame_log: FrameLog | None) -> None:

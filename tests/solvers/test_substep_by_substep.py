@@ -60,3 +60,10 @@ def test_a_callback_cannot_start_another_frame() -> None:
         assert simulation.frame == 2
         simulation.step()
         assert simulation.frame == 3
+
+
+def test_a_callback_that_closes_the_simulation_leaves_it_closed() -> None:
+    with Simulation(Scene(cloth=Cloth(rows=5, columns=6)), "serial") as simulation:
+        for run in (lambda: simulation.step_by_substep(lambda _: simulation.close()), simulation.step):
+            with pytest.raises(RuntimeError, match="this simulation is closed"):
+                run()
