@@ -321,8 +321,8 @@ def test_the_speed_is_the_same_on_every_page_and_slows_the_cloth(page: Browser, 
     choose = "select = find('select[name=speed]'); select.value = '%s'; select.dispatchEvent(new Event('change'))"
     page.value(choose % "1/8")
     second.until("find('select[name=speed]').value === '1/8'")
-    # A page may be some updates behind when the speed changes.
-    assert any(0 < frames_per_second(page) < 60 / 8 + 3 for _ in range(10))
+    # A page on a busy machine may be many updates behind when the speed changes.
+    assert any(0 < frames_per_second(page) < 60 / 8 + 3 for _ in range(60))
     second.value(choose % "1")
     page.until("find('select[name=speed]').value === '1'")
 
