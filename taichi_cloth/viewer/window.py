@@ -195,6 +195,7 @@ def run(
     return session
 
 
+STILL_FRAMES = 2  # displayed before the first frame is simulated: the toolkit shows the panel from the second on
 SMALL_WIDTH = 1000  # [pixels] the panel covers much of a narrower window, where each scene begins framed beside it
 
 
@@ -211,7 +212,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     text, updated, displayed_before = "", 0.0, 0
     while window.running and session.running and displayed != frames:
         now = time.perf_counter()
-        due = clock.due(now, SPEEDS[session.speed])
+        due = clock.due(now, SPEEDS[session.speed]) if displayed >= STILL_FRAMES else 0
         size = window_size(window, panel.window_size)
         cursor = window.get_cursor_pos()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -109,11 +110,15 @@ def test_the_window_shows_cloth_and_panel_and_leaves_no_files(open_window: Start
     assert list(app.temporary_folder.iterdir()) == []
 
 
-def test_the_window_closes_after_the_given_number_of_frames(open_window: Start) -> None:
+def test_the_window_closes_after_the_given_number_of_frames(open_window: Start, tmp_path: Path) -> None:
     app = open_window("curtain", "--frames", "5")
     app.wait_until(lambda line: line["displayed"] == 4, "the last displayed frame")
     assert app.exit_code() == 0
     assert app.new_entries() == []
+    entries = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    frames = [entry["frame"] for entry in entries[:3]]
+    assert frames[:2] == [0, 0], "the panel is not shown before the first frame is compiled"
+    assert frames[2] > 0
 
 
 @pytest.mark.parametrize("end", ["close", "interrupt"])
