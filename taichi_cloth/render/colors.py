@@ -109,7 +109,7 @@ PATTERNS: dict[str, Callable[[Indices, Indices, Indices, int], Fractions]] = {
 
 # -- bitmap font -------------------------------------------------------------------------------------------------------
 
-GLYPH_WIDTH, GLYPH_HEIGHT = 3, 5  # [units] of a glyph
+GLYPH_HEIGHT = 5  # [units] of a glyph; most are 3 wide
 GLYPHS = {
     "0": "### #.# #.# #.# ###",
     "1": ".#. ##. .#. .#. ###",
@@ -126,9 +126,9 @@ GLYPHS = {
     ".": "... ... ... ... .#.",
     "%": "#.# ..# .#. #.. #.#",
     "a": "... .## #.# #.# .##",
-    "e": ".#. #.# ### #.. .##",
+    "e": "... .#. #.# ##. .##",
     "f": ".## #.. ### #.. #..",
-    "m": "... ... ##. ### #.#",
+    "m": "..... ..... ##.#. #.#.# #.#.#",
     "r": "... #.# ##. #.. #..",
     "u": "... #.# #.# ### #..",
     " ": "... ... ... ... ...",
@@ -137,7 +137,12 @@ GLYPHS = {
 
 def text_width(text: str) -> int:
     """Return the width of a text [units]; glyphs are 1 unit apart."""
-    return (GLYPH_WIDTH + 1) * len(text) - 1
+    return sum(glyph_width(letter) + 1 for letter in text) - 1
+
+
+def glyph_width(letter: str) -> int:
+    """Return the width of a glyph [units]. Raises KeyError for a character that is not in `GLYPHS`."""
+    return GLYPHS[letter].index(" ")
 
 
 def text_rectangles(text: str, left: float, top: float) -> NDArray[np.float64]:
@@ -146,11 +151,12 @@ def text_rectangles(text: str, left: float, top: float) -> NDArray[np.float64]:
     Raises KeyError for a character that is not in `GLYPHS`.
     """
     found = []
-    for k, letter in enumerate(text):
+    for letter in text:
         for row, cells in enumerate(GLYPHS[letter].split()):
             for column, cell in enumerate(cells):
                 if cell == "#":
-                    found.append((left + (GLYPH_WIDTH + 1) * k + column, top + row, 1.0, 1.0))
+                    found.append((left + column, top + row, 1.0, 1.0))
+        left += glyph_width(letter) + 1
     return np.array(found).reshape(-1, 4)
 
 

@@ -72,6 +72,7 @@ class ErrorProcess:
         self._scene: Scene | None = None
         self._is_busy = False  # with a job
         self._is_stale = False  # whether the answer to that job will be dropped
+        self._sent = 0.0  # wall time of that job [s]
         self._next = 0.0  # wall time of the next job [s]
         self._process: SpawnProcess | None = None
         self._pipe: connection.Connection | None = None
@@ -95,9 +96,14 @@ class ErrorProcess:
         self.answer, self._is_stale = None, True
 
     @property
-    def is_measuring(self) -> bool:
-        """Whether the process works on a frame of the cloth as it has run since."""
-        return self._is_busy and not self._is_stale
+    def state(self) -> str:
+        """What the process does while there is no answer, with the time that it has taken: it may have to compile."""
+        if not self._is_busy:
+            return "not measured yet"
+        seconds = f"{time.perf_counter() - self._sent:.0f} s"
+        if self._is_stale:
+            return f"not measured yet: busy with a frame before the change ({seconds})"
+        return f"being measured ({seconds})"
 
     @property
     def error(self) -> FrameError | None:
@@ -116,7 +122,7 @@ class ErrorProcess:
                 self._start()
             assert self._pipe is not None
             self._pipe.send(job)
-            self._is_busy, self._is_stale = True, False
+            self._is_busy, self._is_stale, self._sent = True, False, time.perf_counter()
         except OSError as error:
             self.answer = Answer(refusal=f"the process that measures it has ended ({error})", is_final=True)
 
@@ -156,7 +162,7 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
     if meter is None:
         return ["error of a frame: not measured (U)"]
     if meter.answer is None:
-        return [f"error of a frame: {'being measured' if meter.is_measuring else 'not measured yet'}"]
+        return [f"error of a frame: {meter.state}"]
     found, growth = meter.answer.error, meter.answer.growth
     if found is None or meter.answer.refusal:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]

@@ -35,6 +35,7 @@ PANEL_WIDTH = 392  # [pixels] a slider takes 65 % of it, which leaves 17 charact
 PANEL_HEIGHT = 700  # [pixels] room for the longest page
 # Characters in a line: the toolkit's padding is 8 pixels, its scroll bar 14, and a character is 7 pixels wide.
 LINE_LENGTH = (PANEL_WIDTH - 2 * 8 - 14) // 7
+LINE_HEIGHT, CAPTION_HEIGHT = 17, 36  # [pixels] of a line of text; of a caption without any
 HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 68 characters
 SUMMARY_LINES = 6  # lines of the statistics that most pages show; pages with lists show the first two
 LIST_SUMMARY_LINES = 2
@@ -116,6 +117,14 @@ class Panel:
                 for line, color in charts.legend(session.history):
                     gui.text(line, color=color)
         return changed
+
+    def draw_caption(self, gui: ti.ui.Gui, lines: Sequence[str]) -> None:
+        """Draw lines of text where the panel would be."""
+        width, height = self.window_size
+        size = (PANEL_WIDTH / width, (CAPTION_HEIGHT + len(lines) * LINE_HEIGHT) / height)
+        with gui.sub_window("caption", PANEL_MARGIN / width, PANEL_MARGIN / height, *size):
+            for line in lines:
+                gui.text(line)
 
     # Each page declares its widgets, and returns whether the user changed one.
 

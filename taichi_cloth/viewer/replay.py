@@ -24,7 +24,7 @@ from ..simulation.simulation import Simulation
 from ..system.errors import UsageError, choose_from
 from .capture import Exporter
 from .error_process import ErrorProcess, Job, Measurer, error_lines
-from .input import Refusal
+from .input import SHORTCUTS, Refusal
 from .session import Session
 
 
@@ -78,6 +78,7 @@ def session_images(session: Session, plan: RenderPlan, show: AppendImage, on_fra
 
 # Actions that do not change the cloth: they are allowed during replay.
 VIEW_KEYS = {"freeze", "step", "view", "errors", "first_view", "screenshot", "quit"}
+CAPTION_KEYS = {"freeze", "view", "quit"}  # of these, named over the picture
 
 
 class ReplaySession(Session):
@@ -110,6 +111,15 @@ class ReplaySession(Session):
     def is_over(self) -> bool:
         """Whether the recording has ended."""
         return self.is_equal is not None
+
+    @property
+    def caption(self) -> list[str]:
+        """What is replayed, and the keys that act; nothing once the panel is shown."""
+        if self.is_over:
+            return []
+        state = "frozen" if self.frozen else "replaying"
+        keys = " · ".join(f"{key.label} {key.help}" for key in SHORTCUTS if key.action in CAPTION_KEYS)
+        return [f"{state}: frame {self.frames_replayed} of {self.recording.frames}", keys]
 
     # -- user input ----------------------------------------------------------------------------------------------------
 

@@ -61,8 +61,7 @@ class Session:
         Raises SceneError and UsageError as `Simulation` does.
         """
         self.running = True  # until the user quits
-        self.frozen = False
-        self.hidden = False  # whether the panel is
+        self.frozen = self.hidden = False  # the panel is hidden
         self.view = VIEWS[0]
         self.speed = "1"  # simulated time per wall time, by its name in `SPEEDS`
         self.page = PAGES[0]  # of the panel
@@ -77,6 +76,11 @@ class Session:
         self.capture = Capture(out)
         self._initial_scene, self.layout, self.export = scene, layout, export
         self._open(scene)
+
+    @property
+    def caption(self) -> list[str]:
+        """Lines over the picture, where the panel is not shown."""
+        return []
 
     def _open(self, scene: Scene) -> None:
         self.simulation = Simulation(scene, self.layout)
@@ -248,11 +252,8 @@ class Session:
     @property
     def features(self) -> dict[str, bool]:
         """Optional features of the scene, and whether each is on. Wind is not among them: it has its own switch."""
-        return {
-            name: bool(getattr(self.simulation.scene, name))
-            for name in removable_sections(self._full_scene)
-            if name != "wind"
-        }
+        names = [name for name in removable_sections(self._full_scene) if name != "wind"]
+        return {name: bool(getattr(self.simulation.scene, name)) for name in names}
 
     def set_features(self, features: dict[str, bool]) -> None:
         """Switch features on and off. A new combination is compiled first, which takes seconds."""
@@ -276,8 +277,7 @@ class Session:
         `cursor`: its screen point. `buttons`: those that are down. `size`: of the window [pixels]. `on_panel`: whether
         the cursor is inside the panel's rectangle. `widget_changed`: whether a widget of the panel has changed.
         """
-        self.size = size
-        mouse = Mouse(cursor[0] * size[0] / size[1], cursor[1], buttons)
+        self.size, mouse = size, Mouse(cursor[0] * size[0] / size[1], cursor[1], buttons)
         self._cursor = None if on_panel else (cursor, size)
         gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
         self.camera.orbit(*gesture.orbit)

@@ -227,6 +227,8 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         widget_used = not session.hidden and panel.draw(gui, session, text)
         if session.page == HELP:
             panel.draw_help(gui)
+        if session.caption:
+            panel.draw_caption(gui, session.caption)
         session.camera.zoom(scroll_steps(window))
         session.camera.view_shift = 0.0 if session.hidden else panel.shift(size)
         if session.camera is not camera:  # that of a new scene

@@ -7,7 +7,6 @@ import pytest
 
 from taichi_cloth.render.colors import (
     BAR_WIDTH,
-    GLYPH_WIDTH,
     GLYPHS,
     MARGIN,
     MAX_RECTANGLES,
@@ -25,9 +24,9 @@ from taichi_cloth.render.fill import FULL_STRAIN
 from taichi_cloth.viewer.charts import top
 
 
-def test_glyphs_have_three_by_five_pixels() -> None:
-    for rows in GLYPHS.values():
-        assert [len(row) for row in rows.split()] == [GLYPH_WIDTH] * 5
+def test_glyphs_have_five_rows_of_one_width() -> None:
+    for letter, rows in GLYPHS.items():
+        assert [len(row) for row in rows.split()] == [5 if letter == "m" else 3] * 5
 
 
 def test_text_is_drawn_as_glyphs_side_by_side() -> None:
@@ -37,6 +36,12 @@ def test_text_is_drawn_as_glyphs_side_by_side() -> None:
     assert one[:, :2].tolist()[0] == [11.0, 20.0]
     assert seven[:3, :2].tolist() == [[18.0, 20.0], [19.0, 20.0], [20.0, 20.0]]
     assert text_width("1 7") == 11
+
+
+def test_wide_glyphs_move_those_after_them() -> None:
+    rows = text_rectangles("m7", 10.0, 20.0)
+    assert rows[rows[:, 0] >= 15][:3, :2].tolist() == [[16.0, 20.0], [17.0, 20.0], [18.0, 20.0]]
+    assert text_width("m7") == 9
 
 
 @pytest.mark.parametrize("size", [(180, 320), (540, 960), (40, 30)])

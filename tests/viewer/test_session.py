@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -657,7 +658,13 @@ def test_an_error_that_arrives_while_the_cloth_is_frozen_is_shown(
     session.advance(1)
     assert error_lines(session.meter) == ["error of a frame: not measured yet"]
     session.meter._is_busy, session.meter._is_stale = True, False
-    assert error_lines(session.meter) == ["error of a frame: being measured"]
+    session.meter._sent = time.perf_counter() - 12.1
+    assert error_lines(session.meter) == ["error of a frame: being measured (12 s)"]
+    session.meter.forget()
+    assert error_lines(session.meter) == [
+        "error of a frame: not measured yet: busy with a frame before the change (12 s)"
+    ]
+    session.meter._is_stale = False
     found = FrameError(1, 0.1, 0.1, 0.0, None, 0.1, np.ones(720), 0.1)
     monkeypatch.setattr(session.meter, "_pipe", ReadyPipe(Answer(found)))
     session.advance(1)

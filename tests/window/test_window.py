@@ -468,6 +468,9 @@ def test_a_recording_is_replayed_in_the_window_and_then_the_user_controls_it(
     app = open_window(str(tmp_path / "recorded.toml"), command="replay")
     assert (app.width, app.height) == (640, 480)
     app.wait_until(lambda line: line["grabbed"] == 566, "the recorded grab")
+    caption = app.screenshot()[PANEL_MARGIN + TITLE : PANEL_MARGIN + TITLE + 20, PANEL_MARGIN + 4 : PANEL_MARGIN + 300]
+    assert (caption.max(axis=2) < 60).mean() > 0.5, "nothing says that this is a replay"
+    assert (caption.min(axis=2) > 150).mean() > 0.03
     end = app.wait_until(lambda line: line["frame"] == 20 and line["frozen"], "the end")
     assert (end["grabbed"], end["view"]) == (None, "strain")
     image = app.screenshot()[:, PANEL_MARGIN + PANEL_WIDTH : app.width - 100].astype(int)  # left of the color scale
