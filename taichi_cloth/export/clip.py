@@ -97,7 +97,7 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
 # What other modules of this package use. It is not documented, and the completion of names leaves it out.
 INNER_NAMES = frozenset(
     ("built", "check_particle", "depenetration", "frames_stepped", "grabs", "h", "has_changed", "has_self_contact")
-    + ("notify", "place", "rebuild", "requested_layout", "scene_colliders", "set_grabs", "set_pins")
+    + ("notify", "place", "rebuild", "requested_layout", "scene_colliders", "set_grabs", "set_pins", "set_torn")
 )
 
 
@@ -183,7 +183,13 @@ def replay(path: str | PathLike[str]) -> Simulation:
     """
     recording = read_recording(Path(path))
     simulation = Simulation(recording.scene, recording.layout)
-    run_recording(recording, simulation)
+    try:
+        run_recording(recording, simulation)
+    except BaseException as error:
+        simulation.close()
+        if isinstance(error, UsageError):
+            raise UsageError(f"{path}: {error}") from None
+        raise
     return simulation
 
 

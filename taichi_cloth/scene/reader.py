@@ -221,6 +221,16 @@ def _check_mesh_names(scene: Scene, mistakes: Mistakes) -> None:
             mistakes.add(where, reason, nearest_name(file, mesh_names()))
 
 
+def _check_collider_names(scene: Scene, mistakes: Mistakes) -> None:
+    """Check that colliders with names have different ones: they are prefixes of runtime parameters."""
+    seen: set[str] = set()
+    for section in COLLIDERS:
+        for k, collider in enumerate(getattr(scene, section)):
+            if collider.name in seen:
+                mistakes.add(f"{section}[{k}].name", f"{short_repr(collider.name)} is the name of another collider")
+            seen |= {collider.name} - {""}
+
+
 def _check_response(collider: ContactProperties, where: str, mistakes: Mistakes) -> None:
     """Check that continuous collision detection and triangle collision have projection."""
     if collider.response != RESPONSES[PROJECTION]:
@@ -265,6 +275,7 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
     if scene.cloth.file and scene.look.pole:
         mistakes.add("look.pole", "is drawn along the top edge of a grid, but cloth.file names a mesh")
     _check_mesh_names(scene, mistakes)
+    _check_collider_names(scene, mistakes)
     _check_regions(scene, mistakes)
     _check_pins(scene, mistakes)
     for name in (*COLLIDERS, "ground"):

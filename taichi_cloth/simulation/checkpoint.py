@@ -93,7 +93,7 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
     simulation.params.values_by_name = values
     simulation.params.wind_on = bool(arrays["wind_on"])
     simulation.depenetration.reduction[:] = arrays["depenetration"]
-    simulation.untear(arrays["torn"])
+    simulation.set_torn(arrays["torn"])
     simulation.frame = int(arrays["frame"])
     upload_all(*((getattr(simulation.cloth, key), arrays[key]) for key in ("x", "x_prev", "velocity")))
     simulation.set_grabs({number: restored_grab(grab, simulation.grabs.get(number)) for number, grab in grabs.items()})

@@ -94,7 +94,7 @@ class Copy(Simulation):
         for name in start.params.keys() & known.keys() - but:
             self.params[name] = int(start.params[name]) if known[name].is_int else start.params[name]
         self.params["wind"] = start.wind_on
-        self.untear(start.torn)
+        self.set_torn(start.torn)
         self.frame = start.frame
         self.set_state(start.positions, start.velocities)
         self.set_grabs(

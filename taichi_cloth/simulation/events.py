@@ -47,7 +47,7 @@ def reset(simulation: Simulation) -> None:
     simulation.place(start)
     simulation.solver.set_velocities(np.zeros_like(start), simulation.h)
     simulation.depenetration.invalidate()
-    simulation.untear()
+    simulation.set_torn(False)
     simulation.frame = 0
 
 
@@ -146,6 +146,10 @@ def pin_within(simulation: Simulation, particle: int, radius: float, on: bool) -
     simulation.set_pins(pinned)
 
 
+def untear(simulation: Simulation) -> None:
+    simulation.set_torn(False)
+
+
 def load(simulation: Simulation, content: str) -> None:
     read_checkpoint(simulation, b64decode(content))
 
@@ -175,6 +179,7 @@ EVENTS: dict[str, EventKind] = {
     "pin_within": EventKind(pin_within, ((int,), (float,), (bool,))),  # particle, radius [m]
     "reset": EventKind(reset),
     "set_state": EventKind(set_state, ((list,), (list,))),  # positions [m], velocities [m/s]
+    "untear": EventKind(untear),
     "load": EventKind(load, ((str,),)),  # a checkpoint in base64
     "roll_back": EventKind(report_roll_back),
 }

@@ -44,7 +44,7 @@ VIEW_EVENTS: dict[str, tuple[tuple[type, ...], ...]] = {
 }
 
 # Events that may rebuild the cloth.
-REBUILDING = {"switch_solver", "switch_fabric", "switch_scene", "pin", "pin_within", "load", "reset"}
+REBUILDING = {"switch_solver", "switch_fabric", "switch_scene", "pin", "pin_within", "load", "reset", "untear"}
 
 TITLE = "# A recording of a cloth. To replay it: taichi-cloth replay FILE"
 
@@ -277,19 +277,25 @@ def apply_recorded(simulation: Simulation, event: Event) -> None:
 
 
 def run_recording(recording: Recording, simulation: Simulation) -> None:
-    """Repeat a recording, without drawing it, with a new simulation of its scene. Raises UsageError and SceneError."""
+    """Repeat a recording, without drawing it, with a new simulation of its scene.
+
+    Raises UsageError with the row of an event that the scene does not support.
+    """
     guard = DivergenceGuard(simulation)
-    rows = [row for row in recording.rows if row[1].name not in VIEW_EVENTS]
+    rows = [(k, *row) for k, row in enumerate(recording.rows) if row[1].name not in VIEW_EVENTS]
     for frame in range(recording.frames + 1):
         if frame > 0:
             simulation.step()
             guard.check_and_snapshot()
-        while rows and rows[0][0] == frame:
-            event = rows.pop(0)[1]
+        while rows and rows[0][1] == frame:
+            k, _, event = rows.pop(0)
             if event.name == "roll_back":
                 guard.roll_back()
             else:
-                apply_recorded(simulation, event)
+                try:
+                    apply_recorded(simulation, event)
+                except ValueError as error:
+                    raise UsageError(f"rows[{k}]: {event.name}: {error}") from None
             if event.name in REBUILDING:
                 guard = DivergenceGuard(simulation)
 

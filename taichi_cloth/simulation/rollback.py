@@ -50,7 +50,7 @@ class DivergenceGuard:
         line = f"the cloth blew up in frame {simulation.frame}: {self._advice()}"
         for number in list(simulation.grabs):
             simulation.apply(Event("release", (number,)))
-        simulation.untear(self._torn)
+        simulation.set_torn(self._torn)
         restore_snapshot(simulation.cloth, self._snapshots[0])
         simulation.frame = self._frame
         simulation.notify(Event("roll_back"))

@@ -243,7 +243,7 @@ class RunningCloth:
 
     def check_particle(self, particle: int) -> int:
         """Return a particle's index. Raises ValueError if there is none."""
-        if not isinstance(particle, (int, np.integer)):
+        if isinstance(particle, bool) or not isinstance(particle, (int, np.integer)):
             raise ValueError(f"particle index must be an integer, not {short_repr(particle)}")
         if not 0 <= particle < self.topology.particle_count:
             raise ValueError(f"particle index must be in 0..{self.topology.particle_count - 1}, not {particle}")
@@ -315,8 +315,8 @@ class RunningCloth:
         """Which springs of the untorn cloth are torn, (E,); empty for a cloth that does not tear."""
         return np.zeros(0, bool) if self._tear is None else self._tear.torn.copy()
 
-    def untear(self, torn: NDArray[np.bool_] | bool = False) -> None:
-        """Restore all torn springs but those that are `torn`, as the property has them."""
+    def set_torn(self, torn: NDArray[np.bool_] | bool) -> None:
+        """Set which springs are torn, as the property has them, or all."""
         if self._tear is not None:
             self._tear.torn[:] = torn
             self._rebuild_topology()

@@ -168,6 +168,10 @@ class Simulation(RunningCloth):
         particle, radius = self.check_particle(particle), check_radius(radius)
         self.apply(Event("pin_within", (particle, radius, on)) if radius else Event("pin", (particle, on)))
 
+    def untear(self) -> None:
+        """Restore all torn springs, where the cloth is now."""
+        self.apply(Event("untear"))
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write a checkpoint (.npz). Raises OSError; a partial file never remains."""
         write_checkpoint(self, path)

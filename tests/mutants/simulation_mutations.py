@@ -46,7 +46,7 @@ SIMULATION = [
     Mutation(
         "reset-keeps-torn-springs",
         "simulation/events.py",
-        "    simulation.depenetration.invalidate()\n    simulation.untear()\n",
+        "    simulation.depenetration.invalidate()\n    simulation.set_torn(False)\n",
         "    simulation.depenetration.invalidate()\n",
         ("simulation/test_tear_events.py::test_reset_restores_all_springs_bit_for_bit",),
     ),

@@ -103,6 +103,12 @@ def test_regions_pin_a_sheet_and_an_attachment(write: Write) -> None:
             "'a' is the name of another region",
             "",
         ),
+        (
+            "[[boxes]]\nname = 'a'\n[[spheres]]\nname = 'a'\n[[spheres]]\n[[spheres]]",
+            "boxes[0].name",
+            "'a' is the name of another collider",
+            "",
+        ),
         ("[cloth]\nfile = 'rund'", "cloth.file", "'rund' is not a shipped mesh", "round"),
         ("[cloth]\nfile = 'none.obj'", "cloth.file", "cannot be read: No such file or directory", ""),
         (FILE + "scale = 1e-4", "cloth.file", "the cloth would be 0.0001 m in size, not 0.001 to 1000 m", ""),

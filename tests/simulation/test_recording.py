@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import taichi_cloth as tc
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, SceneError
 from taichi_cloth.scene.collider_schema import Sphere
@@ -515,6 +516,9 @@ def test_an_invalid_recording_is_one_line(good: str, tmp_path: Path, change: Cha
         replay(path)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+    if before.partition(",")[0] in ('[3, "grab"', '"gravity"', '"load"', '"set_state"', "seed = 0"):
+        with pytest.raises(UsageError, match=r"^.*bad\.toml: rows\[\d+\]: "):
+            tc.replay(path)
 
 
 def test_the_valid_file_is_replayed(good: str, tmp_path: Path) -> None:

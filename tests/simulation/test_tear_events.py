@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichi_cloth.export.clip import replay
 from taichi_cloth.geometry.scene_loader import check_scene, load_scene
 from taichi_cloth.geometry.tearing import TearState
 from taichi_cloth.render.draw_list import VIEWS, DrawList
 from taichi_cloth.scene import SceneError
 from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver, Tearing, Tethers, VerletSprings, Wind
+from taichi_cloth.simulation.recording import Recorder
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
 from taichi_cloth.system.errors import UsageError
@@ -191,3 +193,22 @@ def test_a_mesh_tears_where_it_is_grabbed() -> None:
         assert 0 < whole.spring_count - left.spring_count < 200  # one piece is torn off, not many
         assert left.triangle_count < whole.triangle_count
         assert simulation.metrics().max_strain < 0.5
+
+
+def test_untear_is_an_event_that_recordings_have(tmp_path: Path) -> None:
+    names = []
+    with Simulation(strip("xpbd", 0.8 * STATIC)) as simulation:
+        recorder = Recorder(simulation)
+        simulation.listeners.append(lambda event: names.append(event.name))
+        while not simulation.torn.any():
+            simulation.step()
+        simulation.step(5)
+        simulation.untear()
+        assert not simulation.torn.any()
+        assert simulation.topology.spring_count == tear_state(simulation).untorn.spring_count
+        simulation.step(5)
+        assert names == ["untear"]
+        recorder.save(tmp_path / "torn.toml")
+        positions = simulation.positions()
+    with replay(tmp_path / "torn.toml") as again:
+        assert np.array_equal(again.positions(), positions)
