@@ -185,11 +185,9 @@ def replay(path: str | PathLike[str]) -> Simulation:
     simulation = Simulation(recording.scene, recording.layout)
     try:
         run_recording(recording, simulation)
-    except BaseException as error:
+    except UsageError as error:
         simulation.close()
-        if isinstance(error, UsageError):
-            raise UsageError(f"{path}: {error}") from None
-        raise
+        raise UsageError(f"{path}: {error}") from None
     return simulation
 
 

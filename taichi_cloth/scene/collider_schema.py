@@ -73,7 +73,9 @@ class Attachment(Motion):
 class Collider(Motion, ContactProperties):
     """A body that the cloth cannot enter. `rotation` is its orientation before any motion."""
 
-    name: str = key_field("", "prefix of its runtime parameters; the first of each shape may omit it")
+    name: str = key_field(
+        "", "prefix of its runtime parameters, different for each collider; the first of each shape may omit it"
+    )
     rotation: Vec3 = key_field((0.0, 0.0, 0.0), "rotation about x, then y, then z", "degrees", min=-360.0, max=360.0)
 
 

@@ -61,7 +61,7 @@ class Session:
         Raises SceneError and UsageError as `Simulation` does.
         """
         self.running = True  # until the user quits
-        self.frozen = self.hidden = False  # the panel is hidden
+        self.frozen = self.hidden = False  # `hidden`: the panel
         self.view = VIEWS[0]
         self.speed = "1"  # simulated time per wall time, by its name in `SPEEDS`
         self.page = PAGES[0]  # of the panel

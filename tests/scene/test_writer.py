@@ -15,7 +15,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, key_table, scene_names, scene_to_toml
 from taichi_cloth.scene.collider_schema import Mesh, RoundCollider
 from taichi_cloth.scene.keys import Key, Keyframes, Section, Vec3, keys_of
-from taichi_cloth.scene.schema import GRID_KEYS, MAP_NAMES, Cloth, Maps, Region, SelfCollision, sections
+from taichi_cloth.scene.schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Maps, Region, SelfCollision, sections
 
 Write = Callable[[str | bytes], Path]
 
@@ -83,8 +83,16 @@ def sections_of(part: Section) -> st.SearchStrategy[Any]:
 
 
 def consistent_scene(scene: Scene) -> Scene:
-    """Return the scene, without bending stiffness if it has tearing."""
-    return scene if scene.tearing is None else replace(scene, fabric=replace(scene.fabric, bending_stiffness=0.0))
+    """Return the scene, without bending stiffness if it has tearing, and with a name for one collider only."""
+    if scene.tearing is not None:
+        scene = replace(scene, fabric=replace(scene.fabric, bending_stiffness=0.0))
+    colliders = {section: getattr(scene, section) for section in COLLIDERS}
+    named = [one for section in colliders.values() for one in section if one.name][:1]
+    unnamed = {
+        section: tuple(one if any(one is first for first in named) else replace(one, name="") for one in found)
+        for section, found in colliders.items()
+    }
+    return replace(scene, **unnamed)
 
 
 scenes = tables(Scene, name=st.just("mine"), **{name: sections_of(part) for name, part in sections().items()}).map(

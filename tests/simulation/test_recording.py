@@ -516,9 +516,13 @@ def test_an_invalid_recording_is_one_line(good: str, tmp_path: Path, change: Cha
         replay(path)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-    if before.partition(",")[0] in ('[3, "grab"', '"gravity"', '"load"', '"set_state"', "seed = 0"):
-        with pytest.raises(UsageError, match=r"^.*bad\.toml: rows\[\d+\]: "):
-            tc.replay(path)
+
+
+def test_an_event_that_fails_in_python_is_named_with_file_and_row(good: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(good.replace('[3, "grab", 19,', '[3, "grab", 20,', 1))
+    with pytest.raises(UsageError, match=r"bad\.toml: rows\[\d+\]: grab: particle index must be in 0\.\.19, not 20$"):
+        tc.replay(path)
 
 
 def test_the_valid_file_is_replayed(good: str, tmp_path: Path) -> None:
