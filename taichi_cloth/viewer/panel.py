@@ -119,10 +119,10 @@ class Panel:
         return changed
 
     def draw_caption(self, gui: ti.ui.Gui, lines: Sequence[str]) -> None:
-        """Draw lines of text where the panel would be."""
+        """Draw lines about a replay where the panel would be."""
         width, height = self.window_size
         size = (PANEL_WIDTH / width, (CAPTION_HEIGHT + len(lines) * LINE_HEIGHT) / height)
-        with gui.sub_window("caption", PANEL_MARGIN / width, PANEL_MARGIN / height, *size):
+        with gui.sub_window("replay", PANEL_MARGIN / width, PANEL_MARGIN / height, *size):
             for line in lines:
                 gui.text(line)
 
