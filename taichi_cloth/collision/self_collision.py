@@ -156,7 +156,7 @@ def visit_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.templa
 @ti.func
 def resolve_self_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """Move apart what is closer than the thickness, one Jacobi iteration."""
-    if ti.static(features.self_collision):
+    if ti.static(features.self_collision and not features.penetration_free):
         update_candidates(cloth, features, ctx)
         for n in range(cloth.self_contact.particle_count[None]):
             cloth.self_contact.depth_sum[cloth.self_contact.particle[n]] = 0

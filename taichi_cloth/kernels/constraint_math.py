@@ -147,7 +147,7 @@ def closest_on_triangle(p: tm.vec3, a: tm.vec3, b: tm.vec3, c: tm.vec3):
     area = d00 * d11 - d01 * d01
     v, w = d11 * d20 - d01 * d21, d00 * d21 - d01 * d20
     weights = tm.vec3(0.0)
-    if area > 1e-9 * d00 * d11 and v >= 0.0 and w >= 0.0 and v + w <= area:
+    if area > 1e-6 * d00 * d11 and v >= 0.0 and w >= 0.0 and v + w <= area:
         weights = tm.vec3(area - v - w, v, w) / area
     else:  # on the boundary: the closest of three segments
         best = tm.inf

@@ -95,16 +95,22 @@ def margin_at(table: ti.template(), row: int, fraction: float) -> float:
 
 
 @ti.func
-def set_kinematic(cloth: ti.template(), features: ti.template(), index: int, x: tm.vec3, velocity: tm.vec3):
-    """Set position and velocity of the particle at a layout index."""
-    write(cloth, cloth.x, index, x)
+def set_kinematic(
+    cloth: ti.template(), features: ti.template(), index: int, x: tm.vec3, velocity: tm.vec3, moves: ti.template()
+):
+    """Set the velocity of the particle at a layout index, and its position if it `moves`."""
+    if ti.static(moves):
+        write(cloth, cloth.x, index, x)
     if ti.static(features.stores_velocity):
         write(cloth, cloth.velocity, index, velocity)
 
 
 @ti.func
-def move_kinematic_particles(cloth: ti.template(), features: ti.template(), ctx: ti.template(), time: float):
-    """Set position and velocity of attached and grabbed particles at a time, in substeps since the start of the frame.
+def move_kinematic_particles(
+    cloth: ti.template(), features: ti.template(), ctx: ti.template(), time: float, moves: ti.template() = True
+):
+    """Set velocity and, if it `moves` them, position of attached and grabbed particles at a time, in substeps since the
+    start of the frame.
 
     Forces use this velocity. A grab moves in a straight line and takes precedence over an attachment.
     """
@@ -116,7 +122,7 @@ def move_kinematic_particles(cloth: ti.template(), features: ti.template(), ctx:
             offset = axes @ cloth.attachments.local[n]
             travel = vec3_at(ctx.colliders, row, COLLIDER_END) - vec3_at(ctx.colliders, row, COLLIDER_START)
             velocity = (travel + vec3_at(ctx.colliders, row, COLLIDER_ROTATION).cross(offset)) / seconds
-            set_kinematic(cloth, features, cloth.attachments.index[n], center + offset, velocity)
+            set_kinematic(cloth, features, cloth.attachments.index[n], center + offset, velocity, moves)
     params = ti.static(ctx.params)
     for n in range(ctx.grabbed_count):
         column = GRABS + 6 * cloth.grabbed.grab[n]
@@ -124,7 +130,7 @@ def move_kinematic_particles(cloth: ti.template(), features: ti.template(), ctx:
         path = tm.vec3(params[column + 3], params[column + 4], params[column + 5]) - start
         # Relative to where the particle was grabbed: no bit changes while the grab is at rest.
         x = cloth.grabbed.rest_position[n] + (start + path * fraction)
-        set_kinematic(cloth, features, cloth.grabbed.index[n], x, path / seconds)
+        set_kinematic(cloth, features, cloth.grabbed.index[n], x, path / seconds, moves)
 
 
 EXPONENT = 0x7F800000  # exponent bits of a float32: all set for infinity and NaN

@@ -272,6 +272,8 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
     contact = scene.self_collision
     if contact is not None and contact.static_friction and contact.primitives != "particles":
         mistakes.add("self_collision.static_friction", 'requires primitives = "particles"')
+    if contact is not None and contact.static_friction and contact.penetration_free:
+        mistakes.add("self_collision.static_friction", "does not go with penetration_free, which has its own friction")
     if scene.cloth.file and scene.look.pole:
         mistakes.add("look.pole", "is drawn along the top edge of a grid, but cloth.file names a mesh")
     _check_mesh_names(scene, mistakes)

@@ -302,6 +302,11 @@ class SelfCollision(Table):
     untangle: bool = key_field(
         False, "switches self-contact off where the cloth intersects itself, until it no longer does"
     )
+    penetration_free: bool = key_field(
+        False,
+        "no part of the cloth ever passes through another: contact of triangles and edges at the thickness, and motion"
+        " that would cross cloth is cut off",
+    )
     static_friction: bool = key_field(
         False, "static friction between particles, by friction anchors: stacks stand, and piles hardly creep"
     )

@@ -32,6 +32,7 @@ from ..state.constraint_data import attach_attachments
 from ..state.contact_data import acquire_sdf, release_sdf
 from ..system.errors import UsageError
 from .grabbing import Grab
+from .intersection_guard import describe_intersections
 
 MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles each by itself; a grid has at most 12
 # Features that are listed beside spring families and colliders: field of `Features`, and name for the user.
@@ -43,6 +44,7 @@ FEATURE_NAMES = {
     "attachments": "attachments",
     "wind": "wind",
     "self_collision": "self-collision",
+    "penetration_free": "penetration-free",
     "continuous": "continuous",
     "triangles": "triangles",
 }
@@ -65,8 +67,9 @@ def features_of(scene: Scene) -> Features:
         max_distances=scene.maps is not None and bool(scene.maps.max_distance),
         attachments=bool(scene.attachments),
         self_collision=contact is not None,
-        untangle=contact is not None and contact.untangle,
+        untangle=contact is not None and contact.untangle and not contact.penetration_free,
         static_friction=contact is not None and contact.static_friction,
+        penetration_free=contact is not None and contact.penetration_free,
         self_triangles=contact is not None and contact.primitives == "triangles",
     )
 
@@ -124,6 +127,13 @@ def build(scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | Non
     cloth = state.acquire_state(topology)
     cloth.upload(topology, stiffness)
     solver = solver_type(cloth, topology, stiffness, features_of(scene), chosen_layout)
+    contact = scene.self_collision
+    if contact is not None and contact.penetration_free and not contact.untangle:
+        found = describe_intersections(topology, topology.start)
+        if found:
+            release_solver(solver)
+            hint = "; self_collision.untangle lets them come apart first"
+            raise UsageError(f"{scene.name}: self_collision.penetration_free: at the start {found}{hint}")
     if scene.attachments:
         centers = np.array([pose(attachment, 0.0)[0] for attachment in scene.attachments])
         attach_attachments(solver.layout, topology, np.where(pin_changes, -1, attachment_ids(scene, topology)), centers)

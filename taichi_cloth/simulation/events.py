@@ -21,6 +21,7 @@ from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint
 from .grabbing import Grab, vertices_in_radius
+from .intersection_guard import describe_intersections
 from .parameter_values import check_radius, check_target, check_vectors
 
 
@@ -54,6 +55,11 @@ def reset(simulation: Simulation) -> None:
 def set_state(simulation: Simulation, positions: Vectors, velocities: Vectors | list[float]) -> None:
     shape = simulation.topology.start.shape
     x = check_vectors(positions, "positions", shape)
+    contact = simulation.scene.self_collision
+    if contact is not None and contact.penetration_free and not contact.untangle:
+        found = describe_intersections(simulation.topology, x)
+        if found:
+            raise ValueError(f"positions with intersections, which self_collision.penetration_free forbids: {found}")
     v = np.array(np.broadcast_to(check_vectors(velocities, "velocities", shape, (3,)), shape))
     v[simulation.topology.pinned] = 0.0
     for number in list(simulation.grabs):

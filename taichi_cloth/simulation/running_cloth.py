@@ -31,6 +31,7 @@ from ..system.taichi_compat import ProgramRef
 from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
 from .grabbing import Grab, all_grabbed
+from .intersection_guard import IntersectionGuard
 from .parameter_values import Parameters, check_frames
 
 Floats = NDArray[np.float64]
@@ -66,6 +67,8 @@ class RunningCloth:
         self._row = StepRow(scene, built.topology.origin, built.damping_time)
         self.depenetration = Depenetration(solver.features.collider_count)
         self.has_self_contact = False
+        self._guard = IntersectionGuard(solver, built.topology) if solver.features.penetration_free else None
+        self.restart_guard()
         torn = () if self._tear is None else (self._tear.ends,)
         self._tear = TearState(built.topology, *torn) if scene.tearing is not None else None
         self._rebuild_topology()
@@ -172,6 +175,8 @@ class RunningCloth:
 
     def _frame_input(self) -> FrameInput:
         start, end = self.seconds, self.seconds + FRAME_SECONDS
+        if self._guard is not None:
+            self._guard.begin_frame(self.frame)
         colliders, values = self.scene_colliders(), self.params.values_by_name
         margin_reduction = self.depenetration.advance(colliders, self._free_positions, start, end)
         moving = [*colliders, *self.scene.attachments]
@@ -218,7 +223,18 @@ class RunningCloth:
     def place(self, x: Floats) -> None:
         """Set all positions [m], (N, 3), at rest; grabbed particles stay grabbed."""
         upload_all(*((field, x - self.topology.origin) for field in (self.cloth.x, self.cloth.x_prev)))
+        self.restart_guard()
         self.set_grabs(self.grabs)
+
+    def restart_guard(self) -> None:
+        """Let penetration-free contact continue from the present positions, which were not reached by a step."""
+        if self._guard is not None:
+            self._guard.restart(self.frame)
+
+    @property
+    def penetration_free_since(self) -> int | None:
+        """First frame from which no part of the cloth passes through another; None if that is not guaranteed."""
+        return None if self._guard is None else self._guard.clean_since
 
     @property
     def grabbed(self) -> NDArray[np.int64]:
@@ -335,6 +351,8 @@ class RunningCloth:
             self.topology, self.has_self_contact = remaining, False
             stiffness = spring_stiffness(self.scene, self.solver.info.stiffness_section, remaining)
             self.solver.rebuild_topology(remaining, stiffness)
+            if self._guard is not None:
+                self._guard.change_topology(remaining)
 
 
 def check_simulation(value: object) -> None:

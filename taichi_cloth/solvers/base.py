@@ -26,6 +26,7 @@ from ..state.cloth_state import Layout
 from ..state.constraint_data import attach_bending_links, attach_max_distances, attach_tethers
 from ..state.contact_data import SdfGrids, attach_colored_triangles, attach_friction_anchors, attach_self_contact
 from ..state.layouts import acquire_parallel, acquire_simd, release_simd
+from ..state.pair_data import attach_pair_data
 from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
 from ..system.taichi_compat import no_scalarization
 from ..system.taichi_runtime import on_cpu
@@ -58,6 +59,7 @@ class Features:
     self_collision: bool = False
     self_triangles: bool = False
     """Self-collision of triangles and edges, not of particles only."""
+    penetration_free: bool = False
     untangle: bool = False
     static_friction: bool = False
     bending: bool = False
@@ -222,7 +224,9 @@ class Solver:
             attach_max_distances(self.layout, topology)
         if self.features.bending:
             attach_bending_links(self.layout, topology)
-        if self.features.self_collision:
+        if self.features.penetration_free:
+            attach_pair_data(self.layout, topology)
+        elif self.features.self_collision:
             attach_self_contact(self.layout, topology)
         if self.features.static_friction:
             attach_friction_anchors(self.layout)

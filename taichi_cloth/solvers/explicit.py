@@ -20,7 +20,7 @@ from .pipeline import add_external_forces, begin_substep, project_constraints
 def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """Kick and drift. The frame begins and ends with half a kick; between substeps two halves make one."""
     begin_substep(cloth, features, ctx)
-    move_kinematic_particles(cloth, features, ctx, ctx.s)  # already there: this sets the velocity that forces see
+    move_kinematic_particles(cloth, features, ctx, ctx.s, False)  # they are there: forces need their velocity
     add_external_forces(cloth, features, ctx, ctx.s, 1)
     add_spring_forces(cloth, features, ctx.params, ctx.h)
     kick, drift = 1.0, ctx.h
@@ -30,7 +30,7 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
         drift = 0.0
     integrate(cloth, features, ctx.params, kick * ctx.h, ti.pow(ctx.params[VELOCITY_FACTOR], kick), drift)
     if ctx.s == ctx.substeps:  # the frame ends with the velocities of held particles, which `integrate` sets to 0
-        move_kinematic_particles(cloth, features, ctx, ctx.s)
+        move_kinematic_particles(cloth, features, ctx, ctx.s, False)
 
 
 @ti.func

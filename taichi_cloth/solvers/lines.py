@@ -44,6 +44,7 @@ from .base import Features, FrameInput, Solver
 from .pipeline import (
     add_external_forces,
     begin_substep,
+    end_substep,
     project_colliders,
     project_distance_bounds,
     project_self_contacts,
@@ -157,6 +158,7 @@ def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     project_colliders(
         cloth, features, ti.static(position_only._replace(s=stage_end(ctx) + ahead - 1.0, dt_scale=ahead))
     )
+    end_substep(cloth, features, ctx)
 
 
 class Lines(Solver):

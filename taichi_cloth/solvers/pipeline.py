@@ -16,9 +16,11 @@ pull a particle into a collider.
 
 import taichi as ti
 
+from ..collision.layer_contact import ROUNDS, find_layer_contacts, resolve_layer_contacts
 from ..collision.response import add_repulsion, resolve_contacts
 from ..collision.self_collision import resolve_self_contacts
 from ..collision.static_friction import clear_anchors_each_frame
+from ..collision.truncation import truncate_motion
 from ..collision.untangling import find_intersections
 from ..kernels.distance_limits import limit_strain, project_max_distances, project_tethers
 from ..kernels.forces import add_wind
@@ -53,7 +55,40 @@ def project_colliders(cloth: ti.template(), features: ti.template(), ctx: ti.tem
 @ti.func
 def project_self_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """Resolve contact of the cloth with itself."""
-    resolve_self_contacts(cloth, features, ctx)
+    find_self_contacts(cloth, features, ctx)
+    if ti.static(features.penetration_free):
+        if ti.static(cloth.is_parallel):
+            for _ in ti.static(range(ROUNDS)):
+                resolve_layer_contacts(cloth, features, ctx)
+        else:
+            for _ in range(ROUNDS):
+                resolve_layer_contacts(cloth, features, ctx)
+    else:
+        resolve_self_contacts(cloth, features, ctx)
+
+
+@ti.func
+def find_self_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Find what may touch in this substep. A solver that iterates calls it once, after its prediction, and then
+    `iterate_self_contacts`."""
+    if ti.static(features.penetration_free):
+        find_layer_contacts(cloth, features, ctx)
+
+
+@ti.func
+def iterate_self_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Resolve contact of the cloth with itself once."""
+    if ti.static(features.penetration_free):
+        resolve_layer_contacts(cloth, features, ctx)
+    else:
+        resolve_self_contacts(cloth, features, ctx)
+
+
+@ti.func
+def end_substep(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Hold back what would pass through cloth. It comes last in a substep: nothing may move a particle after it."""
+    if ti.static(features.penetration_free):
+        truncate_motion(cloth, features, ctx)
 
 
 @ti.func
@@ -76,3 +111,4 @@ def project_constraints(cloth: ti.template(), features: ti.template(), ctx: ti.t
     project_self_contacts(cloth, features, ctx)
     project_colliders(cloth, features, ctx)
     project_strain_limit(cloth, features, ctx, ctx.h)
+    end_substep(cloth, features, ctx)

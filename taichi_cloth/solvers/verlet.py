@@ -19,6 +19,7 @@ from .base import Solver
 from .pipeline import (
     add_external_forces,
     begin_substep,
+    end_substep,
     project_colliders,
     project_distance_bounds,
     project_self_contacts,
@@ -55,6 +56,7 @@ def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     project_self_contacts(cloth, features, ctx)
     project_distance_bounds(cloth, features, ctx)
     project_strain_limit(cloth, features, ctx, ctx.h)
+    end_substep(cloth, features, ctx)
 
 
 @ti.kernel

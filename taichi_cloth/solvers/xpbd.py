@@ -23,9 +23,11 @@ from .base import Solver
 from .pipeline import (
     add_external_forces,
     begin_substep,
+    end_substep,
+    find_self_contacts,
+    iterate_self_contacts,
     project_colliders,
     project_distance_bounds,
-    project_self_contacts,
     project_strain_limit,
 )
 
@@ -37,6 +39,7 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     add_bending_forces(cloth, features, ctx.params, ctx.h)
     integrate(cloth, features, ctx.params, ctx.h, ctx.params[VELOCITY_FACTOR], ctx.h)  # (1)
     move_kinematic_particles(cloth, features, ctx, ctx.s + 1.0)
+    find_self_contacts(cloth, features, ctx)
     clear_multipliers(cloth)  # (4)
 
 
@@ -48,7 +51,7 @@ def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     are iterations.
     """
     for_each_spring(cloth, features, DISTANCE_XPBD, ctx.params, ctx.h)  # (6)–(11)
-    project_self_contacts(cloth, features, ctx)
+    iterate_self_contacts(cloth, features, ctx)
     project_colliders(cloth, features, ctx)
 
 
@@ -56,6 +59,7 @@ def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
 def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     project_distance_bounds(cloth, features, ctx)
     project_strain_limit(cloth, features, ctx, ctx.h)
+    end_substep(cloth, features, ctx)
 
 
 class Xpbd(Solver):

@@ -25,6 +25,7 @@ from .constraint_data import (
 )
 from .contact_data import ColoredTriangles, FrictionAnchors, SelfContactData
 from .field_pool import Pool, capacity
+from .pair_data import PairData
 from .solver_data import LineList, LinePackets, StageStart, StageSums, StateSnapshot
 
 
@@ -67,6 +68,7 @@ class Layout:
     cg: CGState | None = None
     self_contact: SelfContactData | None = None
     friction_anchors: FrictionAnchors | None = None
+    pair_data: PairData | None = None
     colored_triangles: ColoredTriangles | None = None
     stage_sums: StageSums | None = None
     stage_start: StageStart | None = None

@@ -1,0 +1,119 @@
+"""Geometry of a pair of parts of a cloth: a particle and a triangle, or two edges.
+
+Both are convex, so a direction n along which all of part A lies beyond all of part B proves that they do not touch.
+`separation` is that gap for any n; it is greatest, and then the distance, for n between the nearest points.
+"""
+
+import taichi as ti
+import taichi.math as tm
+
+from ..kernels.constraint_math import TINY, closest_on_triangle, fraction_on_segment
+
+VERTEX_TRIANGLE, EDGE_EDGE = 0, 1
+NEARLY_PARALLEL = 1e-4  # sin² of two edges, below which the point where their lines are nearest is ill-conditioned
+
+
+@ti.func
+def nearest_weights(kind: int, p0: tm.vec3, p1: tm.vec3, p2: tm.vec3, p3: tm.vec3) -> tm.vec4:
+    """Return the weights of the corners in the gap between the nearest points: Σ w·p points from part B to part A."""
+    weights = tm.vec4(0.0)
+    if kind == VERTEX_TRIANGLE:
+        w = closest_on_triangle(p0, p1, p2, p3)
+        weights = tm.vec4(1.0, -w.x, -w.y, -w.z)
+    else:
+        s, t = nearest_on_edges(p0, p1, p2, p3)
+        weights = tm.vec4(1.0 - s, s, t - 1.0, -t)
+    return weights
+
+
+@ti.func
+def nearest_on_edges(a: tm.vec3, b: tm.vec3, c: tm.vec3, d: tm.vec3):
+    """Return the fractions of a → b and c → d at which two segments are nearest, also if they are parallel.
+
+    The nearest points lie inside both, or at an end of one: all five cases are compared.
+    """
+    u, v, r = b - a, d - c, a - c
+    uu, vv, uv = u.dot(u), v.dot(v), u.dot(v)
+    cross_squared = uu * vv - uv * uv
+    best, s, t = tm.inf, 0.0, 0.0
+    if cross_squared > NEARLY_PARALLEL * uu * vv:
+        inner_s = (uv * v.dot(r) - vv * u.dot(r)) / cross_squared
+        inner_t = (uu * v.dot(r) - uv * u.dot(r)) / cross_squared
+        if inner_s >= 0.0 and inner_s <= 1.0 and inner_t >= 0.0 and inner_t <= 1.0:
+            s, t = inner_s, inner_t
+            best = (r + u * s - v * t).norm_sqr()
+    if best == tm.inf:
+        for k in ti.static(range(4)):
+            end_s, end_t = float(k % 2), float(k % 2)
+            if ti.static(k < 2):
+                end_t = fraction_on_segment(a + u * end_s, c, d)
+            else:
+                end_s = fraction_on_segment(c + v * end_t, a, b)
+            distance = (r + u * end_s - v * end_t).norm_sqr()
+            if distance < best:
+                best, s, t = distance, end_s, end_t
+    return s, t
+
+
+@ti.func
+def extremes(kind: int, k: tm.vec4):
+    """Return the least place of part A and the greatest of part B, of the places of the corners along a direction."""
+    least, most = k[0], ti.max(k[2], k[3])
+    if kind == EDGE_EDGE:
+        least = ti.min(k[0], k[1])
+    else:
+        most = ti.max(k[1], most)
+    return least, most
+
+
+@ti.func
+def places(field: ti.template(), corners: tm.ivec4, base: tm.vec3, n: tm.vec3) -> tm.vec4:
+    """Return the places of the corners along n, from `base`: differences lose less to rounding than positions."""
+    return tm.vec4([n.dot(field[corners[k]] - base) for k in ti.static(range(4))])
+
+
+@ti.func
+def separation(field: ti.template(), corners: tm.ivec4, kind: int, n: tm.vec3) -> float:
+    """Return the gap between the parts along n [m]: if it is positive, they do not touch."""
+    least, most = extremes(kind, places(field, corners, field[corners[0]], n))
+    return least - most
+
+
+@ti.func
+def separation_of_any(data: ti.template(), corners: tm.ivec4, kind: int, n: tm.vec3) -> float:
+    """Return the gap along n [m] that remains whichever corners are where they were and which are where they want."""
+    base = data.verified[corners[0]]
+    least_0, most_0 = extremes(kind, places(data.verified, corners, base, n))
+    least_1, most_1 = extremes(kind, places(data.wanted, corners, base, n))
+    return ti.min(least_0, least_1) - ti.max(most_0, most_1)
+
+
+@ti.func
+def separating_direction(data: ti.template(), corners: tm.ivec4, kind: int, last: tm.vec3):
+    """Return the direction of the greatest gap at the verified positions, that gap [m], and the weights of the corners.
+
+    Candidates are the direction between the nearest points, the last one that separated the parts, and the normal of
+    the triangle or of both edges, which stays well-conditioned where the nearest points do not.
+    """
+    x = ti.static(data.verified)
+    p0 = x[corners[0]]
+    p1, p2, p3 = x[corners[1]] - p0, x[corners[2]] - p0, x[corners[3]] - p0
+    weights = nearest_weights(kind, tm.vec3(0.0), p1, p2, p3)
+    apart = weights[1] * p1 + weights[2] * p2 + weights[3] * p3
+    distance = apart.norm()
+    n, gap = last, separation(x, corners, kind, last)
+    if distance > TINY:
+        direction = apart / distance
+        found = separation(x, corners, kind, direction)
+        if found > gap:
+            n, gap = direction, found
+    if gap < 0.9 * distance:
+        across = (p2 - p1).cross(p3 - p1)
+        if kind == EDGE_EDGE:
+            across = p1.cross(p3 - p2)
+        if across.norm() > TINY * TINY:
+            across = across.normalized() * ti.select(across.dot(n) < 0.0, -1.0, 1.0)
+            found = separation(x, corners, kind, across)
+            if found > gap:
+                n, gap = across, found
+    return n, gap, weights

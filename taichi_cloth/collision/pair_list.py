@@ -1,0 +1,411 @@
+"""Broad phase of penetration-free contact: the list of all pairs that may touch.
+
+Every particle has a ball that moves at constant velocity, and a pair is listed if its parts, with their particles
+anywhere in their balls, may come within the thickness until the end of a period of `PERIOD` substeps. While every
+particle is in its ball, the pairs that are not listed are therefore farther apart. A particle that leaves its ball gets
+a new one, and only the leaves of the bounding tree with its triangles are searched again. Since balls move, relative
+motion decides what is listed: a sheet that falls or swings as a whole needs no new list.
+"""
+
+import taichi as ti
+import taichi.math as tm
+
+from ..kernels.constraint_math import TINY, closest_between_segments, closest_on_triangle
+from ..kernels.layout import read
+from .packed_boxes import are_apart, box_around, pack_box
+from .pair_geometry import EDGE_EDGE, VERTEX_TRIANGLE, extremes
+
+EPSILON = 5e-7  # rounding error of a float32 position over its greatest coordinate, with a margin
+MIN_ROUNDING = 1e-6  # [m]
+PERIOD = 8
+MIN_RADIUS = 0.75
+GROW, SHRINK = 1.6, 0.75
+MAX_RADIUS = 1.3
+MIN_REACH = 0.5  # thicknesses
+REDUCTION, MAX_REDUCTIONS = 0.3, 6
+DEVIATION = 0.2  # of the motion in a substep that a particle may deviate from its ball: the radius, if greater
+MAX_LEVELS = 20  # of the tree, in the parallel layout: a million triangles
+ROUNDING = 0.9999  # of a radius
+
+
+@ti.func
+def measure_rounding(data: ti.template()):
+    """Set the rounding error of a position."""
+    for _ in range(1):
+        data.rounding[None] = MIN_ROUNDING
+    for n in range(data.particle_count[None]):
+        x = data.verified[data.particle[n]]
+        ti.atomic_max(data.rounding[None], EPSILON * ti.max(ti.abs(x.x), ti.abs(x.y), ti.abs(x.z)))
+
+
+@ti.func
+def gather_wanted(cloth: ti.template()):
+    """Copy the positions of the cloth to `wanted`, and add how far they have moved to their paths."""
+    data = ti.static(cloth.pair_data)
+    longest = 0
+    for n in range(data.particle_count[None]):
+        i = data.particle[n]
+        ti.atomic_max(longest, want(data, i, read(cloth, cloth.x, i)))
+    for _ in range(1):
+        data.longest_path[None] += longest
+
+
+@ti.func
+def want(data: ti.template(), i: int, x: tm.vec3) -> int:
+    """Set the wanted position of a particle, and return how far it has moved [µm]."""
+    way = in_micrometers((x - data.wanted[i]).norm())
+    data.wanted[i] = x
+    data.path[i] += way
+    return way
+
+
+@ti.func
+def in_micrometers(length: float) -> int:
+    """Return a length [m] in micrometers, rounded up."""
+    return ti.cast(ti.ceil(1e6 * ti.min(length, 100.0)), ti.i32)
+
+
+@ti.func
+def sum_of_paths(data: ti.template(), corners: tm.ivec4) -> int:
+    return data.path[corners[0]] + data.path[corners[1]] + data.path[corners[2]] + data.path[corners[3]]
+
+
+@ti.func
+def set_limits(data: ti.template(), limits: ti.template(), k: int, paths: int, margin: int):
+    """Note that a pair need not be looked at before its corners have moved by `margin` [µm] in all; −1: always.
+
+    Two corners of different parts may approach each other, so none needs to have moved by more than half of it.
+    """
+    limits.paths[k], limits.longest_path[k] = paths + margin, data.longest_path[None] + (margin >> 1)
+
+
+@ti.func
+def is_in_ball(data: ti.template(), i: int, slack: float) -> int:
+    """Return whether a particle stays `slack` [m] within its ball from the start to the end of this substep."""
+    now = data.center[i] + data.travel[i] * data.age[None]
+    reach = ti.max(ROUNDING * data.radius[i] - slack, 0.0)
+    inside = (data.verified[i] - now).norm_sqr() <= reach * reach
+    inside = inside and (data.wanted[i] - now - data.travel[i]).norm_sqr() <= reach * reach
+    return int(inside and data.radius[i] > 0.0)
+
+
+@ti.func
+def renew_balls(cloth: ti.template(), thickness: float, slack: float):
+    """Give each particle that is not `slack` [m] within its ball a new one, and mark the leaves of its triangles."""
+    data, tree = ti.static(cloth.pair_data, cloth.pair_data.tree)
+    ended = int(data.age[None] >= PERIOD)
+    for n in range(data.particle_count[None]):
+        i = data.particle[n]
+        expired = ended == 1 and data.travel[i].norm_sqr() > 0.0
+        if expired or not is_in_ball(data, i, slack):
+            set_ball(data, i, thickness, slack, expired, ti.select(ended == 1, 0, data.age[None]))
+            mark_leaves_of(tree, n)
+    for _ in range(ended):
+        data.age[None] = 0
+
+
+@ti.func
+def set_ball(data: ti.template(), i: int, thickness: float, slack: float, expired: int, age: int):
+    """Give a particle a new ball that holds its motion in this substep, and in the rest of the period if it goes on."""
+    start, move = data.verified[i], data.wanted[i] - data.verified[i]
+    center, travel, radius = start, 0.5 * (move + data.mean_move[i]), MIN_RADIUS * thickness
+    if data.radius[i] > 0.0:
+        radius = tm.clamp(data.radius[i] * ti.select(expired, SHRINK, GROW), radius, MAX_RADIUS * thickness)
+    radius = ti.max(radius, 1.3 * (move - travel).norm() + slack)
+    way = travel.norm() * PERIOD
+    if move.norm() > data.shortest_edge[None] or way + radius > data.reach[None]:  # too much is near a way so long
+        radius = ti.min(0.5 * move.norm() + MIN_RADIUS * thickness + slack, data.reach[None])
+        center = start + move * (0.5 * ti.min(1.0, radius / ti.max(move.norm(), TINY)))
+        travel = tm.vec3(0.0)
+    elif way < radius:
+        travel = tm.vec3(0.0)
+    data.radius[i], data.travel[i], data.center[i] = radius, travel, center - travel * age
+
+
+@ti.func
+def shorten_reach(cloth: ti.template(), thickness: float):
+    """If the list is full, reduce the reach of all balls. What would leave its ball is held back."""
+    data, tree = ti.static(cloth.pair_data, cloth.pair_data.tree)
+    full = data.pairs.overflowed[None]
+    for _ in range(full):
+        data.farthest[None] = 0.0
+    for n in range(full * data.particle_count[None]):
+        i = data.particle[n]
+        ti.atomic_max(data.farthest[None], data.radius[i] + data.travel[i].norm() * PERIOD)
+    for _ in range(full):
+        reach = ti.min(data.reach[None], data.farthest[None])
+        data.reach[None] = ti.max(REDUCTION * reach, MIN_REACH * thickness)
+    for n in range(full * data.particle_count[None]):
+        set_ball(data, data.particle[n], thickness, 0.0, 0, data.age[None])
+        mark_leaves_of(tree, n)
+
+
+@ti.func
+def mark_leaves_of(tree: ti.template(), n: int):
+    """Mark the leaves of all triangles of a particle, given by its number."""
+    for k in range(tree.first_leaf_of_particle[n], tree.first_leaf_of_particle[n + 1]):
+        mark(tree, tree.leaves_of_particle[k])
+
+
+@ti.func
+def mark(tree: ti.template(), leaf: int):
+    if ti.atomic_max(tree.marked[leaf], 1) == 0:
+        tree.queue[ti.atomic_add(tree.queue_count[None], 1)] = leaf
+
+
+@ti.func
+def box_of(data: ti.template(), particles, reach: float):
+    """Return the moving box around the balls of some particles, and `reach` [m] around them."""
+    low, high, end_low, end_high = tm.vec3(tm.inf), tm.vec3(-tm.inf), tm.vec3(tm.inf), tm.vec3(-tm.inf)
+    for c in ti.static(range(particles.n)):
+        i = particles[c]
+        center, radius = data.center[i], data.radius[i] + reach
+        end = center + data.travel[i] * PERIOD
+        low, high = ti.min(low, center - radius), ti.max(high, center + radius)
+        end_low, end_high = ti.min(end_low, end - radius), ti.max(end_high, end + radius)
+    return pack_box(low, high, end_low, end_high)
+
+
+@ti.func
+def refit_leaf(data: ti.template(), leaf: int, reach: float):
+    """Set the boxes of a leaf and its elements. A leaf has one or two triangles."""
+    tree = ti.static(data.tree)
+    for k in range(tree.first_triangle[leaf], tree.first_triangle[leaf + 1]):
+        tree.triangle_boxes[k] = box_of(data, tree.triangles[k], reach)
+    first, last = tree.first_triangle[leaf], tree.first_triangle[leaf + 1] - 1
+    tree.node_boxes[tree.node[leaf]] = box_around(tree.triangle_boxes[first], tree.triangle_boxes[last])
+    for k in range(tree.first_edge[leaf], tree.first_edge[leaf + 1]):
+        tree.edge_boxes[k] = box_of(data, tree.edges[k], reach)
+    for k in range(tree.first_particle[leaf], tree.first_particle[leaf + 1]):
+        tree.particle_boxes[k] = box_of(data, ti.Vector([tree.particles[k]]), reach)
+
+
+@ti.func
+def refit_node(tree: ti.template(), node: int):
+    """Set the box of an inner node."""
+    tree.node_boxes[node] = box_around(tree.node_boxes[node + 1], tree.node_boxes[tree.skip[node + 1]])
+
+
+@ti.func
+def node_at(levels: int, level: int, position: int) -> int:
+    """Return the node at a position of a level of a perfect tree in depth-first order. The root has level 0."""
+    node = 0
+    for k in range(level):
+        child_size = (1 << (levels - 1 - k)) - 1
+        node += 1 + ((position >> (level - 1 - k)) & 1) * child_size
+    return node
+
+
+@ti.func
+def refit_tree(cloth: ti.template(), enabled: int, reach: float):
+    """Set the boxes of the marked leaves and of all inner nodes. `enabled` is 1, or 0 to do nothing."""
+    data, tree = ti.static(cloth.pair_data, cloth.pair_data.tree)
+    for k in range(enabled * tree.queue_count[None]):
+        refit_leaf(data, tree.queue[k], reach)
+    if ti.static(cloth.is_parallel):
+        for k in ti.static(range(MAX_LEVELS)):
+            level = tree.levels[None] - 2 - k
+            for position in range(ti.select(level < 0, 0, enabled << ti.max(level, 0))):
+                refit_node(tree, node_at(tree.levels[None], tree.levels[None] - 2 - k, position))
+    else:
+        nodes = 2 * tree.leaf_count[None] - 1
+        for k in range(enabled * nodes):  # children have higher numbers
+            if tree.leaf[nodes - 1 - k] < 0:
+                refit_node(tree, nodes - 1 - k)
+
+
+@ti.func
+def update_pairs(cloth: ti.template(), thickness: float, slack: float):
+    """Renew balls, and list the pairs of their leaves anew."""
+    renew_balls(cloth, thickness, slack)
+    if ti.static(cloth.is_parallel):
+        for attempt in ti.static(range(2)):
+            if ti.static(attempt > 0):
+                shorten_reach(cloth, thickness)
+            list_marked_leaves(cloth, thickness)
+    else:
+        for attempt in range(MAX_REDUCTIONS):
+            if attempt > 0:
+                shorten_reach(cloth, thickness)
+            list_marked_leaves(cloth, thickness)
+
+
+@ti.func
+def list_marked_leaves(cloth: ti.template(), thickness: float):
+    """List the pairs of all marked leaves anew."""
+    data, tree, pairs = ti.static(cloth.pair_data, cloth.pair_data.tree, cloth.pair_data.pairs)
+    if ti.static(cloth.is_parallel):  # a list is compacted in order, so all of it is remade
+        for leaf in range(int(tree.queue_count[None] > 0) * tree.leaf_count[None]):
+            mark(tree, leaf)
+    enabled = int(tree.queue_count[None] > 0)
+    data.passes[None] += tree.queue_count[None]
+    refit_tree(cloth, enabled, 0.5 * thickness)
+    if ti.static(cloth.is_parallel):
+        for _ in range(enabled):
+            pairs.length[None] = 0
+    else:
+        remove_pairs_of_marked_leaves(data, enabled)
+    if ti.static(cloth.is_parallel):
+        for _ in range(enabled):
+            pairs.candidate_count[None] = 0
+        for k in range(enabled * tree.queue_count[None]):
+            find_candidates(cloth, tree.queue[k])
+        for k in range(enabled * pairs.candidate_count[None]):
+            add_candidate(data, thickness, k)
+    else:
+        for k in range(enabled * tree.queue_count[None]):
+            pairs.candidate_count[None] = 0
+            find_candidates(cloth, tree.queue[k])
+            for m in range(pairs.candidate_count[None]):
+                add_candidate(data, thickness, m)
+    for k in range(enabled * tree.queue_count[None]):
+        tree.marked[tree.queue[k]] = 0
+    for _ in range(enabled):
+        tree.queue_count[None] = 0
+        pairs.overflowed[None] = int(pairs.length[None] > ti.static(pairs.kind.shape[0]))
+        pairs.length[None] = ti.min(pairs.length[None], ti.static(pairs.kind.shape[0]))
+
+
+@ti.func
+def remove_pairs_of_marked_leaves(data: ti.template(), enabled: int):
+    """Remove pairs with a marked leaf. The last pair takes the place of each: the order of the list has no meaning."""
+    tree, pairs = ti.static(data.tree, data.pairs)
+    k, length = 0, enabled * pairs.length[None]
+    if tree.queue_count[None] == tree.leaf_count[None]:
+        length = 0
+    while k < length:
+        if tree.marked[pairs.leaves[k][0]] + tree.marked[pairs.leaves[k][1]] == 0:
+            k += 1
+        else:
+            length -= 1
+            pairs.corners[k], pairs.kind[k] = pairs.corners[length], pairs.kind[length]
+            pairs.leaves[k], pairs.normal[k] = pairs.leaves[length], pairs.normal[length]
+            for limits in ti.static((pairs.near, pairs.close)):
+                limits.paths[k], limits.longest_path[k] = limits.paths[length], limits.longest_path[length]
+    if enabled:
+        pairs.length[None] = length
+
+
+@ti.func
+def find_candidates(cloth: ti.template(), a: int):
+    """Add all pairs of a marked leaf with others whose boxes meet, those with a marked leaf once."""
+    tree = ti.static(cloth.pair_data.tree)
+    own = tree.node[a]
+    box = tree.node_boxes[own]
+    node, end = 0, tree.skip[0]
+    if tree.queue_count[None] == tree.leaf_count[None]:  # all leaves are marked: those before are done
+        node = own
+    particles, particles_end = tree.first_particle[a], tree.first_particle[a + 1]
+    triangles, triangles_end = tree.first_triangle[a], tree.first_triangle[a + 1]
+    edges, edges_end = tree.first_edge[a], tree.first_edge[a + 1]
+    while node < end:
+        if are_apart(box, tree.node_boxes[node]):
+            node = tree.skip[node]
+        else:
+            b = tree.leaf[node]
+            if b >= 0 and (b >= a or tree.marked[b] == 0):
+                triangles_b, triangles_b_end = tree.first_triangle[b], tree.first_triangle[b + 1]
+                for k in range(particles, particles_end):
+                    own_box = tree.particle_boxes[k]
+                    for m in range(triangles_b, triangles_b_end):
+                        if not are_apart(own_box, tree.triangle_boxes[m]):
+                            add_to_candidates(cloth, k, m, a, b)
+                if b != a:
+                    for k in range(tree.first_particle[b], tree.first_particle[b + 1]):
+                        own_box = tree.particle_boxes[k]
+                        for m in range(triangles, triangles_end):
+                            if not are_apart(own_box, tree.triangle_boxes[m]):
+                                add_to_candidates(cloth, k, m, b, a)
+                edges_b, edges_b_end = tree.first_edge[b], tree.first_edge[b + 1]
+                for k in range(edges, edges_end):
+                    own_box = tree.edge_boxes[k]
+                    for m in range(ti.select(a == b, k + 1, edges_b), edges_b_end):
+                        if not are_apart(own_box, tree.edge_boxes[m]):
+                            add_to_candidates(cloth, -1 - k, m, a, b)
+            node += 1
+
+
+@ti.func
+def add_to_candidates(cloth: ti.template(), first: int, second: int, a: int, b: int):
+    """Add a particle and a triangle, or two edges: −1 − `first` and `second`."""
+    pairs = ti.static(cloth.pair_data.pairs)
+    k = 0
+    if ti.static(cloth.is_parallel):
+        k = ti.atomic_add(pairs.candidate_count[None], 1)
+    else:
+        k = pairs.candidate_count[None]
+        pairs.candidate_count[None] = k + 1
+    if k < ti.static(pairs.candidates.shape[0]):
+        pairs.candidates[k] = tm.ivec4(first, second, a, b)
+
+
+@ti.func
+def add_candidate(data: ti.template(), thickness: float, k: int):
+    """List a candidate if its parts come near enough. If there was no room for it, the list is not complete."""
+    tree, pairs = ti.static(data.tree, data.pairs)
+    if k >= ti.static(pairs.candidates.shape[0]):
+        pairs.length[None] = ti.static(pairs.kind.shape[0]) + 1
+    else:
+        candidate = pairs.candidates[k]
+        m = candidate[1]
+        corners, kind = tm.ivec4(0), EDGE_EDGE
+        if candidate[0] < 0:
+            e, f = tree.edges[-1 - candidate[0]], tree.edges[m]
+            corners = tm.ivec4(e[0], e[1], f[0], f[1])
+        else:
+            t = tree.triangles[m]
+            corners, kind = tm.ivec4(tree.particles[candidate[0]], t[0], t[1], t[2]), VERTEX_TRIANGLE
+        add_pair(data, thickness, corners, kind, candidate[2], candidate[3])
+
+
+@ti.func
+def gap_in_period(data: ti.template(), kind: int, corners: tm.ivec4) -> float:
+    """Return a lower bound of the distance between the parts of a pair in this period [m], with their particles at the
+    centers of their balls.
+
+    It is the gap along the direction between the nearest points in the middle of the period: along a fixed direction,
+    a gap between corners that move evenly is least at the start or at the end.
+    """
+    base = data.center[corners[0]] + data.travel[corners[0]] * (0.5 * PERIOD)
+    relative = [data.travel[corners[c]] - data.travel[corners[0]] for c in ti.static(range(1, 4))]
+    p = [data.center[corners[c]] + data.travel[corners[c]] * (0.5 * PERIOD) - base for c in ti.static(range(1, 4))]
+    w = tm.vec4(0.0)  # any direction gives a lower bound: those of nearly parallel edges need not be exact
+    if kind == EDGE_EDGE:
+        s, t = closest_between_segments(tm.vec3(0.0), p[0], p[1], p[2])
+        w = tm.vec4(1.0 - s, s, t - 1.0, -t)
+    else:
+        v = closest_on_triangle(tm.vec3(0.0), p[0], p[1], p[2])
+        w = tm.vec4(1.0, -v.x, -v.y, -v.z)
+    n = w[1] * p[0] + w[2] * p[1] + w[3] * p[2]
+    n /= ti.max(n.norm(), TINY)
+    middle, change = tm.vec4(0.0), tm.vec4(0.0)
+    for c in ti.static(range(1, 4)):
+        middle[c], change[c] = n.dot(p[c - 1]), n.dot(relative[c - 1]) * (0.5 * PERIOD)
+    least_0, most_0 = extremes(kind, middle - change)
+    least_1, most_1 = extremes(kind, middle + change)
+    return ti.min(least_0 - most_0, least_1 - most_1)
+
+
+@ti.func
+def add_pair(data: ti.template(), thickness: float, corners: tm.ivec4, kind: int, a: int, b: int):
+    """List a pair if its parts share no particle and may come within the thickness in this period."""
+    pairs = ti.static(data.pairs)
+    shares = (
+        corners[0] == corners[2] or corners[0] == corners[3] or corners[1] == corners[2] or corners[1] == corners[3]
+    )
+    if kind == VERTEX_TRIANGLE:
+        shares = corners[0] == corners[1] or corners[0] == corners[2] or corners[0] == corners[3]
+    if not shares:
+        r_a, r_1 = data.radius[corners[0]], data.radius[corners[1]]
+        r_b = ti.max(data.radius[corners[2]], data.radius[corners[3]])
+        if kind == EDGE_EDGE:
+            r_a = ti.max(r_a, r_1)
+        else:
+            r_b = ti.max(r_b, r_1)
+        if gap_in_period(data, kind, corners) <= thickness + r_a + r_b:
+            k = ti.atomic_add(pairs.length[None], 1)
+            if k < ti.static(pairs.kind.shape[0]):
+                pairs.corners[k], pairs.kind[k], pairs.leaves[k] = corners, kind, tm.ivec2(a, b)
+                pairs.normal[k] = tm.vec3(0.0)
+                for limits in ti.static((pairs.near, pairs.close)):
+                    set_limits(data, limits, k, sum_of_paths(data, corners), -1)

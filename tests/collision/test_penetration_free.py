@@ -1,0 +1,258 @@
+"""Penetration-free self-contact: no edge passes through a triangle, counted after each substep with exact signs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichi_cloth.geometry.intersections import find_intersections
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.geometry.spring_model import Floats
+from taichi_cloth.scene import SceneError
+from taichi_cloth.scene.collider_schema import Attachment, Ground, Sphere
+from taichi_cloth.scene.schema import (
+    SOLVER_NAMES,
+    Cloth,
+    Fabric,
+    Forces,
+    Region,
+    Scene,
+    SelfCollision,
+    Solver,
+    Tearing,
+    Tethers,
+)
+from taichi_cloth.simulation.simulation import Simulation
+
+THICKNESS = 0.004
+GUARD = SelfCollision(thickness=THICKNESS, penetration_free=True)
+SHEETS = Scene(
+    cloth=Cloth(rows=9, columns=9, width=0.3, height=0.3, center=(0.0, 0.3, 0.0), rotation=(-80.0, 10.0, 0.0), pins=()),
+    fabric=Fabric(warp=30.0, weft=30.0, shear=10.0, bend_spring=0.3),
+    self_collision=GUARD,
+    ground=Ground(),
+)
+LAYERS = replace(SHEETS, cloth=replace(SHEETS.cloth, layers=2, layer_spacing=0.02, layer_rotation=9.0))
+
+
+def with_solver(scene: Scene, name: str) -> Scene:
+    substeps = {"verlet": 6, "xpbd": 8, "lines": 4, "projective": 4}.get(
+        name, 1
+    )  # explicit methods take what they need
+    return replace(scene, solver=Solver(name=name, substeps=substeps, iterations=4))
+
+
+def count(simulation: Simulation) -> int:
+    topology = simulation.topology
+    return len(find_intersections(simulation.positions() - topology.origin, topology.edges, topology.triangles))
+
+
+def most_intersections(simulation: Simulation, frames: int, act: Callable[[int], object] = lambda _: None) -> int:
+    """Return the most intersections after any substep. `act` is called before each frame, with its number."""
+    found = []
+    for frame in range(frames):
+        act(frame)
+        simulation.step_by_substep(lambda _: found.append(count(simulation)))
+    assert np.isfinite(simulation.positions()).all()
+    return max(found)
+
+
+def yanks(simulation: Simulation, size: float) -> Callable[[int], None]:
+    """Return a function that pulls two patches at random, up to `size` [m] a frame along each axis."""
+    random, grabs = np.random.default_rng(1), []
+
+    def act(frame: int) -> None:
+        if frame % 5 == 0:
+            while grabs:
+                grabs.pop().release()
+            for particle in random.choice(simulation.topology.particle_count, 2, replace=False):
+                if particle not in simulation.grabbed:
+                    grabs.append(simulation.grab(int(particle), radius=0.03))
+        for grab in grabs:
+            grab.move_to(simulation.positions()[grab.particles[0]] + random.uniform(-size, size, 3))
+
+    return act
+
+
+LAYOUTS = [("serial", LAYERS), ("simd", SHEETS), ("parallel", LAYERS)]
+
+
+@pytest.mark.parametrize(("layout", "scene"), LAYOUTS, ids=[layout for layout, _ in LAYOUTS])
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
+def test_nothing_intersects_while_patches_are_yanked(solver: str, layout: str, scene: Scene) -> None:
+    if layout == "parallel" and solver not in ("verlet", "explicit"):
+        pytest.skip("the contact of all solvers is the same; a launch for each of its loops takes long to compile")
+    with Simulation(with_solver(scene, solver), layout) as simulation:
+        assert most_intersections(simulation, 10, yanks(simulation, 0.08)) == 0
+        data = simulation.solver.layout.pair_data
+        assert data is not None
+        assert data.pairs.length[None] > 0
+
+
+def test_without_the_guarantee_the_same_yanks_do_intersect() -> None:
+    triangles = SelfCollision(thickness=THICKNESS, primitives="triangles")
+    for contact in (None, triangles):
+        scene = replace(with_solver(LAYERS, "verlet"), self_collision=contact)
+        with Simulation(scene, "serial") as simulation:
+            assert most_intersections(simulation, 10, yanks(simulation, 0.08)) > 0
+
+
+@pytest.mark.parametrize("solver", ["verlet", "projective"])
+def test_a_sheet_thrown_at_100_meters_per_second_stays_on_its_side(solver: str) -> None:
+    """Its corner moves by up to 0.4 m in a substep, towards a pinned sheet 0.1 m away."""
+    cloth = replace(LAYERS.cloth, rotation=(0.0, 0.0, 0.0), layer_spacing=0.1, layer_rotation=20.0, pins=("top",))
+    scene = replace(with_solver(LAYERS, solver), cloth=cloth, ground=None)
+    with Simulation(scene, "serial") as simulation:
+        half = simulation.topology.particle_count // 2
+        velocities = np.zeros((2 * half, 3))
+        velocities[half:, 2] = -100.0
+        velocities[simulation.topology.pinned] = 0.0
+        simulation.set_state(simulation.positions(), velocities)
+        assert most_intersections(simulation, 12) == 0
+
+
+def test_motion_is_unchanged_to_the_bit_where_nothing_is_near() -> None:
+    for layout in ("serial", "simd"):
+        scene = with_solver(replace(SHEETS, ground=None, cloth=replace(SHEETS.cloth, pins=("top",))), "xpbd")
+        with Simulation(scene, layout) as guarded, Simulation(replace(scene, self_collision=None), layout) as free:
+            for simulation in (guarded, free):
+                simulation.step(20)
+            assert np.array_equal(guarded.positions(), free.positions())
+            assert np.array_equal(guarded.velocities(), free.velocities())
+
+
+def test_attachments_that_are_driven_through_cloth_lag_behind() -> None:
+    """The upper sheet hangs by one edge that goes down through the lower sheet, which is held on all sides."""
+    cloth = replace(LAYERS.cloth, rotation=(-90.0, 0.0, 0.0), layer_rotation=0.0, layer_spacing=0.03)
+    keyframes = ((0.0, 0.0, 0.0, 0.0), (0.3, 0.0, -0.1, 0.0))
+    edge = Region(name="edge", min=(-1.0, 0.32, -1.0), max=(1.0, 0.34, -0.14))
+    held = [
+        Region(name="left", min=(-1.0, 0.29, -1.0), max=(-0.14, 0.31, 1.0)),
+        Region(name="right", min=(0.14, 0.29, -1.0), max=(1.0, 0.31, 1.0)),
+    ]
+    scene = replace(
+        with_solver(LAYERS, "xpbd"),
+        cloth=replace(cloth, pins=("region:left", "region:right")),
+        regions=(edge, *held),
+        attachments=(Attachment(pins=("region:edge",), keyframes=keyframes),),
+        ground=None,
+    )
+    with Simulation(scene, "serial") as simulation:
+        assert most_intersections(simulation, 24) == 0
+
+
+def test_tearing_tethers_and_a_moving_sphere() -> None:
+    ball = Sphere(center=(0.0, 0.6, 0.0), radius=0.08, keyframes=((0.0, 0, 0, 0), (0.1, 0, -0.45, 0), (0.2, 0, 0, 0)))
+    torn = replace(with_solver(LAYERS, "verlet"), tearing=Tearing(strain=0.3), spheres=(ball,))
+    limited = replace(with_solver(SHEETS, "xpbd"), tethers=Tethers(), spheres=(ball,))
+    limited = replace(limited, cloth=replace(limited.cloth, pins=("top-left",)))
+    with Simulation(torn, "serial") as simulation:
+        assert most_intersections(simulation, 16, yanks(simulation, 0.1)) == 0
+        assert simulation.torn.any()
+    with Simulation(limited, "simd") as simulation:
+        assert most_intersections(simulation, 12) == 0
+
+
+# -- the start ---------------------------------------------------------------------------------------------------------
+
+
+def crossing(positions: Floats, count: int) -> Floats:
+    """Return positions of two layers of which the second passes through the first."""
+    x = positions.copy()
+    x[count // 2 :, 1] += np.linspace(-0.05, 0.05, count - count // 2)
+    return x
+
+
+def test_a_start_that_intersects_is_refused_with_the_places() -> None:
+    with Simulation(with_solver(LAYERS, "verlet")) as simulation:
+        before = simulation.positions()
+        x = crossing(before, len(before))
+        with pytest.raises(
+            ValueError, match=r"positions with intersections.*: \d+ edges pass through triangles, near \("
+        ):
+            simulation.set_state(x)
+        assert np.array_equal(simulation.positions(), before)
+        assert simulation.penetration_free_since == 0
+
+
+def test_untangle_lets_parts_come_apart_and_tells_when() -> None:
+    scene = replace(LAYERS, self_collision=replace(GUARD, untangle=True), forces=Forces(gravity=0.0), ground=None)
+    with Simulation(with_solver(scene, "verlet"), "serial") as simulation:
+        x = simulation.positions()
+        mixed = crossing(x, len(x))
+        velocities = np.zeros_like(x)
+        velocities[len(x) // 2 :, 1] = 2.0
+        simulation.set_state(mixed, velocities)
+        assert simulation.penetration_free_since is None
+        for _ in range(40):
+            simulation.step()
+        since = simulation.penetration_free_since
+        assert since is not None
+        assert 0 < since <= 40
+        assert count(simulation) == 0
+
+
+def test_static_friction_of_particles_is_refused() -> None:
+    with pytest.raises(SceneError, match="static_friction: does not go with penetration_free"):
+        load_scene("fold", self_collision={"penetration_free": True, "static_friction": True})
+
+
+# -- physics of contact ------------------------------------------------------------------------------------------------
+
+SLOPE = np.radians(20.0)
+
+
+def sheet_on_a_slope(friction: float, solver: str) -> Simulation:
+    """Return a free sheet that lies at the thickness on one that is pinned everywhere."""
+    cloth = replace(LAYERS.cloth, rotation=(-70.0, 0.0, 0.0), layer_rotation=0.0, layer_spacing=THICKNESS)
+    scene = replace(
+        LAYERS,
+        cloth=replace(cloth, pins=tuple(range(81))),
+        solver=Solver(name=solver, substeps=8, iterations=4, damping=0.0),
+        self_collision=replace(GUARD, friction=friction),
+        ground=None,
+    )
+    return Simulation(scene, "serial")
+
+
+@pytest.mark.parametrize("solver", ["xpbd", "verlet"])
+def test_a_sheet_slides_down_another_by_coulombs_law(solver: str) -> None:
+    """μ = 0.5 is more than tan 20° = 0.36: it sticks. With μ = 0.2 it slides by ½·g·(sin − μ·cos)·t²."""
+    down = np.array([0.0, -np.sin(SLOPE), np.cos(SLOPE)])
+    upward = np.array([0.0, np.cos(SLOPE), np.sin(SLOPE)])
+    slid = {}
+    for friction in (0.5, 0.2):
+        with sheet_on_a_slope(friction, solver) as simulation:
+            start = simulation.positions()
+            simulation.step(20)
+            motion = (simulation.positions() - start)[81:]
+            slid[friction] = float((motion @ down).mean())
+            assert np.abs(motion @ upward).max() < 0.05 * THICKNESS or friction == 0.2
+    seconds = 20 / 60
+    assert slid[0.2] == pytest.approx(0.5 * 9.81 * (np.sin(SLOPE) - 0.2 * np.cos(SLOPE)) * seconds**2, rel=0.03)
+    assert slid[0.5] < 0.0005
+
+
+def test_contact_adds_no_energy_and_nothing_sticks() -> None:
+    """A sheet that falls on another loses energy; pulled off, it leaves without a force."""
+    with sheet_on_a_slope(0.0, "xpbd") as simulation:
+        x = simulation.positions()
+        x[81:] += 0.03 * np.array([0.0, np.cos(SLOPE), np.sin(SLOPE)])
+        simulation.set_state(x)
+        energies = []
+        for _ in range(18):
+            simulation.step()
+            metrics = simulation.metrics()
+            energies.append(metrics.kinetic_energy + metrics.potential_energy)
+        mass = simulation.topology.mass[81:].sum()
+        assert max(energies) - energies[0] < 0.01 * mass * 9.81 * 0.03
+        away = 0.5 * np.array([0.0, np.cos(SLOPE), np.sin(SLOPE)])
+        velocities = np.zeros_like(x)
+        velocities[81:] = away
+        simulation.set_state(simulation.positions(), velocities)
+        simulation.step()
+        expected = away - [0.0, 9.81 / 60, 0.0]
+        assert simulation.velocities()[81:].mean(axis=0) == pytest.approx(expected, abs=0.01)
