@@ -122,12 +122,15 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
         raise
     except Exception as error:  # the readers of zip, deflate and NumPy headers raise a dozen kinds
         raise ValueError(f"{name}: not a checkpoint ({one_line(str(error))})") from None
+    section = ""
     for ours, other in zip(scene_text.splitlines(), theirs.splitlines(), strict=False):
         if ours != other:
             raise ValueError(
-                f"{name}: a checkpoint of another scene: it has {short_repr(other)}, this one {short_repr(ours)};"
-                " switch to its solver, fabric or scene before loading"
+                f"{name}: a checkpoint of another scene: it has {short_repr(other)}, this one {short_repr(ours)}"
+                f"{section}; switch to its solver, fabric or scene before loading"
             )
+        if ours.startswith("["):
+            section = f", in {ours}"
     if theirs != scene_text:
         raise ValueError(f"{name}: a checkpoint of another scene")
     for key, array in arrays.items():

@@ -242,6 +242,10 @@ def one_element(value: float) -> Callable[[Any], Any]:
         (changed("wind_on", 2), "wind_on is int64 of shape (), not bool of shape ()"),
         (changed("scene", "seed = 3"), "a checkpoint of another scene: it has 'seed = 3', this one 'title"),
         (changed("scene", lambda text: str(text) + "# more"), "a checkpoint of another scene"),
+        (
+            changed("scene", lambda text: str(text).replace("turbulence = ", "turbulence = 1")),
+            "in [wind]; switch to its solver, fabric or scene",
+        ),
         (changed("scene", b"bytes"), "scene is |S5"),
         (lambda arrays: {k: v for k, v in arrays.items() if k != "x"}, "no item named 'x.npy'"),
     ],
