@@ -15,8 +15,9 @@ from ..kernels.integration import project_position
 from ..kernels.layout import packet, read_inverse_mass
 from ..kernels.step_params import SELF_FRICTION, THICKNESS
 from ..kernels.vec import cast
+from .moving_balls import gather_wanted, measure_rounding
 from .pair_geometry import separating_direction, separation_of_any
-from .pair_list import gather_wanted, measure_rounding, set_limits, sum_of_paths, update_pairs
+from .pair_list import set_limits, sum_of_paths, update_pairs
 from .self_collision import DEPTH_UNITS, UNITS
 
 FLOOR = 20.0  # rounding errors of a position: the least gap that truncation leaves

@@ -17,17 +17,9 @@ from ..kernels.layout import read, write
 from ..kernels.step_params import THICKNESS
 from ..state.pair_data import MAX_REACH
 from .layer_contact import FLOOR, find_pairs
+from .moving_balls import MIN_RADIUS, ROUNDING, gather_wanted, is_in_ball, mark_leaves_of, want
 from .pair_geometry import EDGE_EDGE, VERTEX_TRIANGLE, extremes, nearest_weights, places
-from .pair_list import (
-    MIN_RADIUS,
-    ROUNDING,
-    gather_wanted,
-    is_in_ball,
-    list_marked_leaves,
-    mark_leaves_of,
-    update_pairs,
-    want,
-)
+from .pair_list import list_marked_leaves, update_pairs
 
 REACH_GROWTH = 1.5  # of the reach of balls in a substep
 ROOM = 0.9  # of the gap above the floor that both parts may use
