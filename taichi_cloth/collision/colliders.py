@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from math import pi, radians, sin
@@ -105,6 +106,11 @@ def pose(collider: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
     return center, axes
 
 
+def is_deforming(collider: Motion | Ground) -> bool:
+    """Return whether a collider changes its shape: kernels then meet its triangles (`deforming_meshes.py`)."""
+    return isinstance(collider, Mesh) and bool(collider.clip)
+
+
 def colliders_of(scene: Scene) -> list[Collider | Ground]:
     """Return all colliders of a scene, shape by shape."""
     ground = [] if scene.ground is None else [scene.ground]
@@ -117,22 +123,20 @@ def colliders_of(scene: Scene) -> list[Collider | Ground]:
 
 
 def collider_counts(colliders: Sequence[Collider | Ground]) -> tuple[tuple[int, ...], ...]:
-    """Return the number of colliders by response (`RESPONSES`) and shape (`SHAPES`)."""
+    """Return the number of rigid colliders by response (`RESPONSES`) and shape (`SHAPES`)."""
+    rigid = [collider for collider in colliders if not is_deforming(collider)]
     return tuple(
         tuple(
-            sum(shape_of(collider) is shape and collider.response == response for collider in colliders)
-            for shape in SHAPES
+            sum(shape_of(collider) is shape and collider.response == response for collider in rigid) for shape in SHAPES
         )
         for response in RESPONSES
     )
 
 
 def pose_colliders(colliders: Sequence[Collider | Ground], seconds: float) -> list[PosedCollider]:
-    """Return every collider at a time."""
-    return [
-        PosedCollider(collider, *pose(collider, seconds), np.array(shape_of(collider).size(collider)))
-        for collider in colliders
-    ]
+    """Return every collider at a time [s]. A deforming mesh has its shape then."""
+    now = [replace(one, clip_time=seconds) if isinstance(one, Mesh) and one.clip else one for one in colliders]
+    return [PosedCollider(one, *pose(one, seconds), np.array(shape_of(one).size(one))) for one in now]
 
 
 def collider_table(
@@ -142,7 +146,7 @@ def collider_table(
     margin_reduction: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     origin: Vec3 = (0.0, 0.0, 0.0),
 ) -> Floats32:
-    """Return the table of one frame: a row for every collider, then one for every attachment (`step_params`).
+    """Return the table of one frame: a row for every (rigid) collider, then one for every attachment (`step_params`).
 
     `start`, `end`: of the frame [s]. `margin_reduction`: of every collider at both times [m] (`Depenetration`). Centers
     are relative to `origin` [m]. Rows are ordered by response, then by shape.
@@ -199,7 +203,11 @@ def table_range(counts: tuple[tuple[int, ...], ...], response: int, shape: int) 
 def is_static(collider: Motion | Ground) -> bool:
     """Return whether a collider never moves."""
     return isinstance(collider, Ground) or not (
-        any(collider.oscillation) or any(collider.rocking) or any(collider.spin) or collider.keyframes
+        any(collider.oscillation)
+        or any(collider.rocking)
+        or any(collider.spin)
+        or collider.keyframes
+        or is_deforming(collider)
     )
 
 

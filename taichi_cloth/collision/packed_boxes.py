@@ -79,3 +79,37 @@ def greatest(a: ti.i64, b: ti.i64) -> ti.i64:
 def box_around(a, b):
     """Return the moving box around two others."""
     return ti.Vector([least(a[0], b[0]), greatest(a[1], b[1]), least(a[2], b[2]), greatest(a[3], b[3])])
+
+
+MAX_LEVELS = 20  # of a tree, in the parallel layout: a million triangles
+
+
+@ti.func
+def refit_node(tree: ti.template(), node: int):
+    """Set the box of an inner node."""
+    tree.node_boxes[node] = box_around(tree.node_boxes[node + 1], tree.node_boxes[tree.skip[node + 1]])
+
+
+@ti.func
+def node_at(levels: int, level: int, position: int) -> int:
+    """Return the node at a position of a level of a perfect tree in depth-first order. The root has level 0."""
+    node = 0
+    for k in range(level):
+        child_size = (1 << (levels - 1 - k)) - 1
+        node += 1 + ((position >> (level - 1 - k)) & 1) * child_size
+    return node
+
+
+@ti.func
+def refit_inner_nodes(tree: ti.template(), is_parallel: ti.template(), enabled: int):
+    """Set the boxes of all inner nodes from those of the leaves. `enabled` is 1, or 0 to do nothing."""
+    if ti.static(is_parallel):
+        for k in ti.static(range(MAX_LEVELS)):
+            level = tree.levels[None] - 2 - k
+            for position in range(ti.select(level < 0, 0, enabled << ti.max(level, 0))):
+                refit_node(tree, node_at(tree.levels[None], tree.levels[None] - 2 - k, position))
+    else:
+        nodes = 2 * tree.leaf_count[None] - 1
+        for k in range(enabled * nodes):  # children have higher numbers
+            if tree.leaf[nodes - 1 - k] < 0:
+                refit_node(tree, nodes - 1 - k)

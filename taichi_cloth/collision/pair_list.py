@@ -10,11 +10,10 @@ import taichi.math as tm
 
 from ..kernels.constraint_math import TINY, closest_between_segments, closest_on_triangle
 from .moving_balls import PERIOD, mark, renew_balls, shorten_reach
-from .packed_boxes import are_apart, box_around, pack_box
+from .packed_boxes import are_apart, box_around, pack_box, refit_inner_nodes
 from .pair_geometry import EDGE_EDGE, VERTEX_TRIANGLE, extremes
 
 MAX_REDUCTIONS = 6  # of the reach of balls in a substep
-MAX_LEVELS = 20  # of the tree, in the parallel layout: a million triangles
 
 
 @ti.func
@@ -59,37 +58,12 @@ def refit_leaf(data: ti.template(), leaf: int, reach: float):
 
 
 @ti.func
-def refit_node(tree: ti.template(), node: int):
-    """Set the box of an inner node."""
-    tree.node_boxes[node] = box_around(tree.node_boxes[node + 1], tree.node_boxes[tree.skip[node + 1]])
-
-
-@ti.func
-def node_at(levels: int, level: int, position: int) -> int:
-    """Return the node at a position of a level of a perfect tree in depth-first order. The root has level 0."""
-    node = 0
-    for k in range(level):
-        child_size = (1 << (levels - 1 - k)) - 1
-        node += 1 + ((position >> (level - 1 - k)) & 1) * child_size
-    return node
-
-
-@ti.func
 def refit_tree(cloth: ti.template(), enabled: int, reach: float):
     """Set the boxes of the marked leaves and of all inner nodes. `enabled` is 1, or 0 to do nothing."""
     data, tree = ti.static(cloth.pair_data, cloth.pair_data.tree)
     for k in range(enabled * tree.queue_count[None]):
         refit_leaf(data, tree.queue[k], reach)
-    if ti.static(cloth.is_parallel):
-        for k in ti.static(range(MAX_LEVELS)):
-            level = tree.levels[None] - 2 - k
-            for position in range(ti.select(level < 0, 0, enabled << ti.max(level, 0))):
-                refit_node(tree, node_at(tree.levels[None], tree.levels[None] - 2 - k, position))
-    else:
-        nodes = 2 * tree.leaf_count[None] - 1
-        for k in range(enabled * nodes):  # children have higher numbers
-            if tree.leaf[nodes - 1 - k] < 0:
-                refit_node(tree, nodes - 1 - k)
+    refit_inner_nodes(tree, ti.static(cloth.is_parallel), enabled)
 
 
 @ti.func

@@ -53,12 +53,45 @@ class BoundingTree:
         return len(self.node).bit_length()
 
 
+@dataclass(frozen=True, eq=False)
+class TriangleTree:
+    """A tree of L leaves, as `BoundingTree`, whose elements are the T triangles alone."""
+
+    skip: Ints
+    leaf: Ints
+    node: Ints
+    order: Ints
+    """The triangles sorted by leaf, (T,)."""
+    first_triangle: Ints
+    """First entry of `order` of each leaf, (L + 1,)."""
+
+    @property
+    def levels(self) -> int:
+        """Number of levels: 1 for a single node."""
+        return len(self.node).bit_length()
+
+
+def build_triangle_tree(centers: NDArray[np.float64]) -> TriangleTree:
+    """Return the tree of triangles with these centers [m], (T, 3)."""
+    depth = _depth(len(centers))
+    leaf_of_triangle = _bisect(centers, depth)
+    order = np.argsort(leaf_of_triangle, kind="stable")
+    first = np.searchsorted(leaf_of_triangle[order], np.arange((1 << depth) + 1))
+    skip, leaf = _depth_first(depth)
+    return TriangleTree(skip, leaf, np.flatnonzero(leaf >= 0), order, first)
+
+
+def _depth(triangles: int) -> int:
+    """Return the depth of the tree with one or two triangles in each leaf."""
+    return max(int(np.ceil(np.log2(triangles / 2))), 0)
+
+
 def build_tree(topology: Topology) -> BoundingTree:
     """Return the tree of a cloth. A particle without triangles is a triangle without area."""
     triangles = topology.triangles.astype(np.int64)
     lone = np.setdiff1d(np.arange(topology.particle_count), triangles)
     triangles = np.concatenate([triangles, np.repeat(lone[:, None], 3, axis=1)])
-    depth = max(int(np.ceil(np.log2(len(triangles) / 2))), 0)
+    depth = _depth(len(triangles))
     leaf_of_triangle = _bisect(topology.flat[triangles].mean(axis=1), depth)
     order = np.argsort(leaf_of_triangle, kind="stable")
     triangles, leaf_of_triangle = triangles[order], leaf_of_triangle[order]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..scene.collider_schema import Mesh
 from ..scene.presets import mesh_path
 from .closed_surface import Faces, Surface, closed_surface, closest_point_on_triangle, feature_normals
+from .mesh_clip import clip_of
 from .obj_reader import ObjError, read_obj
 from .topology import adjacency
 
@@ -212,6 +213,32 @@ def _move_to_nearer_faces(
     return moved
 
 
+POINTS_AT_ONCE = 256
+EXACT = 0.1  # longest sides of the surface: distances to points farther from its bounding box are lower bounds
+
+
+def distances_to_surface(surface: Surface, points: Floats) -> Floats:
+    """Return the signed distance from points (N, 3) to a surface [m], (N,), negative inside.
+
+    It is exact near the surface. Far outside it is the distance to the bounding box, a lower bound.
+    """
+    corners = surface.corners
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    distance: Floats = np.linalg.norm(points - np.clip(points, low, high), axis=1)
+    near = np.flatnonzero(distance <= EXACT * float((high - low).max()))
+    centers = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - centers[:, None], axis=2).max(axis=1)
+    for some in np.array_split(near, -(-len(near) // POINTS_AT_ONCE) or 1):
+        if len(some):
+            apart = np.linalg.norm(points[some, None] - centers, axis=2)
+            point, face = np.nonzero(apart - radii <= (apart + radii).min(axis=1, keepdims=True))
+            found = _distances(points[some[point]], corners[face])
+            order = np.lexsort((found, point))
+            nearest = order[np.searchsorted(point[order], np.arange(len(some)))]
+            distance[some] = found[nearest] * _signs(surface, points[some], face[nearest])
+    return distance
+
+
 # -- mesh colliders ----------------------------------------------------------------------------------------------------
 
 CACHE_SIZE = 64  # meshes of a few megabytes each
@@ -219,19 +246,26 @@ CACHE_SIZE = 64  # meshes of a few megabytes each
 
 def check_solid(mesh: Mesh) -> None:
     """Raise ValueError with a one-line message if a mesh cannot be used as a collider."""
-    check_size(collider_surface(mesh), mesh.resolution, mesh.margin)
+    surface = collider_surface(mesh)
+    if not mesh.clip:
+        check_size(surface, mesh.resolution, mesh.margin)
 
 
 def collider_surface(mesh: Mesh) -> Surface:
-    """Return the surface of a mesh collider, centered on its bounding box.
+    """Return the surface of a mesh collider, centered on the bounding box of its file; of a clip at `mesh.clip_time`.
 
-    Raises ValueError with a one-line message if the file is not a valid mesh, or the mesh is not closed.
+    Raises ValueError with a one-line message if the file is not a valid mesh, the mesh is not closed, or its clip
+    cannot be used.
     """
-    return _cached_surface(mesh.file, mesh.folder).scaled(mesh.scale)
+    surface, center = _cached_surface(mesh.file, mesh.folder)
+    if mesh.clip:
+        points = clip_of(mesh, len(surface.vertices)).at(mesh.clip_time)
+        surface = Surface(points - center, surface.faces, surface.half)
+    return surface.scaled(mesh.scale)
 
 
 def collider_sdf(mesh: Mesh) -> DistanceGrid:
-    """Return the distance grid of a mesh collider. It extends to the collider's margin.
+    """Return the distance grid of a rigid mesh collider. It extends to the collider's margin.
 
     Raises ValueError with a one-line message if the mesh cannot be used as a collider.
     """
@@ -239,15 +273,17 @@ def collider_sdf(mesh: Mesh) -> DistanceGrid:
 
 
 @lru_cache(maxsize=CACHE_SIZE)
-def _cached_surface(file: str, folder: str) -> Surface:
+def _cached_surface(file: str, folder: str) -> tuple[Surface, Floats]:
+    """Return the surface of a file, and the center of its bounding box, (3,), in the unit of the file."""
     path = mesh_path(file, folder)
     points, faces = read_obj(path)
     try:
-        return closed_surface(points, faces)
+        surface = closed_surface(points, faces)
     except ValueError as error:
         raise ObjError(path, 0, str(error)) from None
+    return surface, points[0] - surface.vertices[0]
 
 
 @lru_cache(maxsize=CACHE_SIZE)
 def _cached_distances(file: str, folder: str, scale: float, resolution: int, margin: float) -> DistanceGrid:
-    return distance_grid(_cached_surface(file, folder).scaled(scale), resolution, margin)
+    return distance_grid(_cached_surface(file, folder)[0].scaled(scale), resolution, margin)

@@ -129,12 +129,23 @@ class Plane(Collider):
 
 @dataclass(frozen=True)
 class Mesh(Collider):
-    """A solid bounded by a closed triangle mesh. Its center is that of its bounding box."""
+    """A solid bounded by a closed triangle mesh. Its center is that of its bounding box.
+
+    With a `clip` it deforms: a body that walks. Cloth then meets its triangles, not a distance grid.
+    """
 
     file: str = key_field("bust", "name of a shipped mesh, or path of an OBJ file relative to the scene file")
     scale: float = key_field(1.0, "length of one unit of the file", "m", min=0.0, max=1e6, exclusive_min=True)
     resolution: int = key_field(64, "cells of its signed distance grid along the longest side", min=4, max=256)
+    clip: str = key_field(
+        "", "its points over time, beside its file: a PC2 or USD file, or OBJ files walk_*.obj; empty if it is rigid"
+    )
+    clip_rate: float = key_field(
+        30.0, "samples of the clip per second; a USD file has its own", "1/s", min=0.01, max=1000.0
+    )
+    clip_loop: bool = key_field(True, "the first sample of the clip follows the last")
     folder: str = field(default="", metadata={"derived": "folder of the scene file, for a mesh that is not shipped"})
+    clip_time: float = field(default=0.0, metadata={"derived": "time of the clip whose shape this is [s]"})
 
 
 @dataclass(frozen=True)

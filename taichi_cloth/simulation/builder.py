@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import state
-from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, pose
+from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, is_deforming, pose
 from ..geometry.cloth_builder import (
     attachment_ids,
     build_topology,
@@ -19,7 +19,7 @@ from ..geometry.cloth_builder import (
     spring_stiffness,
     too_many_particles,
 )
-from ..geometry.signed_distance import collider_sdf
+from ..geometry.signed_distance import collider_sdf, collider_surface
 from ..geometry.stability_bounds import repulsion_frequency, too_many_substeps
 from ..geometry.topology import Topology
 from ..kernels import step_params as c
@@ -30,6 +30,7 @@ from ..scene.schema import sections
 from ..solvers import SOLVERS, Features, Solver, Unsupported, choose_layout
 from ..state.constraint_data import attach_attachments
 from ..state.contact_data import acquire_sdf, release_sdf
+from ..state.surface_data import acquire_surfaces, release_surfaces
 from ..system.errors import UsageError
 from .grabbing import Grab
 from .intersection_guard import describe_intersections
@@ -51,13 +52,14 @@ FEATURE_NAMES = {
 
 
 def features_of(scene: Scene) -> Features:
-    """Return the features of a scene. Acquires `sdf` if it has mesh colliders; `release_solver` releases it."""
+    """Return the features of a scene. Acquires `sdf` and `surfaces` of meshes; `release_solver` releases them."""
     colliders = colliders_of(scene)
     contact = scene.self_collision
     return Features(
         wind=scene.wind is not None,
         colliders=collider_counts(colliders),
-        sdf=acquire_sdf([collider_sdf(mesh) for mesh in scene.meshes]),
+        sdf=acquire_sdf([collider_sdf(mesh) for mesh in scene.meshes if not is_deforming(mesh)]),
+        surfaces=acquire_surfaces([collider_surface(mesh) for mesh in scene.meshes if is_deforming(mesh)]),
         triangles=any(collides_with_triangles(collider) for collider in colliders),
         continuous=any(collider.continuous for collider in colliders),
         soft_compression=scene.fabric.compression < 1,
@@ -152,6 +154,7 @@ def release_solver(solver: Solver) -> None:
     solver.close()
     state.release_state(solver.cloth)
     release_sdf(solver.features.sdf)
+    release_surfaces(solver.features.surfaces)
 
 
 Floats = NDArray[np.float64]

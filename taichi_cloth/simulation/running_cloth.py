@@ -13,7 +13,8 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from .. import state
-from ..collision.colliders import collider_table, colliders_of, pose
+from ..collision.colliders import collider_table, colliders_of, is_deforming, pose
+from ..collision.deforming_meshes import upload_frame
 from ..collision.response import Depenetration
 from ..geometry.cloth_builder import attachment_ids, spring_stiffness
 from ..geometry.spring_model import spring_model, wind_of
@@ -21,7 +22,7 @@ from ..geometry.tearing import TearState
 from ..geometry.topology import spring_strains
 from ..kernels.integration import any_longer_than
 from ..scene import Scene, parameters_of
-from ..scene.collider_schema import Collider, Ground
+from ..scene.collider_schema import Collider, Ground, Mesh
 from ..scene.schema import COLLIDERS, FRAME_SECONDS
 from ..solvers import FrameInput, Solver
 from ..state.constraint_data import upload_grabbed
@@ -65,7 +66,7 @@ class RunningCloth:
         self._solver: Solver | None = solver
         self._program = ProgramRef()
         self._row = StepRow(scene, built.topology.origin, built.damping_time)
-        self.depenetration = Depenetration(solver.features.collider_count)
+        self.depenetration = Depenetration(len(colliders_of(scene)))
         self.has_self_contact = False
         self._guard = IntersectionGuard(solver, built.topology) if solver.features.penetration_free else None
         self.restart_guard()
@@ -177,17 +178,28 @@ class RunningCloth:
         start, end = self.seconds, self.seconds + FRAME_SECONDS
         if self._guard is not None:
             self._guard.begin_frame(self.frame)
-        colliders, values = self.scene_colliders(), self.params.values_by_name
-        margin_reduction = self.depenetration.advance(colliders, self._free_positions, start, end)
-        moving = [*colliders, *self.scene.attachments]
+        values = self.params.values_by_name
         return FrameInput(
             substeps=self.substeps,
             iterations=int(values["iterations"]),
             h=self.h,
             grabbed_count=len(self.grabbed),
             params=self._row.at(values, wind_on=self.params.wind_on, grabs=self.grabs, seconds=start, h=self.h),
-            colliders=collider_table(moving, start, end, margin_reduction, tuple(self.topology.origin)),
+            colliders=self._move_colliders(start, end),
         )
+
+    def _move_colliders(self, start: float, end: float) -> NDArray[np.float32]:
+        """Return the table of rigid colliders and attachments of a frame [s], and set the surfaces that deform."""
+        colliders, origin = self.scene_colliders(), self.topology.origin
+        before, after = self.depenetration.advance(colliders, self._free_positions, start, end)
+        deforms = np.array([is_deforming(collider) for collider in colliders], bool)
+        surfaces = self.solver.features.surfaces
+        if surfaces is not None:
+            meshes = [collider for collider in colliders if isinstance(collider, Mesh) and is_deforming(collider)]
+            reduction = before[deforms], after[deforms]
+            upload_frame(surfaces, meshes, (start, end), reduction, origin, is_parallel=self.solver.layout.is_parallel)
+        moving = [*(collider for collider in colliders if not is_deforming(collider)), *self.scene.attachments]
+        return collider_table(moving, start, end, (before[~deforms], after[~deforms]), tuple(origin))
 
     def _end_frame(self) -> None:
         for grab in self.grabs.values():

@@ -27,6 +27,7 @@ from ..state.constraint_data import attach_bending_links, attach_max_distances, 
 from ..state.contact_data import SdfGrids, attach_colored_triangles, attach_friction_anchors, attach_self_contact
 from ..state.layouts import acquire_parallel, acquire_simd, release_simd
 from ..state.pair_data import attach_pair_data
+from ..state.surface_data import DeformingSurfaces, attach_surface_contacts
 from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
 from ..system.taichi_compat import no_scalarization
 from ..system.taichi_runtime import on_cpu
@@ -43,7 +44,9 @@ class Features:
     colliders: tuple[tuple[int, ...], ...] = ((0,) * len(SHAPES),) * len(RESPONSES)
     """Number of colliders by response and shape."""
     sdf: SdfGrids | None = None
-    """Signed distance grids of mesh colliders."""
+    """Signed distance grids of rigid mesh colliders."""
+    surfaces: DeformingSurfaces | None = None
+    """Triangles of deforming mesh colliders."""
     continuous: bool = False
     """Continuous collision detection of at least one collider."""
     triangles: bool = False
@@ -69,7 +72,12 @@ class Features:
 
     @property
     def collider_count(self) -> int:
+        """Number of rigid colliders."""
         return sum(map(sum, self.colliders))
+
+    @property
+    def has_surfaces(self) -> bool:
+        return self.surfaces is not None
 
 
 @dataclass(frozen=True)
@@ -190,6 +198,7 @@ class Solver:
         self.layout_name = layout
         projected = (
             features.collider_count
+            or features.has_surfaces
             or features.strain_limit
             or features.tethers
             or features.max_distances
@@ -228,6 +237,8 @@ class Solver:
             attach_pair_data(self.layout, topology)
         elif self.features.self_collision:
             attach_self_contact(self.layout, topology)
+        if self.features.has_surfaces:
+            attach_surface_contacts(self.layout, topology)
         if self.features.static_friction:
             attach_friction_anchors(self.layout)
 

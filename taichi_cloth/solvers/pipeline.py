@@ -16,6 +16,7 @@ pull a particle into a collider.
 
 import taichi as ti
 
+from ..collision.deforming_meshes import find_surface_contacts, project_surface_contacts
 from ..collision.layer_contact import ROUNDS, find_layer_contacts, resolve_layer_contacts
 from ..collision.response import add_repulsion, resolve_contacts
 from ..collision.self_collision import resolve_self_contacts
@@ -29,6 +30,7 @@ from ..kernels.forces import add_wind
 @ti.func
 def begin_substep(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """Prepare contact. It comes first in a substep, from the positions of the one before."""
+    find_surface_contacts(cloth, features, ctx)
     find_intersections(cloth, features, ctx)
     clear_anchors_each_frame(cloth, features, ctx)
 
@@ -50,6 +52,7 @@ def add_external_forces(
 def project_colliders(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """Resolve contact with colliders."""
     resolve_contacts(cloth, features, ctx)
+    project_surface_contacts(cloth, features, ctx)
 
 
 @ti.func

@@ -27,6 +27,7 @@ from .contact_data import ColoredTriangles, FrictionAnchors, SelfContactData
 from .field_pool import Pool, capacity
 from .pair_data import PairData
 from .solver_data import LineList, LinePackets, StageStart, StageSums, StateSnapshot
+from .surface_data import SurfaceContacts
 
 
 @dataclass(eq=False, kw_only=True)
@@ -69,6 +70,7 @@ class Layout:
     self_contact: SelfContactData | None = None
     friction_anchors: FrictionAnchors | None = None
     pair_data: PairData | None = None
+    surface_contacts: SurfaceContacts | None = None
     colored_triangles: ColoredTriangles | None = None
     stage_sums: StageSums | None = None
     stage_start: StageStart | None = None

@@ -10,7 +10,7 @@ import taichi.math as tm
 from numpy.typing import NDArray
 
 from ...geometry.closed_surface import smooth_normals
-from ...geometry.signed_distance import collider_sdf, collider_surface
+from ...geometry.signed_distance import collider_sdf, collider_surface, distances_to_surface
 from ...kernels.constraint_math import TINY
 from ...kernels.vec import LANES, abs_, cast, is_scalar, neg
 from ...scene.collider_schema import Mesh
@@ -22,7 +22,7 @@ TRACE_TOLERANCE = 1e-5  # [m]
 
 
 def signed_distance(mesh: Mesh, points: Floats) -> Floats:
-    return collider_sdf(mesh).at(points)
+    return distances_to_surface(collider_surface(mesh), points) if mesh.clip else collider_sdf(mesh).at(points)
 
 
 def triangles(mesh: Mesh) -> Corners:
