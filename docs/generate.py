@@ -551,6 +551,8 @@ SIMULATION_ATTRIBUTES = {
     "params": "runtime parameters by name, and the switch `wind`: `params[name]` reads one, `params[name] = value` sets"
     " it for the next frame, `params.info(name)` has its range, unit and help",
     "frame": "number of the current frame; 0 at the start and after `reset`",
+    "penetration_free_since": "with `self_collision.penetration_free`, the first frame from which no part of the cloth"
+    " passes through another; None without it, and while there are intersections",
     "scene": "the running `Scene`",
     "original_scene": "the `Scene` that the simulation was opened with",
     "topology": "particles, springs, triangles, rest lengths, masses and pins",

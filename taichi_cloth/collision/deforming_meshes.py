@@ -63,7 +63,8 @@ def upload_frame(
         (surfaces.margin_end, margins - margin_reduction[1]),
         (surfaces.friction, np.array([mesh.friction for mesh in meshes])),
     )
-    surfaces.largest_margin[None] = float(margins.max())
+    # Particles that are let out are as deep as the margin is reduced.
+    surfaces.reach[None] = float(np.maximum(margins, margin_reduction[0] - margins).max())
     begin_frame(surfaces, is_parallel)
 
 
@@ -171,7 +172,7 @@ def list_triangles(surfaces: ti.template(), contacts: ti.template(), i: int, x: 
     radius = MIN_SLACK + SLACK * travel.norm()
     contacts.center[i], contacts.travel[i], contacts.radius[i] = x - begin * travel, travel, radius
     contacts.count[i] = 0
-    reach = surfaces.largest_margin[None] + radius
+    reach = surfaces.reach[None] + radius
     start, end = contacts.center[i], contacts.center[i] + travel
     box = pack_box(start - reach, start + reach, end - reach, end + reach)
     middle = 0.5 * (begin + 1.0)

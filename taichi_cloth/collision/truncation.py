@@ -245,13 +245,13 @@ def apply_truncation(cloth: ti.template(), features: ti.template(), ctx: ti.temp
         if fraction < 1.0:
             ti.atomic_add(data.truncated[None], 1)
             start = data.verified[i]
-            asked, end = end, start + fraction * (data.wanted[i] - start)
+            wanted, end = end, start + fraction * (data.wanted[i] - start)
             if fraction <= 0.0:
                 end = start
             write(cloth, cloth.x, i, end)
             ti.atomic_max(longest, want(data, i, end))
             if ti.static(features.stores_velocity):
-                change = (end - asked) / (ctx.h * ctx.dt_scale)
+                change = (end - wanted) / (ctx.h * ctx.dt_scale)
                 write(cloth, cloth.velocity, i, read(cloth, cloth.velocity, i) + change)
         data.mean_move[i] = 0.5 * data.mean_move[i] + 0.5 * (end - data.verified[i])
         data.verified[i] = end

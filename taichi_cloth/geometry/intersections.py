@@ -1,8 +1,8 @@
 """Edges of a cloth that pass through its triangles, with exact signs, in NumPy. It shares nothing with contact code.
 
 The sign of a determinant is that of its float64 value if that is greater than its rounding error (Shewchuk 1997,
-*Adaptive precision floating-point arithmetic and fast robust geometric predicates*, the bound of `orient3d`), and is
-else computed in integers. Parts that only touch do not intersect.
+*Adaptive precision floating-point arithmetic and fast robust geometric predicates*, bound of the orientation test), and
+is else computed in integers. Parts that only touch do not intersect.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ number of points, finite numbers, and at least one sample.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +20,7 @@ from ..scene.presets import mesh_path
 from .obj_reader import FARTHEST, MAX_POINTS, ObjError, read_obj
 
 Floats = NDArray[np.float64]
+Samples = list[NDArray[np.floating[Any]]]  # (points, 3) each
 
 MAX_BYTES = 1_000_000_000  # of all samples of a clip
 PC2_HEADER = struct.Struct("<12siiffi")  # signature, version, points, start frame, sampling rate, samples
@@ -62,7 +62,6 @@ def clip_of(mesh: Mesh, points: int) -> MeshClip:
 @lru_cache(maxsize=16)
 def _cached(path: Path, points: int, rate: float) -> tuple[NDArray[np.float32], float]:
     """Return the samples of a clip and their number per second."""
-    samples: Sequence[NDArray[np.floating[Any]]]
     if "*" in path.name:
         samples = _read_sequence(path)
     elif path.suffix == ".pc2":
@@ -84,7 +83,7 @@ def _error(path: Path, reason: str) -> ObjError:
     return ObjError(path, 0, reason)
 
 
-def _read_sequence(pattern: Path) -> list[NDArray[np.float64]]:
+def _read_sequence(pattern: Path) -> Samples:
     """Return the vertices of all OBJ files that match, in the order of their names."""
     files = sorted(pattern.parent.glob(pattern.name))
     if not files:
@@ -92,7 +91,7 @@ def _read_sequence(pattern: Path) -> list[NDArray[np.float64]]:
     return [read_obj(file)[0] for file in files]
 
 
-def _read_pc2(path: Path) -> list[NDArray[np.float32]]:
+def _read_pc2(path: Path) -> Samples:
     """Return the samples of a PC2 point cache."""
     try:
         with path.open("rb") as file:
@@ -112,7 +111,7 @@ def _read_pc2(path: Path) -> list[NDArray[np.float32]]:
     return list(np.frombuffer(content, "<f4", offset=PC2_HEADER.size).reshape(samples, points, 3))
 
 
-def _read_usd(path: Path) -> tuple[list[NDArray[np.float32]], float]:
+def _read_usd(path: Path) -> tuple[Samples, float]:
     """Return the samples of the first mesh of a USD file whose points move, and their number per second."""
     try:
         from pxr import Usd, UsdGeom

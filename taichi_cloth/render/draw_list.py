@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..collision.colliders import PosedCollider, is_static, shape_of
+from ..collision.colliders import PosedCollider, is_deforming, is_static, shape_of
 from ..collision.shapes import SPHERE
 from ..geometry import closed_surface
 from ..geometry.closed_surface import cylinder
@@ -199,7 +199,10 @@ class DrawList:
             self._rebuild_topology()
         self._update_spheres()
         colliders = simulation.colliders() if self._moving else []
-        moved = [pose_mesh(colliders[k], local) for k, local in zip(self._moving, self._moving_meshes, strict=True)]
+        moved = [
+            pose_mesh(colliders[k], collider_mesh(colliders[k]) if is_deforming(colliders[k].collider) else local)
+            for k, local in zip(self._moving, self._moving_meshes, strict=True)
+        ]
         self._fill_meshes(self._first_moving, moved)
         first = self._first_cloth
         mesh.corners = first + self._cloth_corners[view]

@@ -232,7 +232,13 @@ def _check_collider_names(scene: Scene, mistakes: Mistakes) -> None:
 
 
 def _check_response(collider: ContactProperties, where: str, mistakes: Mistakes) -> None:
-    """Check that continuous collision detection and triangle collision have projection."""
+    """Check that continuous collision detection, triangle collision and deforming meshes have projection."""
+    if isinstance(collider, Mesh) and collider.clip:
+        if collider.response != RESPONSES[PROJECTION]:
+            mistakes.add(f"{where}.response", f"a mesh with a clip requires projection, got {collider.response}")
+        if collider.continuous:
+            mistakes.add(f"{where}.continuous", "does not go with a clip: use more substeps")
+        return
     if collider.response != RESPONSES[PROJECTION]:
         if collider.continuous:
             mistakes.add(f"{where}.continuous", f"requires projection, got {collider.response}")

@@ -57,8 +57,8 @@ class DeformingSurfaces(NamedTuple):
     levels: ti.ScalarField
     vertex_count: ti.ScalarField
     triangle_count: ti.ScalarField
-    largest_margin: ti.ScalarField
-    """[m], 0-D."""
+    reach: ti.ScalarField
+    """Greatest distance from a surface at which particles are in contact with it [m], 0-D."""
 
 
 class SurfaceContacts(NamedTuple):
@@ -110,7 +110,7 @@ def _allocate(vertices: int, triangles: int, meshes: int) -> DeformingSurfaces:
         levels=fields.count_field(),
         vertex_count=fields.count_field(),
         triangle_count=fields.count_field(),
-        largest_margin=ti.field(ti.f32, ()),
+        reach=ti.field(ti.f32, ()),
     )
 
 

@@ -61,10 +61,12 @@ FILES: dict[type, dict[str, Any]] = {
 def consistent_section(section: Any) -> Any:
     """Return the section without keys that its other keys do not allow.
 
-    Continuous collision detection and triangle collision require projection, and static friction requires particles.
+    Continuous collision detection and triangle collision require projection, and static friction requires particles
+    that may penetrate.
     """
     if isinstance(section, SelfCollision):
-        return replace(section, static_friction=section.static_friction and section.primitives == "particles")
+        allowed = section.primitives == "particles" and not section.penetration_free
+        return replace(section, static_friction=section.static_friction and allowed)
     if getattr(section, "response", "projection") == "projection":
         return section
     changed: dict[str, Any] = {"continuous": False}
