@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import count, starmap
+from itertools import count
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
-from ..collision.colliders import PosedCollider
+from ..collision.colliders import PosedCollider, is_deforming
 from ..collision.shapes.plane import polygons
 from ..geometry.topology import ClothMetrics
 from ..render.draw_list import TriangleSoup, collider_color, pole_mesh
@@ -206,12 +206,22 @@ def _sheet(simulation: BaseSimulation) -> ExportMesh:
 
 def _solids(simulation: BaseSimulation) -> list[Solid]:
     """Return the colliders, each in its own coordinates, and the pole."""
-    return [*starmap(_collider, enumerate(simulation.colliders())), *_pole(simulation)]
+    colliders = simulation.colliders()
+    return [*(_collider(simulation, *one) for one in enumerate(colliders)), *_pole(simulation)]
 
 
-def _collider(number: int, posed: PosedCollider) -> Solid:
+def _collider(simulation: BaseSimulation, number: int, posed: PosedCollider) -> Solid:
     """Return a collider in its own coordinates. The ground is a square, as in USD files."""
     name = collider_name(number, posed.collider)
+    if is_deforming(posed.collider):
+        mesh = local_mesh(posed)
+        _, _, owner = merge_corners(mesh)
+
+        def vertices_now() -> tuple[Floats, Floats]:
+            positions, normals, _ = local_mesh(simulation.colliders()[number])
+            return positions[owner].astype(np.float64), normals[owner].astype(np.float64)
+
+        return replace(_solid(name, mesh), vertices_now=vertices_now)
     if not isinstance(posed.collider, Ground):
         return _solid(name, local_mesh(posed))
     corners, _ = polygons(posed.collider)
@@ -227,7 +237,7 @@ def _pole(simulation: BaseSimulation) -> list[Solid]:
 
 
 def _solid(name: str, soup: TriangleSoup) -> Solid:
-    vertices, corners = merge_corners(soup)
+    vertices, corners, _ = merge_corners(soup)
     return Solid(name, soup[2][0], vertices[:, :3], vertices[:, 3:], corners.reshape(-1, 3))
 
 

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..render.colors import merge_vertices, pattern_colors
 from ..render.webgl import Solids, air, fill_template, quantize, remaining_triangles, script_safe
@@ -43,6 +44,12 @@ def page(title: str, head: dict[str, object], data: bytes) -> str:
     return fill_template(PLAYER, title, {"head": script_safe(head), "data": packed})
 
 
+def second_differences(samples: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return the second differences in time, modulo 2¹⁶."""
+    change: NDArray[np.uint16] = np.diff(samples, 2, axis=0, prepend=np.zeros((2, *samples.shape[1:]), np.uint16))
+    return change
+
+
 class Samples:
     """The samples of a clip, packed as a JSON head and little-endian arrays, those with the largest elements first."""
 
@@ -52,6 +59,7 @@ class Samples:
         self._solids = Solids(simulation)
         self._x: list[Floats] = []
         self._poses: list[Floats] = []
+        self._deformed: list[Floats] = []
         self._lifetime = np.zeros(self._whole.triangle_count, np.int64)  # of each triangle [samples]
         self._present = np.ones(self._whole.triangle_count, bool)
 
@@ -64,6 +72,7 @@ class Samples:
         self._lifetime += self._present
         self._x.append(self._simulation.positions())
         self._poses.append(self._solids.poses())
+        self._deformed.append(self._solids.deformed())
 
     def packed(self) -> tuple[dict[str, object], bytes]:
         """Return head and data. Positions are stored as second differences in time, modulo 2¹⁶, which compress well.
@@ -78,6 +87,7 @@ class Samples:
         order = np.argsort(-self._lifetime, kind="stable")
         solids, solid_vertices, solid_corners = self._solids.pack()
         poses = self._pack_poses(solids)
+        solid_low, solid_step, deformed = self._pack_deformed()
         head = {
             "samples": len(x),
             "particles": x.shape[1],
@@ -90,19 +100,32 @@ class Samples:
             "solidVertices": len(solid_vertices),
             "solidCorners": len(solid_corners),
             "poses": len(poses),
+            "deforming": self._solids.deforming,
+            "solidLow": solid_low.tolist(),
+            "solidStep": solid_step.tolist(),
             **air(self._simulation.scene),
         }
-        change = np.diff(steps, 2, axis=0, prepend=np.zeros((2, *steps.shape[1:]), np.uint16))
         arrays = [
             solid_vertices.astype("<f4"),
             np.swapaxes(poses, 1, 2).astype("<f4"),
             solid_corners.astype("<u4"),
             owner.astype("<u4"),
             corners[order].astype("<u4"),
-            change.astype("<u2"),
+            second_differences(steps).astype("<u2"),
+            second_differences(deformed).astype("<u2"),
             colors.astype("u1"),
         ]
         return head, b"".join(array.tobytes() for array in arrays)
+
+    def _pack_deformed(self) -> tuple[Floats, Floats, NDArray[np.uint16]]:
+        """Return the vertices of solids that deform in every sample: the lowest corner of their box and the step [m],
+        and positions in steps and normals in steps of 1/32767, modulo 2¹⁶, (samples, D, 6)."""
+        deformed = np.array(self._deformed)
+        if not deformed.size:
+            return np.zeros(3), np.zeros(3), deformed.astype(np.uint16)
+        low, step, steps = quantize(deformed[..., :3])
+        normals = np.rint(32767 * deformed[..., 3:]).astype(np.int16).view(np.uint16)
+        return low, step, np.concatenate([steps, normals], axis=2)
 
     def _pack_poses(self, solids: list[dict[str, object]]) -> Floats:
         """Return the poses of all solids, (P, 4, 4): one per sample, or a single one for a solid that never moves.

@@ -50,7 +50,7 @@ class ExportMesh:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A rigid mesh beside the cloth: a collider, the floor or the pole; V vertices, T triangles."""
+    """A mesh beside the cloth: a collider, the floor or the pole; V vertices, T triangles."""
 
     name: str
     """Its name in the file."""
@@ -62,6 +62,8 @@ class Solid:
     """Unit normal of every vertex, (V, 3)."""
     triangles: NDArray[np.int64]
     """The vertices of every triangle, (T, 3)."""
+    vertices_now: Callable[[], tuple[Floats, Floats]] | None = None
+    """Returns positions and normals as they are now, for a solid that deforms."""
 
 
 def collider_name(number: int, collider: object) -> str:
@@ -237,23 +239,31 @@ class _GlbClip:
         uv = sheet.uv[self._owner] * [1, -1] + [0, 1]  # glTF counts from the top edge
         self._constant = {"TEXCOORD_0": self._vertices(uv), "COLOR_0": self._vertices(linear_rgb(colors / 255))}
         self._corners = self._array(corners.astype("<u4").ravel(), ELEMENT_ARRAY_BUFFER)
-        self._first = np.zeros((2, len(self._owner), 3), np.float32)  # positions and normals of the first sample
-        self._samples: list[Json] = []
+        self._first: dict[int, NDArray[np.float32]] = {}  # positions and normals of the first sample, by node
+        self._samples: dict[int, list[Json]] = {}  # by node: 0 is the cloth, then the solids that deform
         self._poses: list[Floats] = []
+        self.sample_bytes += sum(2 * 12 * len(solid.positions) for solid in solids if solid.vertices_now)
 
     def add(self, x: Floats, poses: Floats) -> None:
-        """Add a sample. All but the first are morph targets: differences from the first."""
+        """Add a sample."""
         normals = vertex_normals(x, self._sheet.triangles)
-        change = np.stack([x, normals])[:, self._owner].astype(np.float32) - self._first
-        if not self._samples:
-            self._first = change
-        self._samples.append({"POSITION": self._vertices(change[0]), "NORMAL": self._vertices(change[1])})
+        self._add_shape(0, x[self._owner], normals[self._owner])
+        for k, solid in enumerate(self._solids):
+            if solid.vertices_now is not None:
+                self._add_shape(1 + k, *solid.vertices_now())
         self._poses.append(poses)
+
+    def _add_shape(self, node: int, positions: Floats, normals: Floats) -> None:
+        """Add a sample of a node. All but the first are morph targets: differences from the first."""
+        shape = np.stack([positions, normals]).astype(np.float32)
+        change = shape - self._first[node] if node in self._first else self._first.setdefault(node, shape)
+        sample = {"POSITION": self._vertices(change[0]), "NORMAL": self._vertices(change[1])}
+        self._samples.setdefault(node, []).append(sample)
 
     def write(self, file: BinaryIO, rate: float) -> None:
         """Write the file. `rate`: samples per second."""
         poses = np.array(self._poses)
-        first, *targets = self._samples
+        first, *targets = self._samples[0]
         cloth = {"attributes": first | self._constant, "indices": self._corners, "material": 0}
         content: Json = {
             "asset": {"version": "2.0", "generator": f"taichi_cloth {__version__}"},
@@ -278,10 +288,15 @@ class _GlbClip:
         file.writelines(self._data)
 
     def _primitive(self, solid: Solid, material: int) -> Json:
-        """Append the mesh of a solid and return its description."""
-        attributes = {"POSITION": self._vertices(solid.positions), "NORMAL": self._vertices(solid.normals)}
+        """Append the mesh of a solid and return its description. `material`: its number, which is that of its node."""
+        if solid.vertices_now is None:
+            attributes: Json = {"POSITION": self._vertices(solid.positions), "NORMAL": self._vertices(solid.normals)}
+            targets: list[Json] = []
+        else:
+            attributes, *targets = self._samples[material]
         corners = self._array(solid.triangles.astype("<u4").ravel(), ELEMENT_ARRAY_BUFFER)
-        return {"attributes": attributes, "indices": corners, "material": material}
+        morphs = {"targets": targets} if targets else {}
+        return {"attributes": attributes, "indices": corners, "material": material, **morphs}
 
     def _animation(self, poses: Floats, rate: float) -> Json:
         """Append the weights of the morph targets and the poses of moving solids, and return the animation.
@@ -290,7 +305,7 @@ class _GlbClip:
         interpolated linearly.
         """
         samples = len(poses)
-        tracks = [(0, "weights", np.eye(samples, samples - 1, -1).ravel())]
+        tracks = [(node, "weights", np.eye(samples, samples - 1, -1).ravel()) for node in self._samples]
         for k, of_solid in enumerate(np.swapaxes(poses, 0, 1)):
             if (of_solid != of_solid[0]).any():
                 tracks.append((1 + k, "translation", of_solid[:, :3, 3]))

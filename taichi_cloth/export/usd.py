@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
-from ..collision.colliders import PosedCollider, is_static, shape_of
+from ..collision.colliders import PosedCollider, is_deforming, is_static, shape_of
 from ..render.draw_list import collider_color
 from ..system.errors import one_line
 from ..system.files import atomic_path
@@ -32,6 +32,7 @@ class ColliderPrims:
         """`path`: of the parent prim. `up`: the axis that is up in the file."""
         self._stage, self._path, self._up = stage, UsdGeom.Scope.Define(stage, path).GetPath(), up
         self._transforms: list[UsdGeom.XformOp] = []
+        self._prims: list[UsdGeom.Gprim] = []
 
     def write(self, colliders: list[PosedCollider], time: Usd.TimeCode) -> None:
         """Write the poses at a time. Static colliders are written once."""
@@ -42,6 +43,9 @@ class ColliderPrims:
             if first or not is_static(posed.collider):
                 time_code = Usd.TimeCode.Default() if is_static(posed.collider) else time
                 transform.Set(_matrix(posed, self._up), time_code)
+        for prim, posed in zip(self._prims, colliders, strict=True):
+            if is_deforming(posed.collider):
+                _set_points(prim, posed, time)
 
     def _define(self, number: int, posed: PosedCollider) -> UsdGeom.XformOp:
         """Define the prim of a collider, in its own frame of reference, and return its transform."""
@@ -56,6 +60,7 @@ class ColliderPrims:
             prim = _mesh(self._stage, path, *shape.polygons(posed.collider))
         _set_color(prim, np.array([collider_color(posed)]), UsdGeom.Tokens.constant)
         prim.CreateExtentAttr(UsdGeom.Boundable.ComputeExtentFromPlugins(prim, Usd.TimeCode.Default()))
+        self._prims.append(prim)
         return prim.AddTransformOp()
 
 
@@ -67,6 +72,15 @@ def _mesh(stage: Usd.Stage, path: Sdf.Path, points: Floats, faces: NDArray[np.in
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray([faces.shape[1]] * len(faces)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
     return mesh
+
+
+def _set_points(mesh: UsdGeom.Mesh, posed: PosedCollider, time: Usd.TimeCode) -> None:
+    """Set the points of a collider that deforms at a time."""
+    polygons = shape_of(posed.collider).polygons
+    assert polygons is not None
+    points = _vectors(polygons(posed.collider)[0])
+    mesh.GetPointsAttr().Set(points, time)
+    mesh.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(points), time)
 
 
 def _set_color(prim: UsdGeom.Gprim, colors: NDArray[Any], interpolation: str) -> None:

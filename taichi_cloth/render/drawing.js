@@ -194,8 +194,8 @@ void main() {
  *  image.
  *
  *  A frame has the vertices of the cloth (`vertices`, from `writeVertices`), the number of corners that remain after
- *  tearing (`count`), a function that returns the poses of a solid by its index (`poses`), and a color for every vertex
- *  (`colors`) if these are not the cloth's own colors. */
+ *  tearing (`count`), a function that returns the poses of a solid by its index (`poses`), the vertices of the solids
+ *  that deform (`solids`), and a color for every vertex (`colors`) if these are not the cloth's own colors. */
 class Renderer {
   constructor(canvas) {
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: true });
@@ -256,6 +256,12 @@ class Renderer {
     this.frame = frame;
     gl.bindBuffer(gl.ARRAY_BUFFER, vertexBuffer);
     gl.bufferSubData(gl.ARRAY_BUFFER, 0, frame.vertices);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.solids[1]);
+    let next = 0; // number of the next vertex in `frame.solids`
+    for (const [first, count] of this.head.deforming) {
+      gl.bufferSubData(gl.ARRAY_BUFFER, 24 * first, frame.solids.subarray(6 * next, 6 * (next + count)));
+      next += count;
+    }
     const colors = frame.colors ?? this.clothColors;
     if (colors !== this.clothColors || this.uploadedColors !== this.clothColors) {
       gl.bindBuffer(gl.ARRAY_BUFFER, colorBuffer);

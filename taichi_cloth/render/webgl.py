@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..collision.colliders import PosedCollider, is_static
+from ..collision.colliders import PosedCollider, is_deforming, is_static
 from ..collision.shapes import SPHERE
 from ..geometry import closed_surface
 from ..geometry.topology import Topology
@@ -94,6 +94,20 @@ class Solids:
             self._meshes.append(pole_mesh(simulation.scene, simulation.topology.start))
             self.moving.append(False)
         self._meshes += more
+        self._merged = [merge_corners(mesh) for mesh in self._meshes]
+        self._deforming = [k for k, number in enumerate(self._drawn) if is_deforming(colliders[number].collider)]
+        first = np.cumsum([0, *(len(vertices) for vertices, _, _ in self._merged)])
+        self.deforming = [(int(first[k]), len(self._merged[k][0])) for k in self._deforming]
+        """First vertex and number of vertices of each solid that deforms, among those of `pack`."""
+
+    def deformed(self) -> Floats:
+        """Return the vertices of the solids that deform, as they are now, (D, 6): position [m] and normal."""
+        colliders = self._simulation.colliders() if self._deforming else []
+        parts = [np.zeros((0, 6))]
+        for k in self._deforming:
+            positions, normals, _ = local_mesh(colliders[self._drawn[k]])
+            parts.append(np.hstack([positions, normals])[self._merged[k][2]].astype(np.float64))
+        return np.concatenate(parts)
 
     def poses(self) -> Floats:
         """Return the current pose of every solid as a matrix, (K, 4, 4), without the meshes `more`."""
@@ -111,10 +125,9 @@ class Solids:
         descriptions: list[dict[str, object]] = []
         corners, vertices = [np.zeros(0, np.int64)], [np.zeros((0, 6))]
         vertex_count = first = 0
-        for mesh in self._meshes:
+        for mesh, (unique, inverse, _) in zip(self._meshes, self._merged, strict=True):
             color = [round(float(factor), 3) for factor in mesh[2][0]]
             descriptions.append({"color": color, "first": first, "corners": len(mesh[0])})
-            unique, inverse = merge_corners(mesh)
             vertices.append(unique)
             corners.append(inverse + vertex_count)
             vertex_count, first = vertex_count + len(unique), first + len(mesh[0])
@@ -165,10 +178,13 @@ def air(scene: Scene) -> dict[str, object]:
     }
 
 
-def merge_corners(mesh: TriangleSoup) -> tuple[Floats, Ids]:
-    """Merge equal corners. Return the vertices, positions [m] and normals (V, 6), and that of every corner, (3·T,)."""
-    vertices, corners = np.unique(np.hstack(mesh[:2]), axis=0, return_inverse=True)
-    return vertices, corners.ravel()
+def merge_corners(mesh: TriangleSoup) -> tuple[Floats, Ids, Ids]:
+    """Merge equal corners.
+
+    Return the vertices, positions [m] and normals (V, 6), that of every corner, (3·T,), and a corner of each, (V,).
+    """
+    vertices, owner, corners = np.unique(np.hstack(mesh[:2]), axis=0, return_index=True, return_inverse=True)
+    return vertices, corners.ravel(), owner
 
 
 def local_mesh(posed: PosedCollider) -> TriangleSoup:

@@ -263,6 +263,7 @@ class MessageBuilder:
             "solids": solid_heads,
             "solidVertices": len(solid_vertices),
             "solidCorners": len(solid_corners),
+            "deforming": self._solids.deforming,
             "markerRadius": marker_radius(topology),
             "fullStrain": FULL_STRAIN,
             "strainColors": np.rint(255 * scale).astype(int).tolist(),
@@ -296,7 +297,7 @@ class MessageBuilder:
         low, step, steps = quantize(x)
         dragged = [dragger.particle for dragger in self._session.draggers.values() if dragger.particle is not None]
         markers = x[[*dragged, *simulation.added_pins]]
-        poses = np.swapaxes(self._solids.poses(), 1, 2)
+        poses, deformed = np.swapaxes(self._solids.poses(), 1, 2), self._solids.deformed()
         present = np.zeros(0, np.uint8) if self._present.all() else np.packbits(self._present, bitorder="little")
         head = {
             "kind": "update",
@@ -305,11 +306,13 @@ class MessageBuilder:
             "low": low.tolist(),
             "step": step.tolist(),
             "poses": len(poses),
+            "deformed": len(deformed),
             "dragged": len(dragged),
             "markers": len(markers),
             "present": len(present),
         }
-        return pack_message(head, [poses.astype("<f4"), markers.astype("<f4"), steps.astype("<u2"), present])
+        arrays = [poses.astype("<f4"), markers.astype("<f4"), deformed.astype("<f4"), steps.astype("<u2"), present]
+        return pack_message(head, arrays)
 
     def panel(self, scenes: list[str]) -> bytes:
         """Return the message with the choices, switches and sliders of the panel."""
