@@ -51,6 +51,7 @@ STILL_FRAME = {  # frame that the still shows
     "round": 120,
     "relief": 118,
     "tear": 105,
+    "walker": 100,
 }
 DEFAULT_STILL_FRAME = 85
 IN_FRONT, SPHERE_PERIOD = 345, 360  # frames: when the sphere of the curtain is in front of it, and when again

@@ -190,6 +190,21 @@ EVENTS: dict[str, EventKind] = {
     "roll_back": EventKind(report_roll_back),
 }
 
+
+def check_event(event: object) -> None:
+    """Raise ValueError unless it is an event with a known name."""
+    if not isinstance(event, Event):
+        raise ValueError(f"an event must be a tc.Event, such as tc.Event('reset'), not {short_repr(event)}")
+    if event.name not in EVENTS:
+        raise ValueError(f"unknown event {event.name!r}{choose_from(event.name, EVENTS)}")
+
+
+def pin_event(simulation: Simulation, particle: int, radius: float, on: bool) -> Event:
+    """Return the event that pins or unpins a particle and all within `radius` [m] of it. Raises ValueError."""
+    particle, radius = simulation.check_particle(particle), check_radius(radius)
+    return Event("pin_within", (particle, radius, on)) if radius else Event("pin", (particle, on))
+
+
 # Arguments of events that listeners receive although they raised: the solver or fabric exists, but the running cloth
 # does not support it. Rebuilding the cloth may have changed the last bits of its state.
 RECORD_EVEN_IF_FAILED = {

@@ -20,10 +20,10 @@ from ..geometry.topology import ClothMetrics, energies, spring_strains
 from ..kernels.step_params import MAX_GRABS
 from ..scene import Scene, scene_to_toml
 from ..state.contact_data import attach_self_contact
-from ..system.errors import UsageError, choose_from
+from ..system.errors import UsageError
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
-from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle
+from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle, check_event, pin_event
 from .parameter_values import check_radius, check_vectors
 from .running_cloth import RunningCloth
 
@@ -75,8 +75,7 @@ class Simulation(RunningCloth):
         support: it may change the last bits of the state, and listeners receive it too.
         """
         self._check_usable()
-        if event.name not in EVENTS:
-            raise ValueError(f"unknown event {event.name!r}{choose_from(event.name, EVENTS)}")
+        check_event(event)
         try:
             EVENTS[event.name].handler(self, *event.arguments)
         except UsageError:
@@ -155,18 +154,14 @@ class Simulation(RunningCloth):
 
         One of an attachment that was unpinned is attached again. Raises ValueError.
         """
-        self._pin(particle, radius, True)
+        self.apply(pin_event(self, particle, radius, True))
 
     def unpin(self, particle: int, radius: float = 0.0) -> None:
         """Unpin a particle, and all within `radius` [m] on the sheet, also of the scene's own. Raises ValueError.
 
         `reset` restores the pins of the scene.
         """
-        self._pin(particle, radius, False)
-
-    def _pin(self, particle: int, radius: float, on: bool) -> None:
-        particle, radius = self.check_particle(particle), check_radius(radius)
-        self.apply(Event("pin_within", (particle, radius, on)) if radius else Event("pin", (particle, on)))
+        self.apply(pin_event(self, particle, radius, False))
 
     def untear(self) -> None:
         """Restore all torn springs, where the cloth is now."""

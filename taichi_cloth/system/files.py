@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from errno import EISDIR
 from glob import escape
 from hashlib import sha256
 from itertools import count
@@ -36,6 +37,8 @@ def atomic_path(path: str | os.PathLike[str], ending: str = ".part") -> Iterator
     `ending` is the suffix of the hidden file.
     """
     target = Path(path)
+    if not target.name:
+        raise IsADirectoryError(EISDIR, os.strerror(EISDIR), str(target))
     part = target.with_name(f".{target.name}{ending}")
     try:
         yield part

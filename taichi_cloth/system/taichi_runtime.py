@@ -28,12 +28,16 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from .errors import UsageError, choose_from
+from .errors import UsageError, choose_from, nearest_hint
 
 if TYPE_CHECKING:
     from . import taichi_compat
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first available of the other three
+
+# Arguments of ti.init besides its compile settings, the attributes of ti.cfg.
+OTHER_OPTIONS = frozenset(("gdb_trigger", "log_level", "print_full_traceback", "require_version"))
+OTHER_OPTIONS |= {"short_circuit_operators", "unrolling_limit"}
 
 # Taichi reads these when it is imported: no banner on stdout, no thread that checks for a new version online.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -54,8 +58,8 @@ def start(arch: str = "cpu", **options: object) -> str:
     `options` are passed to `ti.init`. The environment variable TI_ARCH is removed, because Taichi would use it instead.
 
     `arch`: "cpu", "cuda", "vulkan", "metal", or "gpu" for the first of these three that the machine has. Raises
-    ValueError for another arch, UsageError for one that this machine does not have and in a forked process, and
-    RuntimeError if there are still references to the ended program; the message names them.
+    ValueError for another arch and for an unknown option, UsageError for an arch that this machine does not have and in
+    a forked process, and RuntimeError if there are still references to the ended program; the message names them.
     """
     global _started
     check_not_forked()
@@ -67,6 +71,9 @@ def start(arch: str = "cpu", **options: object) -> str:
 
     from . import taichi_compat
 
+    for name in options:
+        if not hasattr(ti.cfg, name) and name not in OTHER_OPTIONS:
+            raise ValueError(f"unknown option {name!r} of ti.init{nearest_hint(name, dir(ti.cfg))}")
     ti.set_logging_level(ti.ERROR)  # or a missing CUDA library is reported twice
     available = [name for name in ARCHS[1:-1] if taichi_compat.is_arch_available(name)]
     chosen = next(iter(available), "gpu") if arch == "gpu" else arch

@@ -337,3 +337,8 @@ def test_a_checkpoint_on_a_full_disk_keeps_the_old_file(disk: Callable[..., Path
         large.save(folder / "save.npz")
     assert (folder / "save.npz").read_bytes() == before
     assert [path.name for path in folder.iterdir()] == ["save.npz"]
+
+
+def test_a_checkpoint_needs_the_name_of_a_file(simulation: Simulation) -> None:
+    with pytest.raises(OSError, match=r"Is a directory: '\.'"):
+        simulation.save("")

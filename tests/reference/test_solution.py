@@ -75,6 +75,7 @@ def test_steps_are_short_against_the_fastest_vibration() -> None:
 
 def test_scenes_without_a_reference_solution_give_the_reason() -> None:
     assert "self-collision" in reason_unsupported(load_scene("twist"))
+    assert "clip" in reason_unsupported(load_scene("walker"))
     assert reason_unsupported(SMALL) == ""
     with pytest.raises(ValueError, match="stack: self-collision"):
         solve(load_scene("stack"), 1)

@@ -268,6 +268,8 @@ def reason_unsupported(scene: Scene) -> str:
     """Return why a scene has no reference solution, or an empty string if it has one."""
     if scene.self_collision is not None:
         return "self-collision is not in the reference"
+    if any(mesh.clip for mesh in scene.meshes):
+        return "meshes with a clip are not in the reference"
     return ""
 
 
