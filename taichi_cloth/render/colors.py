@@ -218,13 +218,16 @@ def legend_rectangles(scale: Scale) -> tuple[Rectangles, Rectangles]:
     return np.array([*bar, *ink]), np.concatenate([colors, np.tile(TEXT_COLOR, (len(ink), 1))])
 
 
-def draw_legend(image: Pixels, scale: Scale) -> Pixels:
-    """Draw a scale into an image, uint8 (height, width, 3), at the right edge, and return the image."""
-    height, width, _ = image.shape
+def draw_legend(image: Pixels, scale: Scale, *, is_centered: bool = False) -> Pixels:
+    """Draw a scale into an image, uint8 (height, width, 3), at the right edge or centered, and return the image."""
+    height, right, _ = image.shape
     unit = max(1, round(UNIT * height))
-    for (left, top, w, h), color in zip(*legend_rectangles(scale), strict=True):
-        x, y = (max(0, round(c)) for c in (width + unit * left, height / 2 + unit * top))
-        x_end, y_end = (max(0, round(c)) for c in (width + unit * (left + w), height / 2 + unit * (top + h)))
+    rectangles, colors = legend_rectangles(scale)
+    if is_centered:
+        right = right // 2 - round(unit * (rectangles[:, 0].min() - MARGIN) / 2)
+    for (left, top, w, h), color in zip(rectangles, colors, strict=True):
+        x, y = (max(0, round(c)) for c in (right + unit * left, height / 2 + unit * top))
+        x_end, y_end = (max(0, round(c)) for c in (right + unit * (left + w), height / 2 + unit * (top + h)))
         image[y:y_end, x:x_end] = np.rint(255 * color)
     return image
 

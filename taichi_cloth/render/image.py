@@ -31,12 +31,17 @@ def render_pixels(raster: Rasterizer, draw_list: DrawList, camera: OrbitCamera, 
 
     The target is in the center: `camera.view_shift`, which makes room for a panel, is ignored.
     """
+    pixels = render_without_scale(raster, draw_list, camera, view)
+    scale = draw_list.scale(view)
+    return draw_legend(pixels, scale) if scale else pixels
+
+
+def render_without_scale(raster: Rasterizer, draw_list: DrawList, camera: OrbitCamera, view: str) -> Pixels:
+    """Return the same image without a color scale."""
     camera = copy(camera)
     camera.view_shift = 0.0
     mesh = draw_list.update(view, camera.eye)
-    pixels = raster.draw(mesh, camera.view_projection(raster.width / raster.height))
-    scale = draw_list.scale(view)
-    return draw_legend(pixels, scale) if scale else pixels
+    return raster.draw(mesh, camera.view_projection(raster.width / raster.height))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import taichi as ti
@@ -22,8 +22,9 @@ from ..system.errors import Diverged, UsageError
 from ..system.files import atomic_file
 from ..system.taichi_runtime import machine
 from .camera import OrbitCamera, camera_of, floor_height
+from .colors import draw_legend
 from .draw_list import DrawList
-from .image import render_pixels
+from .image import render_without_scale
 from .image_files import Pixels
 from .rasterizer import Rasterizer
 from .sequence import MEASURED_EVERY, RenderPlan, background_writer
@@ -65,12 +66,18 @@ class SplitRenderer:
         return self._half.width / self._half.height
 
     def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Pixels:
-        """Return an image, uint8 (height, width, 3), in a new array."""
+        """Return an image, uint8 (height, width, 3), in a new array. The color scale of both halves is centered."""
+        a, b = sides
+        a.other_error, b.other_error = b.largest_error, a.largest_error
         image = self._blank.copy()
         width = self._half.width
         for side, left in zip(sides, (0, image.shape[1] - width), strict=True):
-            image[:, left : left + width] = render_pixels(self._half, side, camera, view)
-        return image
+            image[:, left : left + width] = render_without_scale(self._half, side, camera, view)
+        scales = [scale for side in sides if (scale := side.scale(view))]
+        if not scales:
+            return image
+        captions = dict.fromkeys(scale.caption for scale in scales)  # frames of their errors, which may differ
+        return draw_legend(image, replace(scales[0], caption="   ".join(captions)), is_centered=True)
 
 
 # -- comparison --------------------------------------------------------------------------------------------------------

@@ -28,16 +28,12 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from .errors import UsageError, choose_from, nearest_hint
+from .errors import UsageError, choose_from
 
 if TYPE_CHECKING:
     from . import taichi_compat
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first available of the other three
-
-# Arguments of ti.init besides its compile settings, the attributes of ti.cfg.
-OTHER_OPTIONS = frozenset(("gdb_trigger", "log_level", "print_full_traceback", "require_version"))
-OTHER_OPTIONS |= {"short_circuit_operators", "unrolling_limit"}
 
 # Taichi reads these when it is imported: no banner on stdout, no thread that checks for a new version online.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -71,9 +67,6 @@ def start(arch: str = "cpu", **options: object) -> str:
 
     from . import taichi_compat
 
-    for name in options:
-        if not hasattr(ti.cfg, name) and name not in OTHER_OPTIONS:
-            raise ValueError(f"unknown option {name!r} of ti.init{nearest_hint(name, dir(ti.cfg))}")
     ti.set_logging_level(ti.ERROR)  # or a missing CUDA library is reported twice
     available = [name for name in ARCHS[1:-1] if taichi_compat.is_arch_available(name)]
     chosen = next(iter(available), "gpu") if arch == "gpu" else arch
@@ -95,7 +88,10 @@ def start(arch: str = "cpu", **options: object) -> str:
         **options,
     }
     with contextlib.redirect_stdout(io.StringIO()):  # Taichi prints its arch and has no option against it
-        ti.init(arch=getattr(ti, chosen), **settings)
+        try:
+            ti.init(arch=getattr(ti, chosen), **settings)
+        except KeyError as error:  # an option that it does not have
+            raise ValueError(error.args[0]) from None
     taichi_compat.on_start()
     _started = taichi_compat.ProgramRef(), threading.get_ident()
     return chosen

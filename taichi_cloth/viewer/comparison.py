@@ -187,8 +187,6 @@ class Comparison:
             side.advance(frames)
         for side in self.sides:
             side.frozen = self.left.frozen or self.right.frozen
-        a, b = self.draw_lists  # the view `error` has one scale for both
-        a.other_error, b.other_error = b.largest_error, a.largest_error
 
     def measure(self) -> None:
         """Update the metrics of both sides."""

@@ -46,7 +46,6 @@ TYPED: dict[str, tuple[Call, str]] = {
     ),
     "layout, renamed": (lambda s: Simulation(s.scene, "lanes"), "unknown layout 'lanes': it was renamed to 'simd'"),
     "arch": (lambda s: tc.init("cpuu"), "unknown arch 'cpuu': cpu, cuda, vulkan, metal, gpu; did you mean 'cpu'?"),
-    "option of Taichi": (lambda s: tc.init(debg=True), "unknown option 'debg' of ti.init; did you mean 'debug'?"),
     "scene": (lambda s: tc.load_scene("curtian"), "(did you mean 'curtain'?)"),
     "key": (lambda s: tc.load_scene("curtain", windz=1), "windz: unknown key (did you mean 'wind_z'?)"),
     "preset": (lambda s: load_preset("denin"), "(did you mean 'denim'?)"),

@@ -1,10 +1,12 @@
 """The color scales of the views `strain` and `error`: labels and position."""
 
+from contextlib import closing
 from typing import Any
 
 import numpy as np
 import pytest
 
+import taichi_cloth as tc
 from taichi_cloth.render.colors import (
     BAR_WIDTH,
     GLYPHS,
@@ -20,7 +22,9 @@ from taichi_cloth.render.colors import (
     text_rectangles,
     text_width,
 )
+from taichi_cloth.render.draw_list import DrawList
 from taichi_cloth.render.fill import FULL_STRAIN
+from taichi_cloth.render.split_view import SplitRenderer, camera_for_both
 from taichi_cloth.viewer.charts import top
 
 
@@ -121,3 +125,31 @@ def test_the_caption_is_above_the_bar() -> None:
     assert (added[:, 1] + added[:, 3]).max() < plain[:, 1].min()
     assert (added[:, 0] + added[:, 2]).max() <= -MARGIN
     assert len(captioned) < MAX_RECTANGLES
+
+
+def test_a_centered_scale_covers_as_much_on_both_sides() -> None:
+    size = (216, 400)
+    image = draw_legend(np.full((*size, 3), 200, np.uint8), STRAIN_SCALE, is_centered=True)
+    columns = np.flatnonzero((image != 200).any(axis=(0, 2)))
+    assert abs((columns[0] + columns[-1] + 1) / 2 - 200) <= 1
+    assert columns[-1] - columns[0] < 60
+
+
+def test_two_halves_have_one_scale_of_their_largest_error_at_the_seam() -> None:
+    scene = tc.load_scene("drape15")
+    with (
+        tc.Simulation(scene) as a,
+        tc.Simulation(scene) as b,
+        closing(DrawList(a)) as left,
+        closing(DrawList(b)) as right,
+    ):
+        left.errors, right.errors = np.full(225, 0.8e-3), np.full(225, 0.004)
+        renderer = SplitRenderer(402, 216, samples=1)
+        camera = camera_for_both(scene, renderer.aspect)
+        image = renderer.draw((left, right), "error", camera)
+        assert left.scale("error") == right.scale("error") == distance_scale(0.005)
+        without = renderer.draw((left, right), "shaded", camera)
+    edge = image[:, -25:] == without[:, -25:]
+    assert edge.mean() > 0.99
+    seam = draw_legend(image.copy(), distance_scale(0.005), is_centered=True)
+    assert (seam == image).all()

@@ -63,6 +63,12 @@ def test_gpu_is_the_first_available_and_refuses_layouts_for_the_cpu() -> None:
     runtime.start("cpu")
 
 
+def test_an_unknown_option_is_refused_and_taichi_starts_again() -> None:
+    with pytest.raises(ValueError, match=r"ti\.init: debg"):
+        runtime.start(debg=True)
+    assert runtime.start(debug=False) == "cpu"
+
+
 def test_kernel_sources_are_found_in_the_cache() -> None:
     with Simulation(load_scene("curtain", rows=4, columns=5), "serial") as simulation:
         simulation.step()
