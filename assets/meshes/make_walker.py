@@ -161,9 +161,9 @@ def clothes() -> tuple[np.ndarray, list[tuple[int, ...]]]:
     wide, deep = 0.150 + 0.20 * down, 0.145 + 0.20 * down
     skirt = np.broadcast_arrays(wide * np.sin(around), 1.04 - 0.50 * down, deep * np.cos(around))
     length, across = 29, 33
-    angle, drop = np.linspace(1.25, -1.25, across), np.linspace(0, 1, length)[:, None]
+    angle, drop = np.linspace(1.0, -1.0, across), np.linspace(0, 1, length)[:, None]
     cape = np.broadcast_arrays(
-        (0.19 + 0.10 * drop) * np.sin(angle), 1.42 - 0.62 * drop, -(0.135 + 0.10 * drop) * np.cos(angle)
+        (0.19 + 0.10 * drop) * np.sin(angle), 1.42 - 0.62 * drop, -(0.145 + 0.10 * drop) * np.cos(angle)
     )
     faces = grid_faces(rows, columns, 0, closed=True) + grid_faces(length, across, rows * columns, closed=False)
     return np.concatenate([np.stack(part, axis=-1).reshape(-1, 3) for part in (skirt, cape)]), faces

@@ -2,9 +2,9 @@
 
 A rigid mesh has a distance grid, a deforming one its triangles. In a frame every vertex moves straight. Each particle
 has a ball in which it is expected to move, and a list of the triangles that may come within the margin of that ball;
-it is listed anew when a frame begins and when it leaves the ball. At the start of a substep the nearest of its
-triangles gives a plane, at the margin above the nearest point. The plane moves with that point, and all projections of
-the substep use it.
+it is listed anew when a frame begins, when it leaves the ball, and when it has moved far. At the start of a substep the
+nearest of its triangles gives a plane, at the margin above the nearest point. The plane moves with that point, and all
+projections of the substep use it.
 
 A particle is inside where the angle-weighted normal of the nearest vertex, edge or face points away from it (Bærentzen
 and Aanæs 2005).
@@ -31,7 +31,8 @@ from .packed_boxes import are_apart, box_around, pack_box, refit_inner_nodes
 
 MIN_SLACK = 0.004  # [m] that a particle may deviate from its expected motion in a frame
 SLACK = 0.25  # of its motion in the frame
-
+LISTED_PATH = 0.1  # [m] of a fast particle, for which triangles are listed at once
+ROUNDING = 1e-5  # of the frame
 
 Floats = NDArray[np.float64]
 
@@ -143,40 +144,42 @@ def find_surface_contacts(cloth: ti.template(), features: ti.template(), ctx: ti
         contacts = ti.static(cloth.surface_contacts)
         for n in range(contacts.particle_count[None]):
             i = contacts.particle[n]
-            x, ahead = expected_path(cloth, features, ctx, i)
-            begin, end = ctx.s / ctx.substeps, (ctx.s + 1.0) / ctx.substeps
-            now = contacts.center[i] + end * contacts.travel[i]
-            if ctx.s == 0 or (ahead - now).norm() > contacts.radius[i]:
-                list_triangles(features.surfaces, contacts, i, x, (ahead - x) * ctx.substeps, begin)
+            ahead, move = expected_motion(cloth, features, ctx, i)
+            end = (ctx.s + 1.0) / ctx.substeps
+            deviation = (ahead - contacts.center[i] - end * contacts.travel[i]).norm()
+            if ctx.s == 0 or deviation > contacts.radius[i] or end > contacts.until[i]:
+                list_triangles(features.surfaces, contacts, i, ahead, move * ctx.substeps, end)
             set_plane(features.surfaces, contacts, i, ahead, end)
 
 
 @ti.func
-def expected_path(cloth: ti.template(), features: ti.template(), ctx: ti.template(), i: int):
-    """Return the position of the particle at a layout index, and that at the end of the substep without any force."""
+def expected_motion(cloth: ti.template(), features: ti.template(), ctx: ti.template(), i: int):
+    """Return the position at a layout index at the end of the substep without any force, and the motion to it."""
     x = read(cloth, cloth.x, i)
     move = tm.vec3(0.0)
     if ti.static(features.stores_velocity):
         move = read(cloth, cloth.velocity, i) * ctx.h
     else:
         move = x - read(cloth, cloth.x_prev, i)
-    return x, x + move
+    return x + move, move
 
 
 @ti.func
-def list_triangles(surfaces: ti.template(), contacts: ti.template(), i: int, x: tm.vec3, travel: tm.vec3, begin: float):
-    """List the triangles that a particle may touch from `begin`, a fraction of the frame, to its end.
+def list_triangles(
+    surfaces: ti.template(), contacts: ti.template(), i: int, ahead: tm.vec3, travel: tm.vec3, end: float
+):
+    """List the triangles that a particle may touch from `end`, a fraction of the frame, on.
 
-    `travel`: how far it would move in a whole frame [m].
+    `ahead`: its position then. `travel`: how far it would move in a whole frame [m]. The list is valid to the end of
+    the frame, or as long as a fast particle moves by `LISTED_PATH`.
     """
-    radius = MIN_SLACK + SLACK * travel.norm()
-    contacts.center[i], contacts.travel[i], contacts.radius[i] = x - begin * travel, travel, radius
-    contacts.count[i] = 0
-    reach = surfaces.reach[None] + radius
-    start, end = contacts.center[i], contacts.center[i] + travel
-    box = pack_box(start - reach, start + reach, end - reach, end + reach)
-    middle = 0.5 * (begin + 1.0)
-    at_middle, rest = start + middle * travel, 0.5 * (1.0 - begin)
+    span = ti.min(1.0 - end, LISTED_PATH / ti.max(travel.norm(), TINY))
+    radius = MIN_SLACK + SLACK * span * travel.norm()
+    contacts.center[i], contacts.travel[i], contacts.radius[i] = ahead - end * travel, travel, radius
+    contacts.until[i], contacts.count[i] = end + span + ROUNDING, 0
+    reach, path = surfaces.reach[None] + radius, span * travel
+    low, high = ti.min(ahead, ahead + path) - reach, ti.max(ahead, ahead + path) + reach
+    box = pack_box(low, high, low, high)
     node, last = 0, surfaces.skip[0]
     while node < last:
         if are_apart(box, surfaces.node_boxes[node]):
@@ -185,7 +188,7 @@ def list_triangles(surfaces: ti.template(), contacts: ti.template(), i: int, x: 
             leaf = surfaces.leaf[node]
             if leaf >= 0:
                 for t in range(surfaces.first_triangle[leaf], surfaces.first_triangle[leaf + 1]):
-                    add_candidate(surfaces, contacts, i, t, at_middle, middle, reach, rest * travel)
+                    add_candidate(surfaces, contacts, i, t, ahead + 0.5 * path, end + 0.5 * span, 0.5 * span, reach)
             node += 1
 
 
@@ -196,21 +199,22 @@ def add_candidate(
     i: int,
     t: int,
     point: tm.vec3,
-    fraction: float,
+    middle: float,
+    half: float,
     reach: float,
-    travel: tm.vec3,
 ):
-    """List a triangle if it may come within `reach` [m] of a particle that moves by `travel` before and after."""
-    a, b, c = corners_at(surfaces, t, fraction)
+    """List a triangle if it may come within `reach` [m] of a particle between `middle` − `half` and `middle` + `half`.
+
+    `point`: where the particle is in the middle. Times are fractions of the frame.
+    """
+    a, b, c = corners_at(surfaces, t, middle)
     w = closest_on_triangle(point, a, b, c)
     distance = (w.x * a + w.y * b + w.z * c - point).norm()
     corners = surfaces.triangles[t]
-    relative = 0.0
+    relative = 0.0  # how far a corner moves in the time `half`, as seen from the particle
     for k in ti.static(range(3)):
-        # How much a corner moves, as seen from the particle, in the time that it moves by `travel`.
-        share = travel.norm() / ti.max(contacts.travel[i].norm(), TINY)
         move = surfaces.end[corners[k]] - surfaces.start[corners[k]]
-        relative = ti.max(relative, (share * move - travel).norm())
+        relative = ti.max(relative, half * (move - contacts.travel[i]).norm())
     if distance < reach + relative:
         first, count = CANDIDATES * i, contacts.count[i]
         place = count
@@ -265,6 +269,50 @@ def feature_normal(surfaces: ti.template(), t: int, weights: tm.vec3) -> tm.vec3
         elif weights[before] == 0.0 and weights[k] != 0.0 and weights[after] != 0.0:
             normal = surfaces.face_normal[t] + surfaces.face_normal[surfaces.neighbors[t][k]]
     return normal / ti.max(normal.norm(), TINY)
+
+
+GUESSED_FROM = 16  # triangles, one of which gives the first guess of a distance
+
+
+@ti.kernel
+def greatest_depth(cloth: ti.template(), surfaces: ti.template(), is_parallel: ti.template()) -> ti.f32:
+    """Return how deep a particle is below a surface at the end of the frame [m], at least 0."""
+    deepest = 0.0
+    ti.loop_config(serialize=ti.static(not is_parallel and on_cpu()))
+    for n in range(cloth.surface_contacts.particle_count[None]):
+        x = read(cloth, cloth.x, cloth.surface_contacts.particle[n])
+        ti.atomic_max(deepest, -distance_to_surfaces(surfaces, x))
+    return deepest
+
+
+@ti.func
+def distance_to_surfaces(surfaces: ti.template(), x: tm.vec3) -> float:
+    """Return the signed distance from a point to the nearest surface at the end of the frame [m], negative inside."""
+    best = tm.inf
+    for k in range((surfaces.triangle_count[None] - 1) // GUESSED_FROM + 1):
+        best = ti.min(best, (surfaces.end[surfaces.triangles[GUESSED_FROM * k][0]] - x).norm())
+    best = 1.001 * best + ROUNDING
+    box = pack_box(x - best, x + best, x - best, x + best)
+    nearest, weights, away = -1, tm.vec3(0.0), tm.vec3(0.0)
+    node, last = 0, surfaces.skip[0]
+    while node < last:
+        if are_apart(box, surfaces.node_boxes[node]):
+            node = surfaces.skip[node]
+        else:
+            leaf = surfaces.leaf[node]
+            if leaf >= 0:
+                for t in range(surfaces.first_triangle[leaf], surfaces.first_triangle[leaf + 1]):
+                    a, b, c = corners_at(surfaces, t, 1.0)
+                    w = closest_on_triangle(x, a, b, c)
+                    offset = x - (w.x * a + w.y * b + w.z * c)
+                    if offset.norm() < best:
+                        best, nearest, weights, away = offset.norm(), t, w, offset
+                        box = pack_box(x - best, x + best, x - best, x + best)
+            node += 1
+    inside = 0
+    if nearest >= 0:
+        inside = int(away.dot(feature_normal(surfaces, nearest, weights)) < 0.0)
+    return ti.select(inside == 1, -best, best)
 
 
 @ti.func

@@ -34,8 +34,7 @@ class Cloth(Table):
     width: float = key_field(4.35, "length of the top edge", "m", min=0.001, max=1000.0)
     height: float = key_field(3.45, "length of the left edge", "m", min=0.001, max=1000.0)
     file: str = key_field(
-        "",
-        "triangle mesh instead of a grid: name of a shipped mesh, or path of an OBJ file relative to the scene file",
+        "", "triangle mesh instead of a grid: a shipped mesh, or path of an OBJ file relative to the scene file"
     )
     scale: float = key_field(1.0, "length of one unit of the file", "m", min=0.0, max=1e6, exclusive_min=True)
     center: Vec3 = key_field(
@@ -299,13 +298,9 @@ class SelfCollision(Table):
     friction: float = key_field(
         0.3, "Coulomb friction coefficient of cloth on cloth", min=0.0, max=1e6, param="SELF_FRICTION"
     )
-    untangle: bool = key_field(
-        False, "switches self-contact off where the cloth intersects itself, until it no longer does"
-    )
+    untangle: bool = key_field(False, "no self-contact where the cloth intersects itself, until it no longer does")
     penetration_free: bool = key_field(
-        False,
-        "no part of the cloth ever passes through another: contact of triangles and edges at the thickness, and motion"
-        " that would cross cloth is cut off",
+        False, "cloth never crosses cloth: triangles and edges meet at the thickness, and other motion is cut off"
     )
     static_friction: bool = key_field(
         False, "static friction between particles, by friction anchors: stacks stand, and piles hardly creep"

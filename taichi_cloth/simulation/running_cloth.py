@@ -13,8 +13,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from .. import state
-from ..collision.colliders import collider_table, colliders_of, is_deforming, pose
-from ..collision.deforming_meshes import upload_frame
+from ..collision.colliders import colliders_of, pose
 from ..collision.response import Depenetration
 from ..geometry.cloth_builder import attachment_ids, spring_stiffness
 from ..geometry.spring_model import spring_model, wind_of
@@ -22,7 +21,7 @@ from ..geometry.tearing import TearState
 from ..geometry.topology import spring_strains
 from ..kernels.integration import any_longer_than
 from ..scene import Scene, parameters_of
-from ..scene.collider_schema import Collider, Ground, Mesh
+from ..scene.collider_schema import Collider, Ground
 from ..scene.schema import COLLIDERS, FRAME_SECONDS
 from ..solvers import FrameInput, Solver
 from ..state.constraint_data import upload_grabbed
@@ -31,6 +30,7 @@ from ..system.errors import UsageError, short_repr
 from ..system.taichi_compat import ProgramRef
 from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
+from .collider_motion import move_colliders
 from .grabbing import Grab, all_grabbed
 from .intersection_guard import IntersectionGuard
 from .parameter_values import Parameters, check_frames
@@ -185,21 +185,8 @@ class RunningCloth:
             h=self.h,
             grabbed_count=len(self.grabbed),
             params=self._row.at(values, wind_on=self.params.wind_on, grabs=self.grabs, seconds=start, h=self.h),
-            colliders=self._move_colliders(start, end),
+            colliders=move_colliders(self, start, end),
         )
-
-    def _move_colliders(self, start: float, end: float) -> NDArray[np.float32]:
-        """Return the table of rigid colliders and attachments of a frame [s], and set the surfaces that deform."""
-        colliders, origin = self.scene_colliders(), self.topology.origin
-        before, after = self.depenetration.advance(colliders, self._free_positions, start, end)
-        deforms = np.array([is_deforming(collider) for collider in colliders], bool)
-        surfaces = self.solver.features.surfaces
-        if surfaces is not None:
-            meshes = [collider for collider in colliders if isinstance(collider, Mesh) and is_deforming(collider)]
-            reduction = before[deforms], after[deforms]
-            upload_frame(surfaces, meshes, (start, end), reduction, origin, is_parallel=self.solver.layout.is_parallel)
-        moving = [*(collider for collider in colliders if not is_deforming(collider)), *self.scene.attachments]
-        return collider_table(moving, start, end, (before[~deforms], after[~deforms]), tuple(origin))
 
     def _end_frame(self) -> None:
         for grab in self.grabs.values():
@@ -229,7 +216,8 @@ class RunningCloth:
         """Return the velocity of every particle [m/s], (N, 3)."""
         return self.solver.velocities(self.h)
 
-    def _free_positions(self) -> Floats:
+    def free_positions(self) -> Floats:
+        """Return the positions of the particles that are not pinned [m], (M, 3)."""
         return self.positions()[~self.topology.pinned]
 
     def place(self, x: Floats) -> None:

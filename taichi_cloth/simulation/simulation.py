@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..collision.colliders import PosedCollider, colliders_of, max_penetration, pose_colliders
+from ..collision.colliders import PosedCollider, colliders_of, pose_colliders
 from ..collision.untangling import count_intersections
 from ..geometry.scene_loader import check_scene
 from ..geometry.topology import ClothMetrics, energies, spring_strains
@@ -23,6 +23,7 @@ from ..state.contact_data import attach_self_contact
 from ..system.errors import UsageError
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
+from .collider_motion import penetration
 from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle, check_event, pin_event
 from .parameter_values import check_radius, check_vectors
 from .running_cloth import RunningCloth
@@ -237,7 +238,7 @@ class Simulation(RunningCloth):
             mean_strain=float(np.abs(strains).mean()) if len(strains) else 0.0,
             kinetic_energy=kinetic,
             potential_energy=potential,
-            penetration=max_penetration(self.colliders(), x),
+            penetration=penetration(self),
             finite=bool(np.isfinite(x).all()),
             intersections=self.intersections() if self.scene.self_collision is not None else None,
         )

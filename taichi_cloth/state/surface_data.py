@@ -72,6 +72,8 @@ class SurfaceContacts(NamedTuple):
     """Motion of that center in a frame [m]."""
     radius: ti.ScalarField
     """Radius of the ball [m]."""
+    until: ti.ScalarField
+    """Fraction of the frame up to which the list is valid."""
     candidates: ti.ScalarField
     """`CANDIDATES` triangles for each particle."""
     distance: ti.ScalarField
@@ -181,6 +183,7 @@ def _allocate_contacts(size: int) -> SurfaceContacts:
         center=vector(3, size, ti.f32),
         travel=vector(3, size, ti.f32),
         radius=fields.scalar_field(size),
+        until=fields.scalar_field(size),
         candidates=fields.scalar_field(CANDIDATES * size, dtype=ti.i32),
         distance=fields.scalar_field(CANDIDATES * size),
         count=fields.scalar_field(size, dtype=ti.i32),

@@ -173,3 +173,40 @@ def test_penetration_tells_the_depth_in_a_body(make_mesh: MakeMesh) -> None:
         x = simulation.positions()
         simulation.set_state(x - [0.0, 0.25 - 0.08, 0.0])
         assert simulation.metrics().penetration == pytest.approx(0.02, abs=1e-6)
+
+
+@pytest.mark.parametrize("layout", ["serial", "parallel"])
+def test_penetration_is_the_depth_of_the_deepest_particle(make_mesh: MakeMesh, layout: str) -> None:
+    random = np.random.default_rng(4)
+    bumpy = BALL.copy()
+    bumpy.vertices *= random.uniform(0.8, 1.2, (len(bumpy.vertices), 1))
+    with Simulation(with_mesh(make_mesh(bumpy, growing(bumpy)), "verlet"), layout) as simulation:
+        simulation.step(17)
+        for inner, outer in ((0.0, 0.1), (0.1, 0.4), (0.25, 0.35), (0.5, 2.0)):
+            x = random.normal(size=(simulation.topology.particle_count, 3))
+            x *= random.uniform(inner, outer, (len(x), 1)) / np.linalg.norm(x, axis=1, keepdims=True)
+            simulation.set_state(x)
+            depth = max(0.0, -distances(simulation).min())
+            assert simulation.metrics().penetration == pytest.approx(depth, abs=1e-6)
+
+
+@pytest.mark.parametrize("speed", [30.0, 80.0])
+def test_a_sheet_shot_at_a_thick_body_stops_at_its_surface(make_mesh: MakeMesh, speed: float) -> None:
+    """In a frame it flies farther than the path for which triangles are listed, in a substep less than the margin."""
+    mesh = make_mesh(BOX, np.array([BOX.vertices] * 2), margin=0.05)
+    shot = with_mesh(mesh, cloth=replace(SHEET.cloth, center=(0.0, 2.0, 0.0)))
+    with Simulation(replace(shot, solver=Solver(name="xpbd", substeps=40, iterations=1, damping=0.0))) as simulation:
+        simulation.set_state(simulation.positions(), (0.0, -speed, 0.0))
+        for _ in range(8):
+            simulation.step()
+            assert distances(simulation).min() > 0.9 * 0.05
+
+
+def test_a_sheet_that_begins_to_fall_within_a_frame_stops_at_the_surface(make_mesh: MakeMesh) -> None:
+    """At the start of the frame it rests, and nothing is in its way; its gravity is 40 times that of the earth."""
+    mesh = make_mesh(BOX, np.array([BOX.vertices] * 2), margin=0.02)
+    still = with_mesh(mesh, cloth=replace(SHEET.cloth, center=(0.0, 0.15, 0.0)), forces=Forces(gravity=400.0))
+    with Simulation(still) as simulation:
+        for _ in range(3):
+            simulation.step()
+            assert distances(simulation).min() > 0.9 * 0.02

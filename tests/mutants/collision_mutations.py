@@ -6,6 +6,9 @@ from mutation import Mutation
 
 BODIES = "collision/test_colliders.py::"
 
+CLIPS = "collision/test_deforming_meshes.py::"
+PENETRATION_FREE = "collision/test_penetration_free.py::"
+
 COLLISION = [
     Mutation(
         "friction-ignores-collider-translation",
@@ -146,5 +149,77 @@ COLLISION = [
         "slid = weights.x * path_a + weights.y * path_b + weights.z * path_c",
         "slid = 0.0 * (weights.x * path_a + weights.y * path_b + weights.z * path_c)",
         ("collision/test_triangle_collision.py::test_friction_drags_the_contact_point_along",),
+    ),
+    # -- deforming meshes ----------------------------------------------------------------------------------------------
+    Mutation(
+        "clip-surface-without-velocity",
+        "collision/deforming_meshes.py",
+        "surface = packet(cloth, contacts.motion, i) * fraction",
+        "surface = packet(cloth, contacts.motion, i) * 0.0",
+        (CLIPS + "test_a_moving_floor_drags_a_sheet_by_coulombs_law",),
+    ),
+    Mutation(
+        "clip-inside-is-outside",
+        "collision/deforming_meshes.py",
+        "offset / distance * ti.select(offset.dot(normal) < 0.0, -1.0, 1.0)",
+        "offset / distance",
+        (CLIPS + "test_particles_near_any_feature_get_out_to_the_margin_or_stay",),
+    ),
+    Mutation(
+        "clip-lists-outlive-their-time",
+        "collision/deforming_meshes.py",
+        " or end > contacts.until[i]:",
+        ":",
+        (CLIPS + "test_a_sheet_shot_at_a_thick_body_stops_at_its_surface",),
+    ),
+    Mutation(
+        "clip-balls-are-never-left",
+        "collision/deforming_meshes.py",
+        "deviation > contacts.radius[i]",
+        "deviation > 1e9",
+        (CLIPS + "test_a_sheet_that_begins_to_fall_within_a_frame_stops_at_the_surface",),
+    ),
+    Mutation(
+        "clip-depth-of-faces-only",
+        "collision/deforming_meshes.py",
+        "inside = int(away.dot(feature_normal(surfaces, nearest, weights)) < 0.0)",
+        "inside = int(away.dot(surfaces.face_normal[nearest]) < 0.0)",
+        (CLIPS + "test_penetration_is_the_depth_of_the_deepest_particle",),
+    ),
+    Mutation(
+        "clip-samples-without-interpolation",
+        "geometry/mesh_clip.py",
+        "share = position - k",
+        "share = 0.0 * position",
+        (CLIPS + "test_a_growing_body_pushes_cloth_to_its_margin[xpbd-serial]", "geometry/test_mesh_clip.py"),
+    ),
+    # -- penetration-free contact --------------------------------------------------------------------------------------
+    Mutation(
+        "truncation-is-not-applied",
+        "collision/truncation.py",
+        "        if fraction < 1.0:\n            ti.atomic_add",
+        "        if fraction < 0.0:\n            ti.atomic_add",
+        (PENETRATION_FREE + "test_attachments_that_are_driven_through_cloth_lag_behind",),
+    ),
+    Mutation(
+        "truncation-of-one-part-only",
+        "collision/truncation.py",
+        "if end < limit and end < start:",
+        "if end < limit and end < start and start > 0.0:",
+        (PENETRATION_FREE + "test_a_sheet_thrown_at_100_meters_per_second_stays_on_its_side",),
+    ),
+    Mutation(
+        "truncation-leaves-balls",
+        "collision/truncation.py",
+        "elif not is_in_ball(data, i, 0.0):",
+        "elif is_in_ball(data, i, 1e9):",
+        (PENETRATION_FREE + "test_a_sheet_thrown_at_100_meters_per_second_stays_on_its_side",),
+    ),
+    Mutation(
+        "guard-claims-a-clean-state",
+        "simulation/intersection_guard.py",
+        "        if not len(found):\n            self.clean_since = frame",
+        "        if found is not None:\n            self.clean_since = frame",
+        (PENETRATION_FREE + "test_untangle_lets_parts_come_apart_and_tells_when",),
     ),
 ]

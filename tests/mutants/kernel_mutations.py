@@ -252,8 +252,8 @@ KERNELS = [
     Mutation(
         "grab-without-velocity",
         "kernels/integration.py",
-        "cloth.grabbed.index[n], x, path / seconds)",
-        "cloth.grabbed.index[n], x, path * 0.0)",
+        "cloth.grabbed.index[n], x, path / seconds, moves)",
+        "cloth.grabbed.index[n], x, path * 0.0, moves)",
         (ATTACHMENTS + "test_attached_and_grabbed_particles_have_the_velocity_of_their_motion[xpbd-serial]",),
     ),
     Mutation(

@@ -51,6 +51,7 @@ def tables(section: type, **more: Any) -> st.SearchStrategy[Any]:
 
 # The mesh file must exist, and its distance grid must fit into memory.
 MESHES = {"file": st.just("bust"), "scale": st.just(1.5), "resolution": st.integers(4, 32), "margin": st.just(0.01)}
+MESHES["clip"] = st.just("")  # a clip must exist too
 FILES: dict[type, dict[str, Any]] = {
     Mesh: MESHES,
     Cloth: {"file": st.just("")},

