@@ -229,9 +229,8 @@ class Simulation(RunningCloth):
     def metrics(self) -> ClothMetrics:
         """Return strain, energy and penetration of the cloth as it is now."""
         x = self.positions()
-        strains = spring_strains(self.topology, x)
         family = self.topology.family("structural")
-        strains = strains[family] if len(family) else strains
+        strains = spring_strains(self.topology, x)[family if len(family) else slice(None)]
         kinetic, potential = energies(self.topology, x, self.velocities(), float(self.params["gravity"]))
         return ClothMetrics(
             max_strain=float(strains.max(initial=0.0)),
