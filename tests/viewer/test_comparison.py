@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.simulation.copies import FrameError
 from taichi_cloth.viewer.comparison import Comparison, statistics
-from taichi_cloth.viewer.error_process import Answer
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
@@ -71,18 +69,6 @@ def test_errors_are_measured_on_both_sides(comparison: Comparison) -> None:
     assert any(line.startswith(f"frame {frame}: RMS distance ") for line in statistics(comparison, 1.0))
     comparison.act("errors")
     assert not any(side.meter for side in comparison.sides)
-
-
-def test_both_sides_have_one_scale_of_errors(comparison: Comparison) -> None:
-    comparison.request("errors")
-    for side, largest in zip(comparison.sides, (0.08, 0.004), strict=True):
-        assert side.meter is not None
-        errors = np.full(side.simulation.topology.particle_count, largest)
-        side.meter.answer = Answer(FrameError(7, largest, largest, 0.0, None, largest, errors, 0.1))
-    comparison.left.frozen = comparison.right.frozen = True
-    comparison.advance(1)
-    scales = [draw_list.scale("error") for draw_list in comparison.draw_lists]
-    assert [scale and scale.largest for scale in scales] == [0.1, 0.1]
 
 
 def test_shared_actions_affect_both_sides_and_the_solver_changes_on_one(comparison: Comparison) -> None:
