@@ -73,11 +73,19 @@ def default_row(solver: str, rows: Rows) -> list[str]:
 
 
 NO_DATE = "date not stored"
+NO_COMMIT = "commit not stored"
 
 
 def machine_and_date(words: stored.Words) -> str:
-    """Return the machine, the versions and the date of a run as one line."""
-    return f"{stored.machine_of(words)} · {words.get('date') or NO_DATE}"
+    """Return the machine, the versions, the date and the commit of a run as one line."""
+    parts = stored.machine_of(words), words.get("date") or NO_DATE, short_commit(words)
+    return " · ".join(parts)
+
+
+def short_commit(words: stored.Words) -> str:
+    """Return the first digits of a run's commit, with a + if files had changed since."""
+    commit = words.get("commit")
+    return f"commit {commit[:8]}" + "+" * commit.endswith("+") if commit else NO_COMMIT
 
 
 def machines_and_dates(words: stored.Words) -> str:

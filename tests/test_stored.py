@@ -137,7 +137,7 @@ def test_rows_of_references_are_counted_by_verdict(results: Path, generate: Modu
     assert generate.validation_line().splitlines() == [
         "5 rows: 60.0% pass, 40.0% are excellent (2 excellent, 1 falls short, 1 pass, 1 too slow).",
         "",
-        "Runs: `validate`: one · 2 cores · date not stored.",
+        "Runs: `validate`: one · 2 cores · date not stored · commit not stored.",
     ]
     assert generate.validation_summary().splitlines()[2:5] == [
         "| all | 5 | 60.0% | 40.0% |",
@@ -196,13 +196,16 @@ def test_friction_on_a_bar_is_too_weak_if_the_ends_slip_too_early(results: Path,
 RUNS = (("one", "2026-01-04 09:00"), ("two", "2026-01-02 23:59"), ("one", "2026-01-03 00:00"))
 
 
-def test_documents_name_the_machine_and_date_of_a_run(results: Path, generate: ModuleType) -> None:
+def test_documents_name_machine_date_and_commit_of_a_run(
+    results: Path, generate: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from taichi_cloth.evaluation.bench import bench_report
     from taichi_cloth.system.console import machine
 
+    monkeypatch.setattr(bench_report, "commit_of", lambda: "0123456789abcdef+")
     bench_report.write_json(results / "bench.json", [], [], {})
     today = datetime.now(UTC).date().isoformat()
-    assert generate.frames().splitlines()[0] == " · ".join([*machine().values(), today])
+    assert generate.frames().splitlines()[0] == " · ".join([*machine().values(), today, "commit 01234567+"])
     units = [variant(1, "stiffness", "1 N/m", "xpbd") | {"machine": name, "date": date} for name, date in RUNS]
     write(results, "stability", STABILITY | {"results": units, "older": 1})
     line = generate.runs_line("bench --goals", "stress")
@@ -215,8 +218,8 @@ def test_the_machine_of_the_curtain_is_that_of_the_run_with_the_same_times(resul
     with stored.ERRORS.open(encoding="utf-8", newline="") as file:
         points = [{"median_ms": float(row["median_ms"])} for row in csv.DictReader(file)]
     assert generate.machine_and_date_of_curtain() == "machine and date not stored in assets/error.csv"
-    write(results, "error", {"machine": "a machine", "date": "2026-01-02", "points": points})
-    assert generate.machine_and_date_of_curtain() == "a machine · 2026-01-02"
+    write(results, "error", {"machine": "a machine", "date": "2026-01-02", "commit": 40 * "a", "points": points})
+    assert generate.machine_and_date_of_curtain() == "a machine · 2026-01-02 · commit aaaaaaaa"
     write(results, "error", {"machine": "a machine", "points": points[1:]})
     assert generate.machine_and_date_of_curtain() == "machine and date not stored in assets/error.csv"
 

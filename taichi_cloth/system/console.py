@@ -9,6 +9,7 @@ import csv
 import io
 import os
 import platform
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -27,6 +28,7 @@ from .errors import OutputConflict, UsageError
 from .files import atomic_file
 from .taichi_runtime import cpu_model
 
+PACKAGE = Path(__file__).parents[1]
 LOG_LINES = 8  # in the log of one run
 
 
@@ -157,6 +159,24 @@ def markdown_table(lines: Sequence[Sequence[str]]) -> list[str]:
     """Return the lines of a Markdown table. The first line is the heading."""
     head, *body = (f"| {' | '.join(line)} |" for line in lines)
     return [head, f"|{'---|' * len(lines[0])}", *body]
+
+
+def commit_of(folder: Path = PACKAGE.parent) -> str:
+    """Return the commit of the clone in a folder, or the version of the package if the folder is not that of a clone.
+
+    A `+` is appended if files of the package were changed since.
+    """
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, check=True).stdout
+
+    try:
+        if Path(git("rev-parse", "--show-toplevel").strip()).resolve() == folder.resolve():
+            changed = git("status", "--porcelain", "--untracked-files=no", "--", PACKAGE.name)
+            return git("rev-parse", "HEAD").strip() + ("+" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        pass
+    return version("taichi-cloth")
 
 
 def machine() -> dict[str, str]:

@@ -57,9 +57,19 @@ BOUNDED = [
             "A8.7",
             "verlet",
             f"sag with {2 * n} links, against {n} [m]",
-            partial(hanging.unconverged_sag_change, n, 2 * n),
+            partial(hanging.exact_sag_change, "verlet", n, 2 * n),
         )
         for n in (32, 64)
+    ),
+    ("A8.7", "xpbd", "sag with 128 links, against 64 [m]", partial(hanging.exact_sag_change, "xpbd", 64, 128)),
+    *(
+        (
+            "A8.9",
+            solver,
+            "bottom row of 128 cells after 1 s, against 64, of the side",
+            partial(strand.exact_change, solver, 64, 128),
+        )
+        for solver in ("explicit", "lines")
     ),
     ("B1", "verlet", "16 cells: every row, error of the side after 1 s", partial(every_row, 16)),
     ("B1", "verlet", "32 cells: every row, error of the side after 0.5 s", partial(every_row, 32)),
@@ -74,7 +84,7 @@ SLOW = [
         "A8.9",
         "verlet",
         "bottom row of 64 cells after 1 s, against 32, of the side",
-        partial(swing.unconverged_change, "verlet", 32, 64),
+        partial(strand.exact_change, "verlet", 32, 64),
     ),
 ]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from rich import box
 from rich.table import Table
 
-from ...system.console import LOG_WIDTH, machine, milliseconds, number, wide_console
+from ...system.console import LOG_WIDTH, commit_of, machine, milliseconds, number, wide_console
 from ...system.files import atomic_file
 from .cases import Case
 
@@ -174,8 +174,8 @@ def failures(rows: Sequence[Row], features: Sequence[FeatureRow]) -> dict[str, s
 
 
 def run_info() -> dict[str, object]:
-    """Return the machine and the date (UTC) of a run, for its JSON file."""
-    return {"machine": machine(), "date": datetime.now(UTC).date().isoformat()}
+    """Return the machine, the date (UTC) and the program's commit of a run, for its JSON file."""
+    return {"machine": machine(), "date": datetime.now(UTC).date().isoformat(), "commit": commit_of()}
 
 
 def write_json(path: Path, rows: Sequence[Row], features: Sequence[FeatureRow], missing: dict[str, str]) -> None:

@@ -12,7 +12,20 @@ import numpy as np
 from ...scene.collider_schema import Capsule, Ground, Plane, Sphere
 from ...scene.schema import Forces, Scene
 from ...simulation.simulation import Simulation
-from .check import Check, Timed, advance, at_most, base, center, damped, relative, run_with_limit, strip, substep
+from .check import (
+    REST_DAMPING,
+    Check,
+    Timed,
+    advance,
+    at_most,
+    base,
+    center,
+    damped,
+    relative,
+    run_with_limit,
+    strip,
+    substep,
+)
 from .exact import GRAVITY, scarf_ratio
 
 FRICTIONS = (0.1, 0.3, 0.5)
@@ -71,7 +84,7 @@ def resting(solver: str) -> Iterator[Check]:
     ball = Sphere(center=(0.0, -0.35, 0.0), radius=0.3, margin=SPHERE_MARGIN, friction=0.5)
     with Timed(damped(replace(base(solver, 17, 17, rotation=LEVEL), spheres=(ball,)))) as simulation:
         advance(simulation, 5.0)
-        yield from still(simulation, "a ball")
+        yield from still(simulation, f"a ball, damping {REST_DAMPING:g}/s")
         depth = simulation.metrics().penetration / SPHERE_MARGIN
         yield at_most("depth in a ball, of the thickness", depth, *THICKNESS)
 

@@ -1,11 +1,8 @@
-"""A3, A4, B3 and B4: hanging, stretching, sagging and bending, and the forces that hold a sheet.
-
-Euler's buckling strip is part of A3.
-"""
+"""A3, B3 and B4: hanging, stretching and sagging, and the forces that hold a sheet."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -13,11 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...scene.schema import FRAME_SECONDS, Forces, Scene, Solver, VerletSprings
-from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.error_estimate import artificial_stretch, unconverged_fraction
+from ...simulation.simulation import Simulation
 from .check import (
+    FINER,
+    GRIDS,
     REST_DAMPING,
-    SOFTER,
+    UNFINISHED_SOLVERS,
     Check,
     Timed,
     advance,
@@ -26,13 +25,14 @@ from .check import (
     damped,
     effective_stiffness,
     relative,
+    rows_with_limit,
     run_with_limit,
     strip,
     strip_constant,
     structural,
     substep,
 )
-from .exact import GRAVITY, Floats, buckled, cantilever, hanging_drop, pear_loop, xpbd_chain
+from .exact import GRAVITY, hanging_drop, xpbd_chain
 from .exact import hammock as exact_hammock
 
 ELONGATION = (2e-2, 1e-3)  # A3: 2 %, 0.1 % of the elongation
@@ -55,7 +55,8 @@ SPLITS = ((400.0, 1), (100.0, 4), (25.0, 16), (12.5, 32))  # B4: steps per secon
 SPLIT = (1e-2, 1e-3)
 HELD_CELLS = 32
 HELD = (1e-2, 1e-3)  # of the weight, as other forces: 1 %, 0.1 %
-HELD_BY = {"its top edge": ("top",), "two corners": ("top-left", "top-right"), "one corner and a grab": ("top-left",)}
+GRABBED = "one corner and a grab"
+HELD_BY = {"its top edge": ("top",), "two corners": ("top-left", "top-right"), GRABBED: ("top-left",)}
 UNFINISHED = "iterations end before a substep is solved: κ·(1 − ρ)·ρ^(i−1)/(1 − ρ^i), κ = kh²/m, ρ = 1/(1 + m/(2kh²))²"
 
 
@@ -76,17 +77,24 @@ def elongation(solver: str) -> Iterator[Check]:
 def held(solver: str) -> Iterator[Check]:
     """Compare the reaction forces on a sheet at rest with its weight: of pins, and of a grab that holds a corner."""
     for name, pins in HELD_BY.items():
-        scene = base(solver, HELD_CELLS + 1, HELD_CELLS + 1, pins=pins)
-        fabric = replace(scene.fabric, warp=CONSTANT, weft=CONSTANT, shear=CONSTANT)
-        with Timed(damped(replace(scene, fabric=fabric))) as simulation:
-            corner = simulation.scene.cloth.columns - 1
-            grab = None if simulation.topology.pinned[corner] else simulation.grab(corner)
-            advance(simulation, 10.0)
-            weight = float(simulation.topology.mass.sum()) * GRAVITY
-            up = float(simulation.reaction_forces()[:, 1].sum())
-            yield relative(f"held by {name}: all forces over the weight", 1.0, up / weight, *HELD)
-            if grab is not None:
-                yield relative("force of the grab over the weight", 0.5, float(grab.force[1]) / weight, *HELD)
+        whats = [f"held by {name}: all forces over the weight"]
+        if name == GRABBED:
+            whats.append("force of the grab over the weight")
+        yield from rows_with_limit(whats, *HELD, partial(measure_forces, whats, solver, pins))
+
+
+def measure_forces(whats: Sequence[str], solver: str, pins: tuple[str, ...]) -> Iterator[Check]:
+    """Measure all reaction forces, and with a second row that of a grab which holds the top right corner."""
+    scene = base(solver, HELD_CELLS + 1, HELD_CELLS + 1, pins=pins)
+    fabric = replace(scene.fabric, warp=CONSTANT, weft=CONSTANT, shear=CONSTANT)
+    with Timed(damped(replace(scene, fabric=fabric))) as simulation:
+        grabs = [simulation.grab(simulation.scene.cloth.columns - 1) for _ in whats[1:]]
+        advance(simulation, 10.0)
+        weight = float(simulation.topology.mass.sum()) * GRAVITY
+        up = float(simulation.reaction_forces()[:, 1].sum())
+        yield relative(whats[0], 1.0, up / weight, *HELD)
+        for what, grab in zip(whats[1:], grabs, strict=True):
+            yield relative(what, 0.5, float(grab.force[1]) / weight, *HELD)
 
 
 def independence(solver: str) -> Iterator[Check]:
@@ -178,28 +186,38 @@ def hammock(solver: str) -> Iterator[Check]:
 
 def finer_hammock(solver: str) -> Iterator[Check]:
     """Measure how much the sag of a hammock changes with twice as many links."""
-    for coarse, fine in ((32, 64), (64, 128)):
+    for (coarse, fine), bounds in FINER.items():
         what = f"sag with {fine} links, against {coarse} [m]"
-        yield run_with_limit(what, *SAG, partial(compare_sag, what, solver, coarse, fine))
+        yield run_with_limit(what, *bounds, partial(compare_sag, what, solver, coarse, fine, bounds))
 
 
-def compare_sag(what: str, solver: str, coarse: int, fine: int) -> Check:
+def compare_sag(what: str, solver: str, coarse: int, fine: int, bounds: tuple[float, float]) -> Check:
     """Measure the sag with `fine` links, compared with `coarse` links."""
     first, second = (measure_hammock(solver, FINER_SPAN, links)[1].sag for links in (coarse, fine))
-    row = relative(what, first, second, *SAG)
-    return row.by_law(SOFTER, partial(unconverged_sag_change, coarse, fine)) if solver == "verlet" else row
+    return relative(what, first, second, *bounds).by_law(GRIDS, partial(exact_sag_change, solver, coarse, fine))
 
 
-def unconverged_sag_change(coarse: int, fine: int) -> float:
-    """Return the relative change of the sag at rest with `verlet`, with the stiffness that its iterations leave."""
-    substeps, iterations = SOLVER_CATALOG["verlet"].defaults
-    first, second = (
-        exact_hammock(
-            FINER_SPAN, links, 1.0, 1.0, effective_stiffness("verlet", 0.0, 1.0, FRAME_SECONDS / substeps, iterations)
-        )[0]
-        for links in (coarse, fine)
-    )
-    return abs(second / first - 1)
+def exact_sag_change(solver: str, coarse: int, fine: int) -> float:
+    """Return the relative change of the sag at rest, with the stiffness that the iterations of the solver leave."""
+    sags = []
+    for links in (coarse, fine):
+        with Simulation(hammock_strip(solver, links)) as simulation:
+            mass, constant = row_mass(simulation), strip_constant(simulation)
+            if solver in UNFINISHED_SOLVERS:
+                iterations = simulation.scene.solver.iterations
+                constant = effective_stiffness(solver, constant, mass, substep(simulation), iterations)
+            sags.append(exact_hammock(FINER_SPAN, links, 1.0, mass, constant)[0])
+    return abs(sags[1] / sags[0] - 1)
+
+
+def hammock_strip(solver: str, links: int) -> Scene:
+    """Return a damped strip that is pinned at both ends."""
+    return damped(strip(solver, links, constant=HAMMOCK_CONSTANT, pins=("top", "bottom")))
+
+
+def row_mass(simulation: Simulation) -> float:
+    """Return the mass of a row of a strip between its ends [kg]."""
+    return float(simulation.topology.mass.reshape(-1, 3)[1].sum())
 
 
 class Hammock(NamedTuple):
@@ -216,10 +234,9 @@ def measure_hammock(solver: str, span: float, links: int) -> tuple[Hammock, Hamm
     case. All of them are a share of (N − 1)/(N + 1) of the weight, and a strip that hardly stretches has the same sag
     for any weight.
     """
-    scene = strip(solver, links, constant=HAMMOCK_CONSTANT, pins=("top", "bottom"))
-    with Timed(damped(scene)) as simulation:
+    with Timed(hammock_strip(solver, links)) as simulation:
         topology = simulation.topology
-        mass, constant = float(topology.mass.reshape(-1, 3)[1].sum()), strip_constant(simulation)
+        mass, constant = row_mass(simulation), strip_constant(simulation)
         weight = mass * GRAVITY * links
         along = np.linspace(-0.5, 0.5, links + 1)
         start = topology.start.reshape(links + 1, 3, 3).copy()
@@ -232,131 +249,3 @@ def measure_hammock(solver: str, span: float, links: int) -> tuple[Hammock, Hamm
         lengths = np.linalg.norm(np.diff(x.reshape(links + 1, 3, 3), axis=0)[[0, -1]], axis=2)
         measured_tension = constant * (float(lengths.mean()) - 1.0 / links)
         return Hammock(sag, tension / weight), Hammock(-float(x[:, 1].min()), measured_tension / weight)
-
-
-# -- bending -----------------------------------------------------------------------------------------------------------
-
-LINKS = 32
-CUBIC = "springs to the particle after the next bend with the cube of the angle: 2^⅓"
-DROOP = (5e-2, 1e-2)  # A4: 5 %, 1 %
-BUCKLED = (2e-2, 5e-3)  # A3: 2 %, 0.5 %
-GAMMAS = (0.1, 1.0, 3.0, 8.0, 10.0, 30.0, 100.0, 1000.0, 10000.0)
-LINKS_A_BEND = 4.5  # in the bend at the clamp, Γ^(−1/3) of the length: fewer do not resolve the elastica
-LOADS = (0.25, 1.0, 2.0, 5.0, 10.0)  # α = PL²/EI at the tip
-LIGHT = 0.02  # [kg/m²] of a strip that carries ten times its own weight
-WIDTH = 0.1  # [m] of all strips
-COMPRESSIONS = (0.01, 0.05, 0.1, 0.2, 0.3, 0.5)
-BENDING = 0.02  # [N·m] of strips without weight, whose shape does not depend on it
-BENDING_CONSTANT = 5000.0  # [N/m] of springs: a strip of one meter stretches by 0.02 %
-
-
-def with_bending(scene: Scene, bending: float, gravity: float = GRAVITY) -> Scene:
-    """Return the scene with a bending stiffness [N·m] and the damping that brings it to rest."""
-    fabric = replace(scene.fabric, bending_stiffness=bending)
-    return damped(replace(scene, fabric=fabric, forces=Forces(gravity=gravity)))
-
-
-def beam(solver: str, links: int, bending: float, gravity: float = GRAVITY) -> Scene:
-    """Return a strip of one meter, clamped level by its first two rows.
-
-    The link between these rows cannot rotate; half of it belongs to the length.
-    """
-    height = (links + 1) / (links + 0.5)
-    scene = base(solver, links + 2, 3, width=WIDTH, height=height, pins=tuple(range(6)), rotation=(-90.0, 0.0, 0.0))
-    return with_bending(structural(scene, BENDING_CONSTANT), bending, gravity)
-
-
-def rest_column(scene: Scene, seconds: float, start: Floats | None = None) -> Floats:
-    """Return the positions of the middle column at rest [m], (rows, 3).
-
-    `start`: its start positions along z and up [m], (rows, 2).
-    """
-    with Timed(scene) as simulation:
-        if start is not None:
-            positions = simulation.topology.start.reshape(-1, 3, 3).copy()
-            positions[:, :, 2], positions[:, :, 1] = start[:, :1], start[:, 1:]
-            simulation.set_state(positions.reshape(-1, 3))
-        advance(simulation, seconds)
-        column: Floats = simulation.positions().reshape(-1, 3, 3)[:, 1]
-        return column
-
-
-def doubling(solver: str) -> Iterator[Check]:
-    """Measure the droop of a slightly bent strip with twice the weight: it doubles."""
-    droops = [-float(rest_column(beam(solver, 8, 10.0, gravity), 10.0)[-1, 1]) for gravity in (1.0, 2.0)]
-    yield relative("droop at twice the gravity over droop", 2.0, droops[1] / droops[0], *DROOP)
-
-
-def doubling_by_springs(solver: str) -> Iterator[Check]:
-    """Measure the droop of a slightly bent strip with twice the weight, for bend springs instead of bending links.
-
-    Bend springs join a particle to the second-next one.
-    """
-    droops = []
-    for gravity in (1.0, 2.0):
-        scene = strip(solver, 8, constant=5e4, pins=tuple(range(6)))
-        scene = with_bending(scene, 0.0, gravity)
-        scene = replace(scene, cloth=replace(scene.cloth, rotation=(-90.0, 0.0, 0.0)))
-        scene = replace(scene, fabric=replace(scene.fabric, bend_spring=5e4))
-        droops.append(-float(rest_column(scene, 20.0)[-1, 1]))
-    row = relative("droop at twice the gravity over droop", 2.0, droops[1] / droops[0], *DROOP)
-    yield row.by_law(CUBIC, 1 - 2 ** (1 / 3) / 2)
-
-
-def droop(solver: str) -> Iterator[Check]:
-    """Compare the droop of strips of various stiffness with the elastica."""
-    for gamma in GAMMAS:
-        links = max(LINKS, round(LINKS_A_BEND * gamma ** (1 / 3)))
-        yield from drooped(f"Γ = {gamma:g}", beam(solver, links, 0.2 * GRAVITY / gamma), cantilever(gamma))
-
-
-def tip_load(solver: str) -> Iterator[Check]:
-    """Compare a strip that carries ten times its weight at its tip with the elastica under both loads."""
-    for load in LOADS:
-        pull = 10 * LIGHT * GRAVITY  # [N] per meter of width
-        scene = beam(solver, LINKS // 2, pull / load)
-        cloth = replace(scene.cloth, area_density=LIGHT, corner_mass=pull * WIDTH / GRAVITY / 2)  # both corners
-        yield from drooped(f"α = {load:g}", replace(scene, cloth=cloth), cantilever(load / 10, load))
-
-
-def drooped(name: str, scene: Scene, exact: tuple[float, float]) -> Iterator[Check]:
-    """Measure drop and reach of a beam at rest."""
-    column = rest_column(scene, 10.0)
-    first = float(column[1, 2] - column[0, 2]) / 2  # the half link at the clamp
-    yield relative(f"{name}: drop over length", exact[0], -float(column[-1, 1] - column[1, 1]), *DROOP)
-    yield relative(f"{name}: reach", exact[1], abs(float(column[-1, 2] - column[1, 2]) + first), *DROOP)
-
-
-def buckling(solver: str) -> Iterator[Check]:
-    """Measure a strip between two hinges that are closer than its length."""
-    for compression in COMPRESSIONS:
-        scene = with_bending(strip(solver, LINKS, constant=BENDING_CONSTANT, pins=("top", "bottom")), BENDING, 0.0)
-        rise = float(rest_column(scene, 12.0, arch(1 - compression))[LINKS // 2, 1])
-        yield relative(f"{100 * compression:g} % shorter: rise over length", buckled(compression), rise, *BUCKLED)
-
-
-def arch(span: float) -> Floats:
-    """Return a half sine wave of length 1 over `span`, divided into links of equal length, (links + 1, 2)."""
-    fine = np.linspace(-0.5, 0.5, 1000)
-    low, high = 0.0, 0.5
-    while high - low > 1e-12:
-        height = (low + high) / 2
-        wave = np.stack([span * fine, height * np.cos(np.pi * fine)], axis=-1)
-        along = np.append(0.0, np.linalg.norm(np.diff(wave, axis=0), axis=1).cumsum())
-        low, high = (height, high) if along[-1] < 1 else (low, height)
-    even = np.linspace(0.0, along[-1], LINKS + 1)
-    return np.stack([np.interp(even, along, wave[:, c]) for c in (0, 1)], axis=-1)
-
-
-def loop(solver: str) -> Iterator[Check]:
-    """Measure a loop whose ends are clamped side by side, pointing up. It starts as a circle."""
-    cell = 1 / (LINKS + 1)  # the outer halves of the first and the last link are inside the clamp
-    particles = 3 * (LINKS + 3)
-    pins = (*range(6), *range(particles - 6, particles))
-    scene = base(solver, LINKS + 3, 3, width=WIDTH, height=1 + cell, pins=pins)
-    scene = with_bending(structural(scene, BENDING_CONSTANT), BENDING, 0.0)
-    turn = 2 * np.pi * cell * (np.arange(LINKS + 3) - 0.5)
-    start = np.stack([np.sin(turn), 1 - np.cos(turn)], axis=-1) / (2 * np.pi)
-    start[[0, 1, -2, -1]] = [[0.0, -cell / 2], [0.0, cell / 2], [0.0, cell / 2], [0.0, -cell / 2]]
-    column = rest_column(scene, 12.0, start)
-    yield relative("height over length", pear_loop(), float(column[LINKS // 2 + 1, 1]), *BUCKLED)

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from ...geometry.cloth_builder import spring_stiffness
 from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Scene, Solver, VerletSprings
+from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.simulation import Simulation
 from ..bench.error_sweep import Curtain
-from .check import REST_DAMPING, Check, Timed, advance, at_most, base, relative
+from .check import REST_DAMPING, UNFINISHED_SOLVERS, Check, Timed, advance, at_most, base, effective_stiffness, relative
 from .exact import GRAVITY, Floats
 
 GAMMA = 1 - sqrt(0.5)  # share of a substep that each of the two stages of `lines` solves (Alexander 1977)
@@ -204,6 +205,18 @@ def bottom_by_area(cells: int, squared: float, frames: int = 60) -> Floats:
         v = v + h / 2 * a
     bottom: Floats = x[-1]
     return bottom
+
+
+def exact_change(solver: str, coarse: int, fine: int) -> float:
+    """Return the distance between the bottoms in float64, with the stiffness that the iterations leave."""
+    substeps, iterations = SOLVER_CATALOG[solver].defaults
+    bottoms = []
+    for cells in (coarse, fine):
+        mass, stiffness = Curtain(cells).mass, Curtain(cells).stiffness
+        if solver in UNFINISHED_SOLVERS:
+            stiffness = effective_stiffness(solver, stiffness, mass, FRAME_SECONDS / substeps, iterations)
+        bottoms.append(bottom_by_area(cells, stiffness / mass))
+    return float(np.linalg.norm(bottoms[1] - bottoms[0]))
 
 
 # -- strands -----------------------------------------------------------------------------------------------------------

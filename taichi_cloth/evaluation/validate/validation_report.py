@@ -7,22 +7,19 @@ earlier run.
 from __future__ import annotations
 
 import json
-import subprocess
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...system.console import machine, markdown_table, print_table
+from ...system.console import commit_of, machine, markdown_table, print_table
 from ...system.errors import UsageError, error_text
 from ...system.files import atomic_file
 from .check import EXCELLENT, FAIL, PASS, TOO_SLOW, Check, KnownLimit, Result
 
 HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
 UNEXPLAINED = "no law explains it"
-PACKAGE = Path(__file__).parents[2]
 BROKEN = "more than its law explains"
 
 
@@ -176,25 +173,7 @@ def result_of(row: Mapping[str, Any]) -> Result:
 
 def this_machine(results: Sequence[Result]) -> Measured:
     """Return a run that ends now, on this machine."""
-    return Measured(machine(), results, datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), commit_of(PACKAGE.parent))
-
-
-def commit_of(folder: Path) -> str:
-    """Return the commit of the clone in a folder, or the version of the package if the folder is not that of a clone.
-
-    A `+` is appended if files of the package were changed since.
-    """
-
-    def git(*words: str) -> str:
-        return subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, check=True).stdout
-
-    try:
-        if Path(git("rev-parse", "--show-toplevel").strip()).resolve() == folder.resolve():
-            changed = git("status", "--porcelain", "--untracked-files=no", "--", PACKAGE.name)
-            return git("rev-parse", "HEAD").strip() + ("+" if changed else "")
-    except (OSError, subprocess.CalledProcessError):
-        pass
-    return version("taichi-cloth")
+    return Measured(machine(), results, datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), commit_of())
 
 
 # -- pages -------------------------------------------------------------------------------------------------------------
