@@ -224,7 +224,7 @@ CASES = (
     Case(
         28,
         "edge-on wind",
-        "a taut sheet, 2 m/s in its plane, and crossing it; then < 1 mm/s",
+        "a taut sheet, 2 m/s in its plane, and crossing it; chatter < 1 mm/s",
         variants(loads.edge_on_wind, {"n·v = 0": 0.0, "crossing zero": 0.01}),
         note=(
             "the sheet is taut between two edges, without gravity: one that hangs has free edges, and those flutter in"

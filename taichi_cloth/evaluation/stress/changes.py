@@ -148,12 +148,7 @@ def bad_input(trial: Trial, wrong: float) -> None:
     trial.run(0.5)
     simulation = trial.simulation
     before = simulation.positions(), simulation.velocities()
-    hole = x.copy()
-    hole[7, 1] = wrong
     attempts: dict[str, Callable[[], object]] = {
-        "positions": lambda: simulation.set_state(hole),
-        "velocities": lambda: simulation.set_state(x, hole),
-        "target": partial(grab_and_move, simulation, hole[7]),
         "particle": lambda: simulation.grab(len(x)),
         "gravity": lambda: simulation.params.update({"gravity": wrong}),
         "substeps": lambda: simulation.params.update({"substeps": -1}),
@@ -175,6 +170,13 @@ def bad_input(trial: Trial, wrong: float) -> None:
         attempts[f"{key} of a scene"] = partial(load_scene, "curtain", **{key: value})
     for what, attempt in attempts.items():
         trial.expect_error(what.removesuffix(" of a scene"), attempt)
+    for particle in (0, 7, len(x) - 1):
+        for axis in range(3):
+            hole = x.copy()
+            hole[particle, axis] = wrong
+            trial.expect_error("positions", partial(simulation.set_state, hole))
+            trial.expect_error("velocities", partial(simulation.set_state, x, hole))
+            trial.expect_error("target", partial(grab_and_move, simulation, hole[particle]))
     after = simulation.positions(), simulation.velocities()
     changed = sum(int((a != b).sum()) for a, b in zip(before, after, strict=True))
     trial.record("numbers that a refused input changed", changed, 0)

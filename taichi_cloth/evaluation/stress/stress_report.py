@@ -307,8 +307,7 @@ without them, and flat cells by that of a square sheet.
 
 Sheets that collide with themselves (cases 14 to 16) keep a distance of {thickness:g} cells: 2.8 cm in cases 14 and 16,
 5.6 cm in case 15. Intersections and gaps are looked for every {look_every} frames, and in case 15 not while the layers
-come to rest at the end. Case 28 looks for chatter after the wind across the sheet has stopped, not while it changes
-its sign.
+come to rest at the end.
 
 **Energy** is the sum of kinetic, gravitational, spring and bending energy, with the constants k of the fabric. For
 implicit solvers, whose springs act softer the longer the substep h is, it is computed with k/(1 + c·k·h²·Σw) (c:
