@@ -279,9 +279,8 @@ def greatest_depth(cloth: ti.template(), surfaces: ti.template(), is_parallel: t
     """Return how deep a particle is below a surface at the end of the frame [m], at least 0."""
     deepest = 0.0
     ti.loop_config(serialize=ti.static(not is_parallel and on_cpu()))
-    for n in range(cloth.surface_contacts.particle_count[None]):
-        x = read(cloth, cloth.x, cloth.surface_contacts.particle[n])
-        ti.atomic_max(deepest, -distance_to_surfaces(surfaces, x))
+    for i in range(cloth.packet_count[None]):
+        ti.atomic_max(deepest, -distance_to_surfaces(surfaces, read(cloth, cloth.x, i)))
     return deepest
 
 

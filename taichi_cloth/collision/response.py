@@ -36,7 +36,7 @@ from ..kernels.step_params import (
 )
 from ..kernels.vec import broadcast, cross, dot, length, scale, select
 from ..scene.collider_schema import PROJECTION, REFLECTION, REPULSION, Collider, Ground
-from .colliders import Floats, is_deforming, pose_colliders, signed_distance, table_range, teleports
+from .colliders import Floats, pose_colliders, signed_distance, table_range, teleports
 from .shapes import SHAPES
 from .shapes.shape import to_local, to_world
 from .triangle_collision import project_triangles
@@ -185,8 +185,6 @@ def repel(cloth: ti.template(), features: ti.template(), ctx: ti.template(), sha
 
 
 GROWTH_RATE = 0.2  # [m/s]
-# [m] below the margin: what is less deep is projected out at once. A deforming mesh finds only what is near its margin.
-MIN_DEPTH = 0.05
 UNKNOWN = -1.0
 
 
@@ -219,8 +217,7 @@ class Depenetration:
                 (posed,) = pose_colliders([colliders[row]], end if teleported[row] else start)
                 depth = posed.collider.margin - float(signed_distance(posed, positions).min(initial=np.inf))
                 if self.reduction[row] == UNKNOWN:
-                    allowed = 0.0 if is_deforming(colliders[row]) else MIN_DEPTH
-                    self.reduction[row] = depth if depth > allowed else 0.0
+                    self.reduction[row] = max(depth, 0.0)
                 else:
                     self.reduction[row] = min(self.reduction[row], depth)
         before = np.maximum(self.reduction, 0.0)

@@ -175,7 +175,7 @@ def test_penetration_tells_the_depth_in_a_body(make_mesh: MakeMesh) -> None:
         assert simulation.metrics().penetration == pytest.approx(0.02, abs=1e-6)
 
 
-@pytest.mark.parametrize("layout", ["serial", "parallel"])
+@pytest.mark.parametrize("layout", ["simd", "serial", "parallel"])
 def test_penetration_is_the_depth_of_the_deepest_particle(make_mesh: MakeMesh, layout: str) -> None:
     random = np.random.default_rng(4)
     bumpy = BALL.copy()

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from taichi_cloth.collision.colliders import collider_table, teleports
-from taichi_cloth.collision.response import GROWTH_RATE, MIN_DEPTH, UNKNOWN, Depenetration
+from taichi_cloth.collision.response import GROWTH_RATE, UNKNOWN, Depenetration
 from taichi_cloth.kernels import step_params as c
-from taichi_cloth.scene.collider_schema import Box, Capsule, Plane, Sphere
-from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver
+from taichi_cloth.scene.collider_schema import Box, Capsule, Ground, Plane, Sphere
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Forces, Scene, Solver
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.simulation import Simulation
 
@@ -42,9 +42,9 @@ def test_the_depth_of_a_collider_is_tracked_until_it_is_zero() -> None:
         return float(before[0]), float(after[0])
 
     depenetration, step = Depenetration(1), GROWTH_RATE * FRAME
-    assert at(1.1 - MIN_DEPTH / 2) == (0, 0)  # not deep enough
+    assert at(1.1) == (0, 0)  # not inside
     assert at(0.5) == (0, 0)  # not queried again
-    assert queried == [1.1 - MIN_DEPTH / 2]
+    assert queried == [1.1]
     depenetration.invalidate()
     assert depenetration.reduction[0] == UNKNOWN
     assert at(0.5) == pytest.approx((0.6, 0.6 - step))
@@ -94,7 +94,7 @@ def test_a_cloth_inside_a_sphere_comes_out_slowly(solver: str, tmp_path: Path, m
         simulation.load(tmp_path / "held.npz")
         fastest(simulation, 20)
         assert (simulation.positions() == later).all()
-        monkeypatch.setattr("taichi_cloth.collision.response.MIN_DEPTH", np.inf)
+        monkeypatch.setattr(Depenetration, "advance", lambda self, *_: (0 * self.reduction, 0 * self.reduction))
         simulation.reset()
         assert fastest(simulation, 10) > 10 * SNAP  # at once
 
@@ -134,3 +134,16 @@ def test_a_sphere_that_grows_or_teleports_into_the_cloth() -> None:
                 simulation.params["sphere_radius"] = 0.12
             assert fastest(simulation, 50) < SNAP
             assert np.abs(simulation.positions()[:, 2]).max() > 0.04  # it was moved out of the sphere
+
+
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
+@pytest.mark.parametrize("depth", [1e-3, 0.02, 0.04])
+def test_cloth_that_starts_within_a_margin_is_not_shot_away(solver: str, depth: float) -> None:
+    """It rises by the rate at which the margin grows, also if it is less deep than that rate moves it in a frame."""
+    cloth = Cloth(rows=9, columns=9, center=(0.0, 0.02 - depth, 0.0), rotation=(-90.0, 0.0, 0.0), pins=())
+    choice = Solver(solver, *SOLVER_CATALOG[solver].defaults)
+    with Simulation(Scene(cloth=cloth, ground=Ground(margin=0.02), solver=choice)) as simulation:
+        for _ in range(20):
+            simulation.step()
+            assert simulation.positions()[:, 1].max() < 0.02 + 2 * GROWTH_RATE * FRAME
+        assert simulation.positions()[:, 1] == pytest.approx(0.02, abs=1e-4)
