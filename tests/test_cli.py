@@ -114,6 +114,9 @@ def test_check_tells_that_verlet_does_not_use_the_springs_of_a_fabric(
     file = tmp_path / "mine.toml"
     for text, told in (
         ("[fabric]\nwarp = 5\nshear = 1", "verlet uses [verlet], not fabric.warp, fabric.shear"),
+        ("[fabric]\nbending_stiffness = 1e-2", "verlet uses [verlet], not fabric.bending_stiffness"),
+        ("[fabric]\ncompression = 0\ndamping_time = 0.01", "not fabric.compression, fabric.damping_time"),
+        ("[solver]\nname = 'lines'\n[verlet]\nbend = 0.5", "lines uses [fabric], not verlet.bend"),
         ("[fabric]\nwarp = 5\n[solver]\nname = 'xpbd'", ""),
         ("[fabric]\npreset = 'silk'", ""),
     ):

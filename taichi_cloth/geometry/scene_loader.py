@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,10 @@ def _check_geometry(scene: Scene, mistakes: Mistakes) -> None:
     for k, mesh in enumerate(scene.meshes):
         if not mistakes.concern(f"meshes[{k}]"):
             with mistakes.collect(f"meshes[{k}].file"):
-                check_solid(mesh)
+                check_solid(replace(mesh, clip=""))
+            if mesh.clip and not mistakes.concern(f"meshes[{k}]"):
+                with mistakes.collect(f"meshes[{k}].clip"):
+                    check_solid(mesh)
     if scene.cloth.file and not mistakes.concern("cloth.file", "cloth.scale"):
         with mistakes.collect("cloth.file"):
             check_mesh(scene.cloth)

@@ -292,7 +292,7 @@ class RunningCloth:
 
         It is mass times acceleration minus `forces`, with the acceleration of the pin, attachment or grab over the last
         two frames. What holds a particle against contact, self-collision, tethers, the strain limit and max distances
-        is not included. Forces are too large if the iterations of the solver have not converged: the forces on a cloth
+        is not included. Forces are wrong if the iterations of the solver have not converged: the forces on a cloth
         at rest then do not add up to its weight. Raises UsageError for `verlet`, whose stiffnesses have no unit.
         """
         forces = self._prescribed_acceleration() * self.topology.mass[:, None] - self.forces()

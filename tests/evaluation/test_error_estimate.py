@@ -102,7 +102,7 @@ def test_the_fastest_setting_that_meets_the_target_is_selected() -> None:
     assert selected.error <= 0.02
     assert all(row.ms >= selected.ms for row in rows if row.error <= 0.02)
     assert why.startswith("target 2 %: ")
-    assert "measured on a swinging curtain of 64 cells" in why
+    assert "(error of verlet 20×1 on a swinging curtain of 64 cells)" in why
     exact, _ = settings_for_error(square(64), 1e-5)
     assert exact.solver.name == "explicit"
     assert settings_for_error(square(64), 0.02, "xpbd")[0].solver.name == "xpbd"
@@ -110,10 +110,13 @@ def test_the_fastest_setting_that_meets_the_target_is_selected() -> None:
 
 def test_a_stiff_fabric_needs_more_substeps_with_an_explicit_solver() -> None:
     soft = settings_for_error(square(64), 1e-5, "explicit")[0]
-    stiff = settings_for_error(
+    stiff, why = settings_for_error(
         replace(square(64), fabric=replace(soft.fabric, warp=4 * soft.fabric.warp)), 1e-5, "explicit"
-    )[0]
+    )
     assert stiff.solver.substeps > 1.3 * soft.solver.substeps
+    [row] = [row for row in settings_near(64) if row.setting in why]  # the error is that of the measured setting
+    assert row.solver == "explicit"
+    assert row.substeps != stiff.solver.substeps
 
 
 def test_an_unreachable_target_is_refused() -> None:

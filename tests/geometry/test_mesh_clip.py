@@ -147,6 +147,6 @@ def in_scene(mesh: Mesh, tmp_path: Path) -> Callable[[str], str]:
 
 
 def test_a_scene_names_the_mesh_whose_clip_is_wrong(in_scene: Callable[[str], str]) -> None:
-    assert "meshes[0].file" in in_scene('clip = "gone.pc2"')
+    assert "meshes[0].clip: " in in_scene('clip = "gone.pc2"')
     assert "meshes[0].continuous" in in_scene('clip = "walk.pc2"\ncontinuous = true')
     assert "meshes[0].response" in in_scene('clip = "walk.pc2"\nresponse = "repulsion"')
