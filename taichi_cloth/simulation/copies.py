@@ -93,7 +93,8 @@ class Copy(Simulation):
         known = self.params.known()
         for name in start.params.keys() & known.keys() - but:
             self.params[name] = int(start.params[name]) if known[name].is_int else start.params[name]
-        self.params["wind"] = start.wind_on
+        if self.scene.wind is not None:
+            self.params["wind"] = start.wind_on
         self.set_torn(start.torn)
         self.frame = start.frame
         self.set_state(start.positions, start.velocities)

@@ -121,7 +121,7 @@ class Parameters(MutableMapping[str, "float | bool"]):
         raise TypeError("parameters cannot be deleted")
 
     def __contains__(self, name: object) -> bool:
-        return name == WIND or name in self._known
+        return name in self._known or (name == WIND and self._has_wind)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.values_by_name)
@@ -134,7 +134,7 @@ class Parameters(MutableMapping[str, "float | bool"]):
 
     def check(self, name: str, value: float | bool) -> float | bool:
         """Return `value` as the parameter's type."""
-        if name == WIND:
+        if name == WIND and self._has_wind:
             if not isinstance(value, (bool, np.bool_)):
                 raise ValueError(f"wind is switched by True and False, not {short_repr(value)}")
             return bool(value)
@@ -171,9 +171,16 @@ class Parameters(MutableMapping[str, "float | bool"]):
 
     def _reason_unknown(self, name: str) -> str:
         """Return why a scene key is not a parameter of this scene, or for other names the parameters to choose from."""
+        if name == WIND:
+            return _no_section(WIND)
         for part, key in targets_of(name) if isinstance(name, str) else ():
             if part and keys_of(part.cls)[key].slider is None:
                 return f": {part.name}.{key} cannot change while the scene runs; load_scene sets it"
             if part and part.name not in {known.section for known in self._known.values()}:
-                return f": it has no [{part.name}]; load_scene adds one, as in load_scene(scene, {part.name}={{...}})"
+                return _no_section(part.name)
         return choose_from(name, [*self._known, *[WIND] * self._has_wind])
+
+
+def _no_section(section: str) -> str:
+    """Return that a scene has no section of this name, and how to add one."""
+    return f": it has no [{section}]; load_scene adds one, as in load_scene(scene, {section}={{...}})"

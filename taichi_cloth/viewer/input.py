@@ -299,7 +299,8 @@ def restore_defaults(session: Session) -> None:
     session.grab_radius = session.default_grab_radius
     for parameter in parameters_of(session.simulation.scene).values():
         session.simulation.params[parameter.name] = parameter.value
-    session.simulation.params["wind"] = True
+    if session.simulation.scene.wind is not None:
+        session.simulation.params["wind"] = True
 
 
 def charts(session: Session) -> None:

@@ -126,6 +126,7 @@ def test_a_key_that_is_no_parameter_says_why(taichi: None) -> None:
         assert simulation.params["wind"] is False
         for name, reason in (
             ("wind_z", r"it has no \[wind\]; load_scene adds one, as in load_scene\(scene, wind=\{\.\.\.\}\)"),
+            ("wind", r"it has no \[wind\]; load_scene adds one"),
             ("rows", "cloth.rows cannot change while the scene runs; load_scene sets it"),
             ("dampin", r"gravity, .*; did you mean 'damping'\?"),
         ):

@@ -342,7 +342,8 @@ def opened(scene: Scene) -> Simulation:
         simulation = _opened[0]
         for name, key in parameters_of(scene).items():
             simulation.params[name] = key.value
-        simulation.params["wind"] = True
+        if scene.wind is not None:
+            simulation.params["wind"] = True
         simulation.reset()
         return simulation
     close()
