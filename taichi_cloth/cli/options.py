@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ..scene import Scene, parse_override
 from ..scene.overrides import scene_without
+from ..scene.schema import Fabric, VerletSprings
+from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
 
@@ -156,7 +159,8 @@ def refuse_log(path: Path | None, obstacle: str) -> None:
 def summary(simulation: Simulation, arch: str) -> str:
     """Return the line that every run prints: scene, solver, substeps × iterations, layout, grid, features, arch, seed.
 
-    Further lines say if the solver uses other substeps or damping than the scene's, or iterations end too early.
+    Further lines say if the solver uses other substeps or damping than the scene's, iterations end too early, or keys
+    of the scene have no effect.
     """
     from ..geometry.cloth_builder import particle_count_text
     from ..scene.schema import FRAME_SECONDS
@@ -169,4 +173,18 @@ def summary(simulation: Simulation, arch: str) -> str:
     )
     solver = scene.solver
     unfinished = unconverged(scene, simulation.topology, FRAME_SECONDS / simulation.substeps, solver.iterations)
-    return "\n".join(filter(None, [line, simulation.warnings, unfinished]))
+    return "\n".join(filter(None, [line, simulation.warnings, unfinished, keys_without_effect(scene)]))
+
+
+def keys_without_effect(scene: Scene) -> str:
+    """Return the keys of the other solvers' springs that a scene sets, in `[fabric]` for `verlet`; empty without any.
+
+    A preset sets the keys of all solvers.
+    """
+    section = SOLVER_CATALOG[scene.solver.name].stiffness_section
+    other, default = ("fabric", Fabric()) if section == "verlet" else ("verlet", VerletSprings())
+    table = getattr(scene, other)
+    names = [f"{other}.{one.name}" for one in fields(table) if getattr(table, one.name) != getattr(default, one.name)]
+    if not names or scene.fabric.preset:
+        return ""
+    return f"{scene.solver.name} uses [{section}], not {', '.join(names)}"

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
 
 from ..scene import Scene, key_table, scene_names
 from ..scene.overrides import removable_sections
 from ..scene.presets import load_preset
-from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, Fabric, VerletSprings
+from ..scene.schema import FRAME_SECONDS, PRESET_NAMES
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
-from .options import Command
+from .options import Command, keys_without_effect
 
 MAX_TIMED_MS = 20_000.0  # [ms] estimated frame time above which `check --time` does not run a scene
 
@@ -124,20 +123,6 @@ def describe(scene: Scene, *, timed: bool) -> str:
         time += " (too slow to measure)" if timed else ""
     idle = keys_without_effect(scene)
     return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished, inside, idle]))
-
-
-def keys_without_effect(scene: Scene) -> str:
-    """Return the keys of the other solvers' springs that a scene sets, in `[fabric]` for `verlet`; empty without any.
-
-    A preset sets the keys of all solvers.
-    """
-    section = SOLVER_CATALOG[scene.solver.name].stiffness_section
-    other, default = ("fabric", Fabric()) if section == "verlet" else ("verlet", VerletSprings())
-    table = getattr(scene, other)
-    names = [f"{other}.{one.name}" for one in fields(table) if getattr(table, one.name) != getattr(default, one.name)]
-    if not names or scene.fabric.preset:
-        return ""
-    return f"{scene.solver.name} uses [{section}], not {', '.join(names)}"
 
 
 def started_inside(scene: Scene) -> str:
