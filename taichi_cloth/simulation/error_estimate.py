@@ -129,7 +129,8 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
             f" {100 * best.error:.2g} %"
         )
     chosen = good[0]
-    [measured_as] = [row.setting for row in near if (row.solver, row.error) == (chosen.solver, chosen.error)][:1]
+    same = chosen.solver, chosen.iterations, chosen.error
+    measured_as = next(row.setting for row in near if (row.solver, row.iterations, row.error) == same)
     line = (
         f"target {100 * target:g} %: {chosen.setting}, {100 * chosen.error:.2g} % in about {chosen.ms:.2g} ms a frame"
         f" (error of {measured_as} on a swinging curtain of {near[0].cells} cells)"

@@ -1,4 +1,4 @@
-"""Output of commands: progress of long runs, tables, CSV files, and the machine of a measurement.
+"""Output of commands: progress of long runs, tables, CSV files, and machine and commit of a measurement.
 
 Progress is a bar on a terminal, and a few plain lines in a log.
 """

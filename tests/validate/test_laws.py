@@ -62,15 +62,6 @@ BOUNDED = [
         for n in (32, 64)
     ),
     ("A8.7", "xpbd", "sag with 128 links, against 64 [m]", partial(hanging.exact_sag_change, "xpbd", 64, 128)),
-    *(
-        (
-            "A8.9",
-            solver,
-            "bottom row of 128 cells after 1 s, against 64, of the side",
-            partial(strand.exact_change, solver, 64, 128),
-        )
-        for solver in ("explicit", "lines")
-    ),
     ("B1", "verlet", "16 cells: every row, error of the side after 1 s", partial(every_row, 16)),
     ("B1", "verlet", "32 cells: every row, error of the side after 0.5 s", partial(every_row, 32)),
 ]
@@ -171,3 +162,10 @@ def test_a_law_that_is_a_function_is_not_computed_if_the_row_passes() -> None:
         raise AssertionError
 
     assert at_most("", 0.05, 0.1, 0.01).by_law("law", slow).limit is None
+
+
+def test_the_exact_bottoms_of_the_curtain_differ_by_more_than_a_thousandth_past_64_cells() -> None:
+    """docs/accuracy.md says so: no solver can pass this row without an error of its own."""
+    assert strand.exact_change("explicit", 64, 128) == pytest.approx(1.97e-3, rel=0.01)
+    page = Path(__file__).parents[2] / "docs" / "accuracy.md"
+    assert "64 and 128 cells differ by 0.20 %" in page.read_text(encoding="utf-8")

@@ -9,8 +9,8 @@ from pathlib import Path
 from ...system.console import markdown_table, print_table
 from ...system.files import atomic_file
 from .causes import EXPERIMENT_SECONDS, FINER
-from .layered_cloth import LOOK_EVERY
-from .setup import CELLS, ROBUST, ROBUST_SLACK, THICKNESS
+from .layered_cloth import LAYER_CELLS, LOOK_EVERY, MANY_CELLS, MANY_SIDE
+from .setup import CELLS, ROBUST, ROBUST_SLACK, SIDE, THICKNESS
 from .store import Store
 from .trial import SLOW_MS, TIMED_EVERY
 from .unit import ALIVE, FAILED, SLOW, Key, Result
@@ -204,7 +204,8 @@ def main_page(store: Store, rows: str) -> list[str]:
     lines += PAGE.format(
         robust=robust_words(), cells=CELLS, compression=ROBUST_SLACK.compression, damping=ROBUST_SLACK.solver.damping,
         cases=cases, rows=rows, slow=SLOW_MS, every=TIMED_EVERY, finer=FINER, experiment=EXPERIMENT_SECONDS,
-        thickness=THICKNESS, look_every=LOOK_EVERY,
+        thickness=THICKNESS, look_every=LOOK_EVERY, twist=100 * THICKNESS * SIDE / CELLS,
+        layers=100 * THICKNESS * SIDE / LAYER_CELLS, many=100 * THICKNESS * MANY_SIDE / MANY_CELLS,
     ).splitlines()  # fmt: skip
     lines += ["", "## Variants alive", "", *markdown_table(matrix(store, cells)), ""]
     lines += [f"## Failures of `{ROBUST.name}`, and causes", ""]
@@ -305,17 +306,17 @@ are in its row. Cases 19 and 20 have no gravity. Sheets that swing or fall witho
 damping before they must come to rest. A mesh with slivers (case 24) is judged by the static strain of the same mesh
 without them, and flat cells by that of a square sheet.
 
-Sheets that collide with themselves (cases 14 to 16) keep a distance of {thickness:g} cells: 2.8 cm in cases 14 and 16,
-5.6 cm in case 15. Intersections and gaps are looked for every {look_every} frames, and in case 15 not while the layers
-come to rest at the end.
+Sheets that collide with themselves keep a distance of {thickness:g} cells: {twist:.1f} cm in case 14, {layers:.1f} cm
+in case 15 and {many:.1f} cm in case 16. Intersections and gaps are looked for every {look_every} frames, and in case 15
+not while the layers come to rest at the end.
 
 **Energy** is the sum of kinetic, gravitational, spring and bending energy, with the constants k of the fabric. For
-implicit solvers, whose springs act softer the longer the substep h is, it is computed with k/(1 + c·k·h²·Σw) (c:
-slowest motion of the sheet, Σw: inverse masses of the ends). The same sum is used for the work and for the bound. Work
-done between two frames is known exactly. Within a frame, growth of the energy counts as work up to a bound on the work
-of grabs, wind, moving colliders, and colliders that push particles out because they appeared around them (formulas:
-`taichi_cloth/evaluation/stress/invariants.py`). The bound for colliders is loose: it assumes that they hit every
-particle within reach in every frame.
+implicit solvers, whose springs act softer the longer the substep h is, it is computed with k/(1 + c·k·h²·Σw). Here c
+belongs to the slowest motion of the sheet, and Σw is the sum of the inverse masses at the ends of a spring. The same
+sum is used for the work and for the bound. Work done between two frames is known exactly. Within a frame, growth of
+the energy counts as work up to a bound on the work of grabs, wind, moving colliders, and colliders that push particles
+out because they appeared around them (formulas: `taichi_cloth/evaluation/stress/invariants.py`). The bound for
+colliders is loose: it assumes that they hit every particle within reach in every frame.
 
 **Too slow** means more than {slow:.0f} ms per frame (30 frames per second) unless the row says otherwise. The time is
 the median of the frames of a scene after compilation, checked after 5 frames and then every {every} frames. All cores
