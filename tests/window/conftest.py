@@ -26,6 +26,7 @@ import taichi_cloth
 from taichi_cloth.viewer.toolkit import window_obstacle
 
 TIMEOUT = 120.0  # [s] reached only by tests that fail
+AGAIN = 5.0  # [s] after which an event that was not seen is sent again
 BUTTONS = {"left": 1, "middle": 2, "right": 3}
 
 Entry = dict[str, Any]  # of the log, for one displayed frame
@@ -98,9 +99,12 @@ class AppWindow:
         new, self._read = whole[self._read :], len(whole)
         return [json.loads(line) for line in new]
 
-    def wait_until(self, condition: Callable[[Entry], Any], what: str) -> Entry:
-        """Return the first entry from now on for which `condition` is true."""
+    def wait_until(
+        self, condition: Callable[[Entry], Any], what: str, again: Callable[[], object] | None = None
+    ) -> Entry:
+        """Return the first entry from now on for which `condition` is true. Call `again` every `AGAIN` until then."""
         end = time.monotonic() + TIMEOUT
+        next_call = time.monotonic() + AGAIN
         while time.monotonic() < end:
             ended = self.process.poll() is not None
             for line in self.new_entries():
@@ -109,6 +113,9 @@ class AppWindow:
                     return line
             if ended:
                 pytest.fail(f"the program ended before {what}:\n{self._errors.read_text()}")
+            if again and time.monotonic() > next_call:
+                again()
+                next_call += AGAIN
             time.sleep(0.01)
         pytest.fail(f"{what} did not happen; the last entry was {self.last_entry}")
 
@@ -144,15 +151,23 @@ class AppWindow:
         self.xdotool("keyup", key)
 
     def move_mouse(self, u: float, v: float) -> None:
-        """Move the mouse, and wait until the program reports the new position."""
+        """Move the mouse, and wait until the program reports the new position.
+
+        A single event may be lost on a busy machine. A hand sends many, so the mouse arrives anew until it is seen.
+        """
         x, y = round(u * self.width), round((1 - v) * self.height)
-        self.xdotool("mousemove", str(self.left + x), str(self.top + y))
+
+        def arrive() -> None:
+            for beside in (1, 0):  # a position where the mouse already is would be no event
+                self.xdotool("mousemove", str(self.left + x + beside), str(self.top + y))
+
+        arrive()
 
         def has_arrived(line: Entry) -> bool:
             seen_x, seen_y = line["cursor"][0] * self.width, (1 - line["cursor"][1]) * self.height
             return abs(seen_x - x) < 1.5 and abs(seen_y - y) < 1.5
 
-        self.wait_until(has_arrived, f"the cursor at {u:.3f}, {v:.3f}")
+        self.wait_until(has_arrived, f"the cursor at {u:.3f}, {v:.3f}", arrive)
 
     def press_mouse(self, button: str) -> Entry:
         """Press a button. Return the first entry that includes it."""
