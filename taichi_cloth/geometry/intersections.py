@@ -66,9 +66,10 @@ def _pass_through(segments: Floats, triangles: Floats) -> NDArray[np.bool_]:
     """Return which segments, (K, 2, 3), pass through the interior of the triangle beside them, (K, 3, 3)."""
     p, q = segments[:, 0], segments[:, 1]
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    side_p, side_q = _orientation(a, b, c, p), _orientation(a, b, c, q)
+    passes: NDArray[np.bool_] = _orientation(a, b, c, p) * _orientation(a, b, c, q) < 0
+    p, q, a, b, c = (points[passes] for points in (p, q, a, b, c))
     inside = np.stack([_orientation(p, q, a, b), _orientation(p, q, b, c), _orientation(p, q, c, a)])
-    passes: NDArray[np.bool_] = (side_p * side_q < 0) & ((inside > 0).all(axis=0) | (inside < 0).all(axis=0))
+    passes[passes] = (inside > 0).all(axis=0) | (inside < 0).all(axis=0)
     return passes
 
 
@@ -80,7 +81,11 @@ def _orientation(a: Floats, b: Floats, c: Floats, d: Floats) -> Ints:
     value = terms.sum(axis=0) - minus.sum(axis=0)
     sign: Ints = np.sign(value).astype(np.int64)
     size = np.abs(terms).sum(axis=0) + np.abs(minus).sum(axis=0)
-    for k in np.flatnonzero(np.abs(value) <= ERROR * size):
+    # If all four points are in a plane across an axis, the sign is 0. Bits are compared: after a start of Taichi
+    # the processor takes tiny numbers for 0.
+    ours, *others = (np.ascontiguousarray(point).view(np.int64) for point in (d, a, b, c))
+    level = np.all([other == ours for other in others], axis=0).any(axis=1)
+    for k in np.flatnonzero((np.abs(value) <= ERROR * size) & ~level):
         sign[k] = _exact_orientation(a[k], b[k], c[k], d[k])
     return sign
 

@@ -280,6 +280,9 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
         mistakes.add("self_collision.static_friction", 'requires primitives = "particles"')
     if contact is not None and contact.static_friction and contact.penetration_free:
         mistakes.add("self_collision.static_friction", "does not go with penetration_free, which has its own friction")
+    if contact is not None and contact.penetration_free and scene.cloth.layers > 1 and scene.cloth.layer_spacing == 0:
+        reason = "must be greater than 0: self_collision.penetration_free needs to know which layer is above"
+        mistakes.add("cloth.layer_spacing", reason)
     if scene.cloth.file and scene.look.pole:
         mistakes.add("look.pole", "is drawn along the top edge of a grid, but cloth.file names a mesh")
     _check_mesh_names(scene, mistakes)

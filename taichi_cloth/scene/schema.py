@@ -374,7 +374,8 @@ class Scene(Table):
     def __post_init__(self) -> None:
         mistakes = Mistakes(self.name)
         fabric = given_table(self.fabric)
-        if fabric.get("preset") and len(fabric) < len(keys_of(Fabric)):  # that of a scene has all keys
+        name = self.fabric if isinstance(self.fabric, str) else fabric.get("preset")
+        if name and len(fabric) < len(keys_of(Fabric)):  # that of a scene has all keys
             example = f'load_scene(tc.Scene(...), fabric="{PRESET_NAMES[0]}")'
             mistakes.add("fabric.preset", f"is applied by load_scene only, as in tc.{example}")
         values = check_table(Scene, {key: getattr(self, key) for key in keys_of(Scene)}, mistakes)

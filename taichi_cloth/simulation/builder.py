@@ -35,6 +35,7 @@ from ..system.errors import UsageError
 from .grabbing import Grab
 from .intersection_guard import describe_intersections
 
+MAX_SIDES = 1.5  # thickness with penetration_free, over the side of a cell: at 1.6 the list of near pairs is full
 MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles each by itself; a grid has at most 12
 # Features that are listed beside spring families and colliders: field of `Features`, and name for the user.
 FEATURE_NAMES = {
@@ -110,6 +111,20 @@ class BuiltSimulation(NamedTuple):
     """Fewest substeps of a frame at which the solver is stable."""
 
 
+def penetration_free_obstacle(scene: Scene, topology: Topology) -> str:
+    """Return why `self_collision.penetration_free` is not possible with this cloth, or "" if it is."""
+    contact = scene.self_collision
+    if contact is None or not contact.penetration_free:
+        return ""
+    side = float(np.median(np.linalg.norm(np.diff(topology.flat[topology.edges], axis=1), axis=2)))
+    if contact.thickness > MAX_SIDES * side:
+        limit = f"at most {MAX_SIDES:g} × the median edge of {side:.3g} m with penetration_free"
+        return f"self_collision.thickness must be {limit}, got {contact.thickness:g}"
+    found = "" if contact.untangle else describe_intersections(topology, topology.start)
+    hint = "self_collision.untangle lets them come apart first"
+    return f"self_collision.penetration_free: at the start {found}; {hint}" if found else ""
+
+
 def build(scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | None) -> tuple[Solver, BuiltSimulation]:
     """Build the simulation of a scene at its start. `release_solver` releases the solver.
 
@@ -129,13 +144,9 @@ def build(scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | Non
     cloth = state.acquire_state(topology)
     cloth.upload(topology, stiffness)
     solver = solver_type(cloth, topology, stiffness, features_of(scene), chosen_layout)
-    contact = scene.self_collision
-    if contact is not None and contact.penetration_free and not contact.untangle:
-        found = describe_intersections(topology, topology.start)
-        if found:
-            release_solver(solver)
-            hint = "; self_collision.untangle lets them come apart first"
-            raise UsageError(f"{scene.name}: self_collision.penetration_free: at the start {found}{hint}")
+    if reason := penetration_free_obstacle(scene, topology):
+        release_solver(solver)
+        raise UsageError(f"{scene.name}: {reason}")
     if scene.attachments:
         centers = np.array([pose(attachment, 0.0)[0] for attachment in scene.attachments])
         attach_attachments(solver.layout, topology, np.where(pin_changes, -1, attachment_ids(scene, topology)), centers)

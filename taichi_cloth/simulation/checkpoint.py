@@ -94,7 +94,7 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
     simulation.params.wind_on = bool(arrays["wind_on"])
     simulation.depenetration.reduction[:] = arrays["depenetration"]
     simulation.set_torn(arrays["torn"])
-    simulation.frame = int(arrays["frame"])
+    simulation.set_frame(int(arrays["frame"]))
     upload_all(*((getattr(simulation.cloth, key), arrays[key]) for key in ("x", "x_prev", "velocity")))
     simulation.restart_guard()
     simulation.set_grabs({number: restored_grab(grab, simulation.grabs.get(number)) for number, grab in grabs.items()})

@@ -96,7 +96,7 @@ class Copy(Simulation):
         if self.scene.wind is not None:
             self.params["wind"] = start.wind_on
         self.set_torn(start.torn)
-        self.frame = start.frame
+        self.set_frame(start.frame)
         self.set_state(start.positions, start.velocities)
         self.set_grabs(
             {k: Grab(g.particles, g.rest_positions, g.start, g.target, g.history) for k, g in start.grabs.items()}

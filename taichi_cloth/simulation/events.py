@@ -49,7 +49,7 @@ def reset(simulation: Simulation) -> None:
     simulation.solver.set_velocities(np.zeros_like(start), simulation.h)
     simulation.depenetration.invalidate()
     simulation.set_torn(False)
-    simulation.frame = 0
+    simulation.set_frame(0)
 
 
 def set_state(simulation: Simulation, positions: Vectors, velocities: Vectors | list[float]) -> None:

@@ -52,7 +52,7 @@ class DivergenceGuard:
             simulation.apply(Event("release", (number,)))
         simulation.set_torn(self._torn)
         restore_snapshot(simulation.cloth, self._snapshots[0])
-        simulation.frame = self._frame
+        simulation.set_frame(self._frame)
         simulation.notify(Event("roll_back"))
         return line
 

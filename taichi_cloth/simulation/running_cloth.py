@@ -46,9 +46,9 @@ class RunningCloth:
         check_thread()
         self.requested_layout = layout
         self.original_scene = scene
-        self.params = Parameters(on_set)
+        self._params = Parameters(on_set)
         self.grabs: dict[int, Grab] = {}
-        self.frame = 0
+        self._frame = 0
         self.frames_stepped = 0
         """Frames since the simulation was opened; a reset does not change it."""
         self._is_within_frame = False
@@ -61,7 +61,7 @@ class RunningCloth:
         """Build cloth and solver of a scene at its start. `values`: of runtime parameters."""
         solver, built = build(scene, self.requested_layout, pin_changes)
         self.params.replace_known(parameters_of(scene), **values)
-        self.scene, self.topology, self.built = scene, built.topology, built
+        self._scene, self.topology, self.built = scene, built.topology, built
         self._inverse_mass = state.inverse_mass(built.topology)
         self._solver: Solver | None = solver
         self._program = ProgramRef()
@@ -128,7 +128,26 @@ class RunningCloth:
         """The fields of the cloth. Raises RuntimeError once the simulation is closed."""
         return self.solver.cloth
 
+    @property
+    def scene(self) -> Scene:
+        """The scene that runs: the last one switched to, with the solver and fabric switched to."""
+        return self._scene
+
+    @property
+    def params(self) -> Parameters:
+        """The runtime parameters by name."""
+        return self._params
+
     # -- stepping ------------------------------------------------------------------------------------------------------
+
+    @property
+    def frame(self) -> int:
+        """Number of the frame: those stepped since the start, or since the last reset."""
+        return self._frame
+
+    def set_frame(self, number: int) -> None:
+        """Set the number of the frame, and with it the time that wind and colliders follow. The cloth stays."""
+        self._frame = number
 
     @property
     def seconds(self) -> float:
@@ -191,7 +210,7 @@ class RunningCloth:
     def _end_frame(self) -> None:
         for grab in self.grabs.values():
             grab.end_frame()
-        self.frame += 1
+        self._frame += 1
         self.frames_stepped += 1
         if self._tear is not None:
             self._tear_overstretched(self._tear)
@@ -235,6 +254,15 @@ class RunningCloth:
     def penetration_free_since(self) -> int | None:
         """First frame from which no part of the cloth passes through another; None if that is not guaranteed."""
         return None if self._guard is None else self._guard.clean_since
+
+    @property
+    def is_held_still(self) -> bool:
+        """Whether penetration-free contact lets nothing move, because more parts are near than its list has room for.
+
+        The reason is a thickness much greater than the cells, or a heap.
+        """
+        data = self.solver.layout.pair_data
+        return self._guard is not None and data is not None and bool(data.pairs.overflowed[None])
 
     @property
     def grabbed(self) -> NDArray[np.int64]:

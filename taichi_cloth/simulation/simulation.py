@@ -212,7 +212,7 @@ class Simulation(RunningCloth):
 
     @property
     def warnings(self) -> str:
-        """One line if the solver uses other substeps or damping than requested, else empty."""
+        """One line if the solver uses other substeps or damping than requested or holds the cloth still, else empty."""
         lines = []
         requested, name = int(self.params["substeps"]), self.solver.name
         if requested < self.min_stable_substeps:
@@ -220,6 +220,8 @@ class Simulation(RunningCloth):
         wanted, used = self.scene.fabric.damping_time, self.built.damping_time
         if used < wanted:
             lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
+        if self.is_held_still:
+            lines.append("penetration-free contact holds the cloth still: more pairs are near than it can list")
         return "; ".join(lines)
 
     def colliders(self) -> list[PosedCollider]:

@@ -205,7 +205,8 @@ def no_scalarization(on: bool) -> Iterator[None]:
     """Compile kernels without scalarization, if `on`.
 
     Fast math is off too: it would reorder the sums of packets and not those of scalars, and the SIMD layout has to give
-    the same bits as the serial one.
+    the same bits as the serial one. No other kernel is compiled meanwhile: Taichi works in one thread only, which
+    `taichi_runtime.check_thread` checks before each frame.
     """
     if not on:
         yield

@@ -250,8 +250,8 @@ def memory_bytes() -> int | None:
         return None
 
 
-INDEX, LOCK = "ticache.tcb", "ticache.lock"
-LOCK_TIMEOUT = 60.0  # [s] Taichi holds the lock while it reads or writes the folder: for seconds at most
+INDEX, LOCK, KERNELS = "ticache.tcb", "ticache.lock", "*.tic"
+LOCK_TIMEOUT = 60.0  # [s] while Taichi holds the lock, it reads the index, or writes a kernel every few milliseconds
 
 
 def usable_cache_folder(usual: Path, before_exit: Callable[[], None]) -> Path:
@@ -278,10 +278,14 @@ def usable_cache_folder(usual: Path, before_exit: Callable[[], None]) -> Path:
 
 
 def _repair(folder: Path) -> None:
-    """Remove the lock of a dead process, and a damaged index: its kernels are then compiled again. Raises OSError."""
+    """Remove the lock of a dead process, and a damaged index: its kernels are then compiled again. Raises OSError.
+
+    A process is taken for dead if its lock is older than `LOCK_TIMEOUT`, and so are all kernels: the lock does not say
+    whose it is.
+    """
     lock, index = folder / LOCK, folder / INDEX
     with contextlib.suppress(FileNotFoundError):
-        if time.time() - lock.stat().st_mtime > LOCK_TIMEOUT:
+        if time.time() - max(file.stat().st_mtime for file in (lock, *folder.glob(KERNELS))) > LOCK_TIMEOUT:
             lock.unlink()
     with contextlib.suppress(FileNotFoundError):
         if not is_index_consistent(index.read_bytes()):

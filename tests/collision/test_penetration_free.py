@@ -26,6 +26,7 @@ from taichi_cloth.scene.schema import (
     Tethers,
 )
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system.errors import UsageError
 
 THICKNESS = 0.004
 GUARD = SelfCollision(thickness=THICKNESS, penetration_free=True)
@@ -198,6 +199,37 @@ def test_untangle_lets_parts_come_apart_and_tells_when() -> None:
 def test_static_friction_of_particles_is_refused() -> None:
     with pytest.raises(SceneError, match="static_friction: does not go with penetration_free"):
         load_scene("fold", self_collision={"penetration_free": True, "static_friction": True})
+
+
+def test_layers_without_a_distance_are_refused() -> None:
+    """Nothing says which of them is above."""
+    with pytest.raises(
+        SceneError, match=r"cloth\.layer_spacing: must be greater than 0: self_collision\.penetration_free"
+    ):
+        load_scene("stack", self_collision={"penetration_free": True, "static_friction": False}, layer_spacing=0.0)
+
+
+def test_a_thickness_much_greater_than_the_cells_is_refused() -> None:
+    """The list of near pairs would be full, and nothing could move."""
+    side = 0.3 / 24
+    sheet = replace(SHEETS, cloth=replace(SHEETS.cloth, rows=25, columns=25))
+    with pytest.raises(
+        UsageError, match=r"thickness must be at most 1\.5 × the median edge of 0\.0125 m .* got 0\.0187625"
+    ):
+        Simulation(replace(sheet, self_collision=replace(GUARD, thickness=1.501 * side)))
+    with Simulation(replace(sheet, self_collision=replace(GUARD, thickness=1.499 * side))) as simulation:
+        before = simulation.positions()
+        simulation.step(2)
+        assert simulation.warnings == ""
+        assert (simulation.positions() != before).any()
+        simulation.params["self_collision_thickness"] = 4 * side
+        simulation.step(2)
+        held = simulation.positions()
+        simulation.step()
+        assert (simulation.positions() == held).all()
+        assert simulation.warnings == (
+            "penetration-free contact holds the cloth still: more pairs are near than it can list"
+        )
 
 
 # -- physics of contact ------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from taichi_cloth.system.taichi_runtime import INDEX, LOCK, is_index_consistent
+from taichi_cloth.system.taichi_runtime import INDEX, LOCK, LOCK_TIMEOUT, is_index_consistent, usable_cache_folder
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -78,11 +78,26 @@ def test_truncated_kernels_a_damaged_index_and_the_lock_of_a_dead_process(
     (folder / INDEX).write_bytes(good[:kernels_at] + struct.pack("<Q", 1 << 60) + good[kernels_at + 8 :])
     (folder / LOCK).touch()
     yesterday = time.time() - 86400
-    os.utime(folder / LOCK, (yesterday, yesterday))
+    for file in (folder / LOCK, *folder.glob("*.tic")):
+        os.utime(file, (yesterday, yesterday))
     works(XDG_CACHE_HOME=str(tmp_path))
     assert not (folder / LOCK).exists()
     assert len((folder / INDEX).read_bytes()) == len(good)  # written again
     assert is_index_consistent((folder / INDEX).read_bytes())
+
+
+def test_the_lock_of_a_process_that_writes_for_long_remains(tmp_path: Path) -> None:
+    """While it writes, new kernels appear, and the lock stays as it is."""
+    lock, kernel = tmp_path / LOCK, tmp_path / "a.tic"
+    past = time.time() - 2 * LOCK_TIMEOUT
+    for file in (lock, kernel):
+        file.touch()
+    os.utime(lock, (past, past))
+    usable_cache_folder(tmp_path, lambda: None)
+    assert lock.exists()
+    os.utime(kernel, (past, past))
+    usable_cache_folder(tmp_path, lambda: None)
+    assert not lock.exists()
 
 
 def index(*names: str) -> bytes:

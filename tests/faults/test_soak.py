@@ -162,8 +162,8 @@ def test_eight_processes_on_one_kernel_cache(tmp_path: Path) -> None:
                 kernel.write_bytes(kernel.read_bytes()[:-50])  # they are compiled and written again
             assert any(killed_while_writing(tmp_path) for _ in range(20))
         if turn == "after its lock became stale":
-            for lock in tmp_path.glob(f"**/{LOCK}"):
-                os.utime(lock, 2 * (time.time() - 3600,))
+            for file in (*tmp_path.glob(f"**/{LOCK}"), *tmp_path.glob("**/*.tic")):
+                os.utime(file, 2 * (time.time() - 3600,))
         for process in [started(tmp_path) for _ in range(8)]:
             out, errors = process.communicate(timeout=600)
             assert (process.returncode, errors) == (0, ""), turn

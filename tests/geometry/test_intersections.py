@@ -46,6 +46,14 @@ def test_an_edge_of_the_triangle_does_not_intersect_it() -> None:
     assert len(find_intersections(x, np.array([[0, 3], [0, 1]]), np.array([[0, 1, 2]]))) == 0
 
 
+def test_level_layers_in_one_plane_need_no_exact_arithmetic(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All products are exactly 0. In Python's fractions ten such layers took minutes."""
+    monkeypatch.setattr(intersections, "_exact_orientation", None)
+    rng = np.random.default_rng(0)
+    x = rng.random((90, 3)) * [1.0, 0.0, 1.0] + [0.0, 0.37, 0.0]
+    assert len(find_intersections(x, np.arange(90).reshape(-1, 2), np.arange(90).reshape(-1, 3))) == 0
+
+
 def test_all_pairs_are_found_in_batches_of_any_size(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     x = rng.random((90, 3))

@@ -101,8 +101,8 @@ SIMULATION = [
     Mutation(
         "reference-of-another-frame",
         "simulation/copies.py",
-        "self.frame = start.frame",
-        "self.frame = start.frame + 1",
+        "self.set_frame(start.frame)",
+        "self.set_frame(start.frame + 1)",
         ("simulation/test_copies.py::test_grabs_wind_parameters_pins_and_moving_colliders_act_on_the_reference",),
     ),
     Mutation(

@@ -225,6 +225,12 @@ def test_a_preset_override_replaces_the_fabric_keys_of_the_file() -> None:
     assert load_scene("curtain", verlet_bend=0.3, fabric="silk").verlet.bend == 0.3
 
 
+def test_a_python_scene_with_the_name_of_a_fabric_is_refused() -> None:
+    """No other form works there: the message must not propose one."""
+    with pytest.raises(SceneError, match=r'^scene: fabric\.preset: is applied by load_scene only, .* fabric="silk"\)$'):
+        Scene(fabric="denim")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("fabric", [{"preset": "denim"}, Fabric(preset="denim"), Fabric(preset="denim", warp=5.0)])
 def test_a_preset_of_a_python_scene_is_refused(fabric: Any) -> None:
     """Its other sections would not have the values of the preset."""

@@ -187,7 +187,7 @@ def test_the_growth_is_the_distance_after_a_second_with_grabs_at_rest() -> None:
         grab.move_to(start.grabs[0].start)
         fine.set_state(simulation.positions(), simulation.velocities())
         fine.grab(66)
-        fine.frame = simulation.frame  # gusts depend on time
+        fine.set_frame(simulation.frame)  # gusts depend on time
         for one in (simulation, fine):
             one.step(60)
         distance = copies.rms_distance(simulation.positions(), fine.positions())

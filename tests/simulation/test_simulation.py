@@ -159,6 +159,14 @@ def test_a_number_of_frames_that_is_none_is_refused(frames: int, measure_error: 
         assert simulation.frame == 0
 
 
+def test_scene_parameters_and_frame_cannot_be_assigned() -> None:
+    """`switch_scene`, an item of `params` and `reset` change them."""
+    with tc.Simulation(SMALL) as simulation:
+        for name, value in (("scene", SMALL), ("params", {"gravity": 1.0}), ("frame", 0)):
+            with pytest.raises(AttributeError, match=f"property '{name}' of 'Simulation' object has no setter"):
+                setattr(simulation, name, value)
+
+
 def test_parameters_are_printed_with_their_values() -> None:
     with tc.Simulation(SMALL) as simulation:
         assert repr(simulation.params) == repr(dict(simulation.params))

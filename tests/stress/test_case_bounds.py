@@ -386,6 +386,32 @@ def test_a_pile_is_checked_at_the_end(what: str) -> None:
     assert [figure.bound for figure in found.figures if figure.what == what] == [0]
 
 
+def test_a_pile_is_checked_while_it_settles() -> None:
+    """The layers are closer in one of the frames, and apart again in the end."""
+    what = "gap missing, of half a thickness"
+
+    def missing(trial: Walk) -> float:
+        return next(figure.value for figure in trial.figures if figure.what == what)
+
+    class Closing(Walk):
+        def settle(self, *, after_frame: Callable[[], object], **how: object) -> None:
+            x = self.simulation.positions()
+            self.simulation.set_state(x * [1.0, 0.01, 1.0])
+            for _ in range(layered_cloth.LOOK_EVERY):
+                after_frame()
+            self.simulation.set_state(x)
+            super().settle(**how)
+
+    assert missing(walk(layered_cloth.layers)) < 0.9
+    trial = Closing()
+    try:
+        layered_cloth.layers(trial)
+        assert what in trial.broken
+        assert missing(trial) > 0.99
+    finally:
+        close()
+
+
 # -- friction ------------------------------------------------------------------------------------------
 
 
@@ -548,7 +574,7 @@ def test_frames_that_pass_while_paused_are_a_violation(monkeypatch: pytest.Monke
 
     def advance(session: Session, frames: int) -> None:
         plain(session, frames)
-        session.simulation.frame += frames == 0
+        session.simulation.set_frame(session.simulation.frame + (frames == 0))
 
     monkeypatch.setattr(Session, "advance", advance)
     with pytest.raises(Violation, match="frames that passed while paused") as found:

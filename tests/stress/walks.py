@@ -76,7 +76,7 @@ class Walk(Trial):
     def one_frame(self, **how: Any) -> None:
         self.frames += 1
         self.times.append(0.0)
-        self.simulation.frame += 1
+        self.simulation.set_frame(self.simulation.frame + 1)
         self.watch.strain, self.watch.speed = next(self._seen)
 
     def set_pins(self, positions: np.ndarray) -> None:

@@ -128,7 +128,7 @@ def test_pages_show_that_a_scene_is_too_slow(app: WebApp) -> None:
     assert b'"slow":""' in newest["metrics"]
     for k in range(1, 7):
         app.session.history.add(1.0 + k / 60, app.session.metrics, 250.0)
-    app.session.simulation.frame = 70
+    app.session.simulation.set_frame(70)
     app.step(11.0, 0)
     assert b'"slow":"too slow: a frame needs 250 ms of 16.7; try ' in newest["metrics"]
 

@@ -225,13 +225,19 @@ class Stack:
         self._trial, self._count, self._thickness = trial, count, thickness
         topology = trial.simulation.topology
         self._triangles = topology.triangles[: len(topology.triangles) // count]
+        self._frames = 0
 
     def run(self, seconds: float) -> None:
         """Run, and check the gap every `LOOK_EVERY` frames."""
-        for k in range(round(seconds / FRAME_SECONDS)):
+        for _ in range(round(seconds / FRAME_SECONDS)):
             self._trial.one_frame()
-            if k % LOOK_EVERY == LOOK_EVERY - 1:
-                self.look()
+            self.after_frame()
+
+    def after_frame(self) -> None:
+        """Check the gap if this is one of every `LOOK_EVERY` frames."""
+        self._frames += 1
+        if self._frames % LOOK_EVERY == 0:
+            self.look()
 
     def look(self) -> None:
         """Check that the gap is at least half a thickness."""
@@ -268,7 +274,7 @@ def layers(trial: Trial) -> None:
     trial.start()
     stack = Stack(trial, LAYERS, contact.thickness)
     stack.run(2.5)
-    trial.settle()
+    trial.settle(after_frame=stack.after_frame)
     stack.end()
 
 

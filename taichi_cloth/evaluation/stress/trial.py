@@ -286,19 +286,22 @@ class Trial:
             self.set_pins(start + (positions - start) * (k + 1) / frames)
             self.one_frame()
 
-    def settle(self, *, max_speed: float = CALM_SPEED) -> None:
+    def settle(self, *, max_speed: float = CALM_SPEED, after_frame: Callable[[], object] | None = None) -> None:
         """Run `CALM_SECONDS` after the last disturbance, and check that the cloth is at rest in the last `CALM_FRAMES`.
 
         Torn cloth is not checked, because pieces of it fall. `max_speed` [m/s] is the bound on the speed, for cloth
-        that something still moves. Raises Violation, and ValueError if `max_speed` is not finite.
+        that something still moves. `after_frame` is called after each frame. Raises Violation, and ValueError if
+        `max_speed` is not finite.
         """
         if not np.isfinite(max_speed):
             raise ValueError("max_speed must be finite")
         self._needs_rest_check = False
-        self.run(CALM_SECONDS - CALM_FRAMES * FRAME_SECONDS)
-        for _ in range(CALM_FRAMES):
+        frames = round(CALM_SECONDS / FRAME_SECONDS)
+        for k in range(frames):
             self.one_frame()
-            if self.simulation.torn.any():
+            if after_frame is not None:
+                after_frame()
+            if k < frames - CALM_FRAMES or self.simulation.torn.any():
                 continue
             self.check("strain 5 s after", self.watch.strain, self.max_rest_strain)
             self.check("speed 5 s after [m/s]", self.watch.speed, max_speed)
