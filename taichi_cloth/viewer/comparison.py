@@ -236,12 +236,12 @@ def loop(
             comparison.measure()
             lines, updated = statistics(comparison, draw_ms), now
         widget_used = not comparison.hidden and panel.draw(gui, comparison, lines)
-        press_keys(window, comparison, min(clock.elapsed, MAX_HOLD_SECONDS))
         band = 0 if comparison.hidden else band_of(size)
         image_size = size[0] - band, size[1]
         point = (cursor[0] * size[0] - band) / image_size[0], cursor[1]
         on_panel = point[0] < 0 or (not comparison.hidden and panel.place.contains(cursor, size))
         comparison.on_pointer(point, held_buttons(window), image_size, on_panel=on_panel, widget_changed=widget_used)
+        press_keys(window, comparison, min(clock.elapsed, MAX_HOLD_SECONDS))  # on the side where the mouse is now
         comparison.advance(due)
 
         start = time.perf_counter()

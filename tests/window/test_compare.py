@@ -29,6 +29,12 @@ def test_a_drag_acts_on_both_sides(open_window: Callable[..., Any]) -> None:
     assert np.subtract(point, grabbed_sides[0]["particle"]) == pytest.approx((seam, 0), abs=0.01)
     app.release_mouse("left")
     app.wait_until(lambda line: all(side["grabbed"] is None for side in line["sides"]), "the release of both grabs")
+    app.move_mouse(0.5, 0.5)  # on the left half
+    before = [side["solver"] for side in app.latest_entry()["sides"]]
+    on_the_right = str(app.left + round(0.9 * app.width)), str(app.top + app.height // 2)
+    app.xdotool("mousemove", *on_the_right, "key", "t")  # in one displayed frame
+    now = app.wait_until(lambda line: [side["solver"] for side in line["sides"]] != before, "another solver")
+    assert now["sides"][0]["solver"] == before[0]
     app.press_key("h")
     for _ in range(20):  # displayed frames in which a busy machine may process the key
         app.wait_until(lambda line: True, "an image without the panel")
