@@ -97,8 +97,8 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
 # What other modules of this package use. It is not documented, and the completion of names leaves it out.
 INNER_NAMES = frozenset(
     ("built", "check_particle", "depenetration", "frames_stepped", "free_positions", "grabs", "h", "has_changed")
-    + ("has_self_contact", "notify", "place", "rebuild", "requested_layout", "restart_guard", "scene_colliders")
-    + ("set_grabs", "set_pins", "set_torn")
+    + ("has_self_contact", "is_held_still", "notify", "place", "rebuild", "requested_layout", "restart_guard")
+    + ("scene_colliders", "set_frame", "set_grabs", "set_pins", "set_torn")
 )
 
 

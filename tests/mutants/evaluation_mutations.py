@@ -32,8 +32,8 @@ EVALUATION = [
     Mutation(
         "layer-distance-always-large",
         "evaluation/stress/layered_cloth.py",
-        "return min(nearest(p, q, triangles, reach) for a, b in pairwise(layers) for p, q in ((a, b), (b, a)))",
-        "return reach",
+        "    return gap\n",
+        "    return reach\n",
         (BOUNDS + "test_the_smallest_gap_between_layers",),
     ),
     Mutation(
@@ -242,8 +242,8 @@ EVALUATION = [
     Mutation(
         "pile-not-checked-at-the-end",
         "evaluation/stress/layered_cloth.py",
-        "    stack.run(2.5)\n    trial.settle()\n    stack.end()\n",
-        "    stack.run(2.5)\n    trial.settle()\n",
+        "    trial.settle(after_frame=stack.after_frame)\n    stack.end()\n",
+        "    trial.settle(after_frame=stack.after_frame)\n",
         (BOUNDS + "test_a_pile_is_checked_at_the_end",),
     ),
     Mutation(

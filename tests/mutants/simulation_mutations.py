@@ -182,7 +182,7 @@ SIMULATION = [
     Mutation(
         "preset-of-a-python-scene-ignored",
         "scene/schema.py",
-        'if fabric.get("preset") and len(fabric) < len(keys_of(Fabric)):',
+        "if name and len(fabric) < len(keys_of(Fabric)):",
         'if isinstance(self.fabric, dict) and fabric.get("preset"):',
         ("scene/test_presets.py::test_a_preset_of_a_python_scene_is_refused",),
     ),

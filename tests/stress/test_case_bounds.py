@@ -291,6 +291,31 @@ def test_distances_to_triangles() -> None:
     assert found == pytest.approx(sampled, abs=0.02)
 
 
+def test_distances_between_segments() -> None:
+    random = np.random.default_rng(0)
+    p, q, r, s = random.uniform(-1, 1, (4, 60, 3))
+    r[:10], s[:10] = p[:10] + [0.1, 0.2, 0.3], q[:10] + [0.1, 0.2, 0.3]  # parallel
+    s[10] = r[10]  # a point
+    shares = np.linspace(0, 1, 201)[:, None]
+    sampled = []
+    for k in range(len(p)):
+        on_first, on_other = p[k] + shares * (q[k] - p[k]), r[k] + shares * (s[k] - r[k])
+        sampled.append(np.linalg.norm(on_first[:, None] - on_other[None], axis=2).min())
+    found = layered_cloth.between_segments(p, q, r, s)
+    assert (found <= np.array(sampled) + 1e-12).all()
+    assert found == pytest.approx(np.array(sampled), abs=0.01)
+
+
+def test_gaps_are_measured_between_edges() -> None:
+    """An edge of each of two triangles crosses one of the other; their particles are far from the other triangle."""
+    triangle = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    other = np.array([[0.0, -0.12, -1.0], [0.0, -0.12, 1.0], [0.0, -1.0, 0.0]])
+    triangles = np.array([[0, 1, 2]], np.int32)
+    assert layered_cloth.nearest(triangle, other, triangles, 1.0) > 0.5
+    assert layered_cloth.nearest(other, triangle, triangles, 1.0) > 0.5
+    assert layered_cloth.smallest_gap(np.concatenate([triangle, other]), triangles, 2, 1.0) == pytest.approx(0.12)
+
+
 def test_swapped_layers_are_out_of_order() -> None:
     assert layered_cloth.is_stacked(stacked([0.0, 0.1, 0.2])[0], 3)
     assert not layered_cloth.is_stacked(stacked([0.0, 0.2, 0.1])[0], 3)

@@ -129,7 +129,25 @@ def test_the_page_counts_the_cases_alive_with_either_recommended_setting(tmp_pat
     report.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
     assert "| `robust` | 3 | 1 | 2 | 0 | 2 |\n| `robust-slack` | 2 | 1 | 1 | 0 | 1 |" in text
-    assert "With `robust` or `robust-slack`: 2 of 3 cases alive." in text
+    line = "With `robust` or `robust-slack`: 2 of 3 cases alive, 1 of them only with the other material"
+    assert f"{line} of `robust-slack`.\n" in text
+
+
+def test_the_page_names_cases_that_ran_for_less_than_ten_seconds(tmp_path: Path) -> None:
+    """A run that failed ended early and does not count, nor does one without frames."""
+    some = store_of(
+        result(1, "a", "robust", frames=300),
+        result(1, "b", "robust", frames=270),
+        result(2, "a", "robust", frames=600),
+        result(3, "a", "robust", frames=0),
+        failed(setting="robust", case=4, frames=200),
+        result(5, "a", "robust", frames=599),
+    )
+    assert report.shorter_runs(some) == "case 1 (4.5 s), case 5 (10 s)"
+    report.write_pages(tmp_path / "o.md", some)
+    text = (tmp_path / "o.md").read_text(encoding="utf-8")
+    assert "Variants that ran to their end in less time: case 1 (4.5 s), case 5 (10 s)." in text
+    assert report.shorter_runs(store_of(result(2, "a", "robust", frames=600))) == "none"
 
 
 def test_no_time_is_shown_if_none_was_measured() -> None:

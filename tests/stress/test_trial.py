@@ -46,6 +46,41 @@ def test_the_strain_at_rest_is_at_most_one_percent_above_the_static_strain(stret
             trial.settle()
 
 
+def test_a_case_runs_for_ten_seconds_and_the_cloth_stays_at_rest() -> None:
+    trial = Trial(SMALL, 0)
+    trial.open(sheet(4))
+    trial.start()
+    trial.settle()
+    trial.finish()
+    assert trial.frame == 600
+    trial.finish()
+    assert trial.frame == 600  # not longer
+
+
+def test_a_cloth_that_moves_after_its_check_at_rest_fails() -> None:
+    trial = Trial(EXPLICIT, 0)
+    gravity = 0.0195  # [m/s²] after 5 s it falls at 0.0975 m/s
+    trial.open(sheet(4, pins=(), damping=0.0, forces=Forces(gravity=gravity)))
+    trial.start(shake=0.0)
+    trial.settle()
+    with pytest.raises(Violation, match="speed 5 s after"):
+        trial.finish()
+    assert 300 < trial.frame < 320
+
+
+def test_a_scene_without_a_check_at_rest_runs_no_longer() -> None:
+    trial = Trial(SMALL, 0)
+    trial.open(sheet(4))
+    trial.start()
+    trial.settle()
+    trial.open(sheet(4))
+    trial.start()
+    trial.one_frame()
+    trial.skip_rest_check("a test")
+    trial.finish()
+    assert trial.frame == 301
+
+
 def test_the_bound_on_strain_depends_on_the_fabric_and_not_on_the_solver() -> None:
     scene = sheet(4)
     static = static_strain(scene)

@@ -228,7 +228,7 @@ CASES = (
         variants(loads.edge_on_wind, {"n·v = 0": 0.0, "crossing zero": 0.01}),
         note=(
             "the sheet is taut between two edges, without gravity: one that hangs has free edges, and those flutter in"
-            " any edge-on wind, which is motion and not chatter (3 cm/s at 0.5 m/s)"
+            " any edge-on wind, which is motion and not chatter"
         ),
     ),
     Case(

@@ -239,7 +239,7 @@ def survives(unit: Unit, setting: Setting, seed: int) -> bool:
     trial = UntimedTrial(setting, seed, seconds=EXPERIMENT_SECONDS)
     try:
         unit.variant.run(trial)
-        trial.require_rest_check()
+        trial.finish()
     except Exception:  # it violates a bound too, takes too long, or cannot run with this setting
         return False
     finally:

@@ -50,22 +50,56 @@ def nearest(points: Floats, x: Floats, triangles: Indices, reach: float) -> floa
     a, b, c = (x[triangles[:, k]] for k in range(3))
     center = (a + b + c) / 3
     radius = max(float(np.linalg.norm(corner - center, axis=1).max()) for corner in (a, b, c))
-    origin = center.mean(axis=0)  # relative to it float32 is precise enough to find candidates
-    p32, c32 = (points - origin).astype(np.float32), (center - origin).astype(np.float32)
-    squares = (p32 * p32).sum(1)[:, None] + (c32 * c32).sum(1)[None] - 2 * p32 @ c32.T
-    k, t = np.nonzero(squares < 1.01 * (reach + radius) ** 2)
+    k, t = near(points, center, reach + radius)
     distances = to_triangles(points[k], a[t], b[t], c[t])
     return min(reach, float(distances.min(initial=reach)))
+
+
+def between_segments(p: Floats, q: Floats, r: Floats, s: Floats) -> Floats:
+    """Return the distance of each segment p–q from its segment r–s [m], (M,). Ends are (M, 3)."""
+    u, v, w = q - p, s - r, p - r
+    a, b, c = (np.einsum("ij,ij->i", u, other) for other in (u, v, w))
+    e, f = (np.einsum("ij,ij->i", v, other) for other in (v, w))
+    a, e = np.maximum(a, 1e-300), np.maximum(e, 1e-300)
+    on_first = np.clip((b * f - c * e) / np.maximum(a * e - b * b, 1e-12 * a * e), 0.0, 1.0)
+    on_other = np.clip((b * on_first + f) / e, 0.0, 1.0)
+    on_first = np.clip((b * on_other - c) / a, 0.0, 1.0)
+    distances: Floats = np.linalg.norm(w + on_first[:, None] * u - on_other[:, None] * v, axis=1)
+    return distances
+
+
+def nearest_edges(x: Floats, y: Floats, edges: Indices, reach: float) -> float:
+    """Return the smallest distance between the edges of two layers [m], at most `reach`.
+
+    `x` and `y` (N, 3) are the positions of both, `edges` (E, 2) those of each.
+    """
+    (a, b), (c, d) = ((layer[edges[:, 0]], layer[edges[:, 1]]) for layer in (x, y))
+    longest = max(float(np.linalg.norm(edge, axis=1).max()) for edge in (b - a, d - c))
+    k, t = near((a + b) / 2, (c + d) / 2, reach + longest)
+    return min(reach, float(between_segments(a[k], b[k], c[t], d[t]).min(initial=reach)))
+
+
+def near(p: Floats, q: Floats, reach: float) -> tuple[Indices, Indices]:
+    """Return all pairs of points of `p` (P, 3) and `q` (Q, 3) that are nearer than `reach` [m], and a few others."""
+    origin = q.mean(axis=0)  # relative to it float32 is precise enough
+    p32, q32 = (p - origin).astype(np.float32), (q - origin).astype(np.float32)
+    squares = (p32 * p32).sum(1)[:, None] + (q32 * q32).sum(1)[None] - 2 * p32 @ q32.T
+    first, other = np.nonzero(squares < 1.01 * reach**2)
+    return first.astype(np.int32), other.astype(np.int32)
 
 
 def smallest_gap(x: Floats, triangles: Indices, count: int, reach: float) -> float:
     """Return the smallest distance between adjacent layers [m], at most `reach`.
 
-    Distances are those of particles to triangles, in both directions. `x` (N, 3) has the particles of `count` layers,
-    layer by layer. `triangles` are those of the first layer.
+    Distances are those of particles to triangles, in both directions, and of edges to edges. `x` (N, 3) has the
+    particles of `count` layers, layer by layer. `triangles` are those of the first layer.
     """
-    layers = x.reshape(count, -1, 3)
-    return min(nearest(p, q, triangles, reach) for a, b in pairwise(layers) for p, q in ((a, b), (b, a)))
+    sides = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    edges = np.unique(np.sort(sides, axis=1), axis=0)
+    gap = reach
+    for a, b in pairwise(x.reshape(count, -1, 3)):
+        gap = min(gap, nearest(a, b, triangles, gap), nearest(b, a, triangles, gap), nearest_edges(a, b, edges, gap))
+    return gap
 
 
 def is_stacked(x: Floats, count: int) -> bool:

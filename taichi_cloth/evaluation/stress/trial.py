@@ -69,6 +69,7 @@ def softened(fabric: Fabric, share: float) -> Fabric:
     return replace(fabric, warp=warp, weft=weft, shear=shear, bend_spring=bend)
 
 
+CASE_SECONDS = 10.0  # for which a case runs at least
 CALM_SECONDS = 5.0  # time to come to rest after a disturbance
 CALM_FRAMES = 15  # frames at the end of that time that must all be at rest
 CALM_STRAIN = 0.01  # excess over the static strain at rest
@@ -122,6 +123,7 @@ class Trial:
         self._first = True  # the next frame is the first of its scene
         self._timed_from = 0  # index in `times` of the first time of the scene
         self._needs_rest_check = False
+        self._max_rest_speed: float | None = None  # [m/s] bound of the last scene, if it was checked at rest
 
     # -- starting ------------------------------------------------------------------------------------------------------
 
@@ -146,7 +148,7 @@ class Trial:
         self.simulation = opened(with_setting)
         self.watch = InvariantMonitor(self.simulation, self.worst, far)
         self.limit_ms, self._first, self._needs_rest_check = SLOW_MS, True, True
-        self._timed_from = len(self.times)
+        self._timed_from, self._max_rest_speed = len(self.times), None
         return self.simulation.topology.start.copy()
 
     def start(
@@ -295,14 +297,29 @@ class Trial:
         """
         if not np.isfinite(max_speed):
             raise ValueError("max_speed must be finite")
-        self._needs_rest_check = False
+        self._needs_rest_check, self._max_rest_speed = False, max_speed
         frames = round(CALM_SECONDS / FRAME_SECONDS)
         for k in range(frames):
             self.one_frame()
             if after_frame is not None:
                 after_frame()
-            if k < frames - CALM_FRAMES or self.simulation.torn.any():
-                continue
+            if k >= frames - CALM_FRAMES:
+                self._check_rest(max_speed)
+
+    def finish(self) -> None:
+        """Run until the end of `CASE_SECONDS`, and check that the cloth stays at rest.
+
+        Call it at the end of a case. A scene that `skip_rest_check` is for runs no further. Raises Violation, TooSlow,
+        and RuntimeError as `require_rest_check`.
+        """
+        self.require_rest_check()
+        while self._max_rest_speed is not None and self.frame < round(CASE_SECONDS / FRAME_SECONDS):
+            self.one_frame()
+            self._check_rest(self._max_rest_speed)
+
+    def _check_rest(self, max_speed: float) -> None:
+        """Check that the cloth is at rest, unless it is torn."""
+        if not self.simulation.torn.any():
             self.check("strain 5 s after", self.watch.strain, self.max_rest_strain)
             self.check("speed 5 s after [m/s]", self.watch.speed, max_speed)
 

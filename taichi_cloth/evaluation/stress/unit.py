@@ -200,7 +200,7 @@ def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | Non
             trials.append(trial)
             try:
                 unit.variant.run(trial)
-                trial.require_rest_check()
+                trial.finish()
             except TooSlow as too_slow:
                 slow = too_slow.ms
                 break
