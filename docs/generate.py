@@ -58,7 +58,7 @@ def scene_rows(solver: str) -> dict[str, Rows]:
     """Return the rows of a solver by scene: setting, frame time, RMS error, largest error and strain."""
     found = {}
     for scene in scenes():
-        rows = [[setting, ms, *errors] for setting, ms, _, _, *errors in scene_error.lines(scene)[1:]]
+        rows = [[setting, ms, *errors] for setting, ms, _, _, *errors, _ in scene_error.lines(scene)[1:]]
         found[scene.scene] = [row for row in rows if row[0].split()[0] == solver]
     return {scene: rows for scene, rows in found.items() if rows}
 

@@ -12,6 +12,7 @@ from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench import scene_error
 from taichi_cloth.scene.collider_schema import Capsule, Ground, Sphere
 from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver, Wind
+from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
 pytestmark = pytest.mark.usefixtures("running", "serial_layout")
@@ -47,6 +48,23 @@ def test_more_accurate_settings_have_smaller_errors() -> None:
         scene_error.measure(HANGING, *s, truth).rms_error for s in (("xpbd", 5, 12), ("xpbd", 20, 12), ("rk4", 1, 1))
     ]
     assert rms[0] > 2 * rms[1] > 100 * rms[2] > 0
+
+
+def test_the_largest_penetration_of_all_frames_is_measured() -> None:
+    """The sheet starts in a ball that pushes it out: it is deepest in the first frame."""
+    x, y, z = HANGING.cloth.center
+    ball = Sphere(center=(x, y, z + 0.1), radius=0.3, margin=0.0, response="repulsion")
+    scene = replace(HANGING, spheres=(ball,))
+    with Simulation(scene) as simulation:
+        start, depths = simulation.positions(), []
+        for _ in range(20):
+            simulation.step()
+            depths.append(simulation.metrics().penetration)
+    positions = np.repeat(start[None], len(depths), axis=0)
+    point = scene_error.measure(scene, "xpbd", 5, 12, scene_error.Solution(positions, positions, 1.0))
+    assert point.max_penetration == max(depths) > 1.2 * depths[-1]
+    shown = scene_error.lines(scene_error.SceneErrors("s", 20, 0.0, 0.0, [point]))
+    assert (shown[0][-1], shown[1][-1]) == ("depth mm", f"{1e3 * max(depths):.1f}")
 
 
 def test_a_mesh_cloth_has_a_reference_solution(tmp_path: Path) -> None:

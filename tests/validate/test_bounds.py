@@ -67,7 +67,7 @@ SETUPS = {
     "hanging.CONSTANT": 1000.0,
     "hanging.SPANS": (0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99),
     "hanging.INDEPENDENT_CELLS": 64,
-    "hanging.INDEPENDENT_ITERATIONS": (20, 40, 80, 160),
+    "hanging.INDEPENDENT_ITERATIONS": (1, 5, 20, 40, 80, 160),
     "hanging.INDEPENDENT_SUBSTEPS": (1, 10),
     "hanging.SPLITS": ((400.0, 1), (100.0, 4), (25.0, 16), (12.5, 32)),
     "swing.ANGLES": (10, 30, 60, 90, 120, 150, 170),

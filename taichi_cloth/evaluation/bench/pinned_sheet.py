@@ -131,7 +131,7 @@ def measure(case: SheetCase) -> SheetError:
     scene = scene_of(case)
     truth = solution(case, scene)
     with Simulation(scene) as simulation:
-        ms, positions = timed_run(simulation, len(truth.positions))
+        ms, positions, _ = timed_run(simulation, len(truth.positions))
         error = distances(positions, truth.positions) / truth.side
         return SheetError(
             name=case.name,

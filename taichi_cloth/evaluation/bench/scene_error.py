@@ -25,6 +25,7 @@ from ...scene import scene_names
 from ...scene.schema import Camera, Look, Scene
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.builder import unsupported_by
+from ...simulation.collider_motion import penetration
 from ...simulation.running_cloth import timed_frame
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
@@ -68,6 +69,8 @@ class ScenePoint:
     """Largest error of a particle in these frames, as a share of the longer side."""
     max_strain: float
     """Largest strain at the horizon."""
+    max_penetration: float | None = None
+    """Largest depth of a particle in a collider after any of these frames [m]; None in runs that did not measure it."""
 
 
 @dataclass(frozen=True)
@@ -104,22 +107,26 @@ def solution(scene: Scene, frames: int) -> Solution:
     return Solution(positions, coarser, build_particles(scene).longest_side)
 
 
-def timed_run(simulation: Simulation, frames: int) -> tuple[list[float], Floats]:
-    """Run frames from the start. Return the time of each [ms] and the positions after each, (frames, N, 3) [m]."""
+def timed_run(simulation: Simulation, frames: int) -> tuple[list[float], Floats, float]:
+    """Run frames from the start.
+
+    Return the time of each [ms], the positions after each, (frames, N, 3) [m], and the largest penetration [m].
+    """
     simulation.step()  # compiles
     simulation.reset()
-    ms, positions = [], []
+    ms, positions, depth = [], [], 0.0
     for _ in range(frames):
         ms.append(timed_frame(simulation))
         positions.append(simulation.positions())
-    return ms, np.array(positions)
+        depth = max(depth, penetration(simulation))
+    return ms, np.array(positions), depth
 
 
 def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Solution) -> ScenePoint:
     """Measure one setting up to the horizon."""
     solver = replace(scene.solver, name=name, substeps=substeps, iterations=iterations)
     with Simulation(replace(scene, solver=solver)) as simulation:
-        ms, positions = timed_run(simulation, len(truth.positions))
+        ms, positions, depth = timed_run(simulation, len(truth.positions))
         error = distances(positions, truth.positions) / truth.side
         return ScenePoint(
             scene=scene.name,
@@ -129,6 +136,7 @@ def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Solu
             rms_error=float(np.sqrt((error**2).mean())),
             max_error=float(error.max()),
             max_strain=simulation.metrics().max_strain,
+            max_penetration=depth,
         )
 
 
@@ -151,7 +159,7 @@ def scenes_without_reference() -> dict[str, str]:
 
 # -- tables ------------------------------------------------------------------------------------------------------------
 
-HEADINGS = ["setting", "ms", "p95", "frames/s", "RMS error", "max error", "strain"]
+HEADINGS = ["setting", "ms", "p95", "frames/s", "RMS error", "max error", "strain", "depth mm"]
 
 
 def share(error: float, uncertainty: float) -> str:
@@ -165,7 +173,9 @@ def lines(found: SceneErrors) -> list[list[str]]:
     for p in found.points:
         rate = next((f"{rate}" for rate in FRAME_RATES if p.p95_ms <= 1000 / rate), "-")
         shares = share(p.rms_error, found.rms_uncertainty), share(p.max_error, found.max_uncertainty)
-        rows.append([p.setting, f"{p.median_ms:.2f}", f"{p.p95_ms:.2f}", rate, *shares, f"{p.max_strain:.1%}"])
+        times = f"{p.median_ms:.2f}", f"{p.p95_ms:.2f}"
+        depth = "-" if p.max_penetration is None else f"{1e3 * p.max_penetration:.1f}"
+        rows.append([p.setting, *times, rate, *shares, f"{p.max_strain:.1%}", depth])
     return rows
 
 
