@@ -107,7 +107,8 @@ def test_older_results_of_robust_plan_no_robust_slack(tmp_path: Path) -> None:
 def test_a_result_is_kept_if_its_last_start_repeats(tmp_path: Path) -> None:
     older = Store.new(None, [SWINGS, BREAKS])
     for unit in (SWINGS, BREAKS):
-        older.results[unit.key] = replace(run_unit(unit, unit.starts(2), None), origin="older")
+        found = run_unit(unit, unit.starts(2), None)
+        older.results[unit.key] = replace(found, origin="older", parameters="an older text", about="another")
     broken = older.results[BREAKS.key]
     assert broken.failure is not None
     older.causes[BREAKS.key] = Cause(broken.failure.what, 3.0, "a reason", 7, "older")
@@ -120,6 +121,7 @@ def test_a_result_is_kept_if_its_last_start_repeats(tmp_path: Path) -> None:
     assert store.left([SWINGS], 2) == []
     again = load(tmp_path / "o.json").results[SWINGS.key]
     assert (again.ran, again.origin, bool(again.repeated)) == (2, fingerprint(SWINGS), True)
+    assert (again.name, again.parameters, again.about) == (last.name, last.parameters, last.about)
     assert store.repeat(run_unit(BREAKS, BREAKS.starts(1), None))  # the first start failed, so it was the last
     assert store.reason(store.results[BREAKS.key]) == "a reason"
     assert store.repeatable([SWINGS, BREAKS]) == []

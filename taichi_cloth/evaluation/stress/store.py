@@ -176,13 +176,15 @@ class Store:
     def repeat(self, again: Result) -> bool:
         """Take over an earlier result if this version of the program repeated its last start bit by bit (`again`).
 
-        Writes the file, and returns whether the digests are equal. Raises OSError.
+        The texts of the case are those of this version. Writes the file, and returns whether the digests are equal.
+        Raises OSError.
         """
         earlier = self.results[again.key]
         if again.digest != earlier.digest:
             return False
         now, cause = datetime.now(UTC).strftime(MINUTES), self.cause(earlier)
-        self.results[again.key] = replace(earlier, origin=self.origins[again.key], repeated=now)
+        renamed = replace(earlier, name=again.name, parameters=again.parameters, about=again.about)
+        self.results[again.key] = replace(renamed, origin=self.origins[again.key], repeated=now)
         if cause is not None:
             self.explain(again.key, cause)
         self.save()
