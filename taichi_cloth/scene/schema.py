@@ -342,8 +342,7 @@ class Scene(Table):
 
     Load one with `load_scene` or create it in Python. Sections are objects of their classes or dicts with their keys,
     arrays of sections are tuples or lists, and None is no section. Numbers and arrays of NumPy are stored as Python's.
-    Each key is checked as in a file. Raises SceneError: one line with name of the scene, key, reason and the nearest
-    valid name.
+    Each key is checked as in a file. Raises SceneError: one line with scene, key, reason and the nearest valid name.
     """
 
     title: str = key_field("", "one line that describes the scene")

@@ -49,13 +49,10 @@ class RunningCloth:
         self._params = Parameters(on_set)
         self.grabs: dict[int, Grab] = {}
         self._frame = 0
-        self.frames_stepped = 0
-        """Frames since the simulation was opened; a reset does not change it."""
+        self.frames_stepped = 0  # since the simulation was opened; a reset does not change it
         self._is_within_frame = False
         self._tear: TearState | None = None
         self._build(scene, None)
-
-    # -- building ------------------------------------------------------------------------------------------------------
 
     def _build(self, scene: Scene, pin_changes: NDArray[np.bool_] | None, **values: float) -> None:
         """Build cloth and solver of a scene at its start. `values`: of runtime parameters."""
@@ -118,8 +115,7 @@ class RunningCloth:
     def solver(self) -> Solver:
         """The running solver. Raises RuntimeError once the simulation is closed, or Taichi has ended.
 
-        Raises UsageError in another thread than the one that started Taichi, and in a forked process: all methods that
-        need Taichi use the solver.
+        Raises UsageError in another thread than the one that started Taichi, and in a forked process.
         """
         return self._check_usable()
 
@@ -172,9 +168,9 @@ class RunningCloth:
             self._end_frame()
 
     def step_by_substep(self, callback: Callable[[float], object]) -> None:
-        """Advance by one frame, bit-equal to `step`. Call `callback(fraction of the frame)` after each substep.
+        """Advance by one frame, bit-equal to `step`, with `callback(fraction of the frame)` after each substep.
 
-        If the callback raises, the frame is completed without it before the exception is passed on.
+        If the callback raises, the frame is completed without it.
         """
         self._check_between_frames()
         parts = self._frame_input().by_substep()
@@ -257,10 +253,7 @@ class RunningCloth:
 
     @property
     def is_held_still(self) -> bool:
-        """Whether penetration-free contact lets nothing move, because more parts are near than its list has room for.
-
-        The reason is a thickness much greater than the cells, or a heap.
-        """
+        """Whether penetration-free contact lets nothing move, because more pairs are near than it can list."""
         data = self.solver.layout.pair_data
         return self._guard is not None and data is not None and bool(data.pairs.overflowed[None])
 
@@ -299,8 +292,7 @@ class RunningCloth:
         """Return the force of springs, bending, gravity and wind on every particle [N], (N, 3), as the cloth is now.
 
         It is computed in float64 from positions and velocities, and does not depend on the solver. Not included are
-        contact, self-collision, tethers, the strain limit, max distances and `damping`. Raises UsageError for `verlet`,
-        whose stiffnesses have no unit.
+        contact, self-collision, tethers, the strain limit, max distances and `damping`. Raises UsageError for `verlet`.
         """
         if self.solver.info.stiffness_section == "verlet":
             raise UsageError(f"{self.solver.name} has stiffnesses without unit, and so no forces: use another solver")
@@ -320,8 +312,8 @@ class RunningCloth:
 
         It is mass times acceleration minus `forces`, with the acceleration of the pin, attachment or grab over the last
         two frames. What holds a particle against contact, self-collision, tethers, the strain limit and max distances
-        is not included. Forces are wrong if the iterations of the solver have not converged: the forces on a cloth
-        at rest then do not add up to its weight. Raises UsageError for `verlet`, whose stiffnesses have no unit.
+        is not included. Forces are wrong if the iterations of the solver have not converged: those on a cloth at rest
+        then do not add up to its weight. Raises UsageError for `verlet`.
         """
         forces = self._prescribed_acceleration() * self.topology.mass[:, None] - self.forces()
         held = self.topology.pinned.copy()
@@ -384,7 +376,7 @@ class RunningCloth:
 
 
 def check_simulation(value: object) -> None:
-    """Raise TypeError for a scene, and for anything else that is not a simulation."""
+    """Raise TypeError for anything that is not a simulation."""
     if not isinstance(value, RunningCloth):
         hint = ": use tc.Simulation(scene)" if isinstance(value, (Scene, str, dict)) else ""
         raise TypeError(f"a simulation is needed, not a {type(value).__name__}{hint}")
@@ -399,10 +391,7 @@ def timed_frame(simulation: RunningCloth) -> float:
 
 
 def time_frames(simulations: Sequence[RunningCloth], count: int, seconds: float) -> list[list[float]]:
-    """Run up to `count` frames of every simulation, for about `seconds` [s], at least one. Return their times [ms].
-
-    The simulations take turns frame by frame, so that a busy period of the machine affects all equally.
-    """
+    """Run up to `count` frames of each, at least one, in turns, for about `seconds` [s]. Return their times [ms]."""
     ms: list[list[float]] = [[] for _ in simulations]
     end = time.perf_counter() + seconds
     while len(ms[0]) < count and (not ms[0] or time.perf_counter() < end):

@@ -193,7 +193,7 @@ class Session:
     def on_key_held(self, action: str, seconds: float) -> None:
         """Continue the action of a key that is held down, for that much wall time [s]."""
         if action in REWIND_RATES:
-            self.go_back(self.rewind_buffer.back + REWIND_RATES[action] * seconds)
+            self.go_back(self.rewind_buffer.further_back(REWIND_RATES[action] * seconds))
             return
         zoom, right, up = HELD_KEY_RATES[action]
         self.camera.zoom(zoom * seconds)

@@ -564,6 +564,12 @@ def test_holding_a_key_goes_back_in_time_and_forward_again(session: Session) -> 
     for _ in range(5):
         session.on_key_held("forward", 0.1)
     np.testing.assert_array_equal(session.simulation.positions(), end)
+    for _ in range(50):  # displayed frames of 10 ms, a tenth of the distance of two stored states
+        session.on_key_held("rewind", 0.01)
+    assert session.simulation.frame == 30
+    for _ in range(60):
+        session.on_key_held("forward", 0.01)
+    np.testing.assert_array_equal(session.simulation.positions(), end)
     session.act("clip")
     session.on_key_held("rewind", 0.5)
     assert session.simulation.frame == 60
