@@ -108,7 +108,7 @@ class RewindBuffer:
         self._states: list[RewindState] = []
         self._clock = 0.0  # [s]
         self._back = 0  # states between the present one and the newest
-        self._asked = 0.0, 0.0  # how far back `go_back` was last asked to go, and went [s]
+        self._requested = 0.0, 0.0  # how far back `go_back` was to go, and went [s]
         self.mark(can_undo=False)
 
     @property
@@ -148,7 +148,7 @@ class RewindBuffer:
         time = self._states[-1].seconds - min(seconds, self.seconds)
         gaps = [abs(state.seconds - time) for state in self._states]
         self._restore(len(gaps) - 1 - gaps.index(min(gaps)))
-        self._asked = seconds, self.back
+        self._requested = seconds, self.back
         return True
 
     def further_back(self, seconds: float) -> float:
@@ -156,8 +156,8 @@ class RewindBuffer:
 
         Stored states are farther apart than displayed frames: what does not reach the next state adds up.
         """
-        asked, went = self._asked
-        return min(max((asked if went == self.back else self.back) + seconds, 0.0), self.seconds)
+        requested, went = self._requested
+        return min(max((requested if went == self.back else self.back) + seconds, 0.0), self.seconds)
 
     def undo(self) -> bool:
         """Restore the state before the last change that can be undone. Return False if there is none."""
