@@ -11,7 +11,7 @@ from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.trial import Trial, close
 from taichi_cloth.evaluation.stress.unit import Case, Failure, Result, Unit, Variant
-from taichi_cloth.scene.schema import Solver
+from taichi_cloth.scene.schema import Forces, Solver
 
 SMALL = Setting("xpbd", Solver("xpbd", 10, 2, damping=0.0))
 
@@ -29,6 +29,13 @@ def swings(trial: Trial) -> None:
     trial.run(0.1)
     trial.skip_rest_check("a test")
     trial.record("distance [m]", float(trial.simulation.positions()[40, 2]))
+
+
+def moves_late(trial: Trial) -> None:
+    """Fall so slowly that the cloth counts as at rest after five seconds, and no longer soon after."""
+    trial.open(sheet(4, pins=(), damping=0.0, forces=Forces(gravity=0.0195)))  # 0.0975 m/s after 5 s
+    trial.start(shake=0.0)
+    trial.settle()
 
 
 def breaks(trial: Trial) -> None:

@@ -17,7 +17,7 @@ from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit
 from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import Solver
 
-from .conftest import failed, result
+from .conftest import failed, moves_late, result
 
 ONE = Setting("verlet", Solver("verlet", 1, 1, damping=0.0))
 
@@ -105,6 +105,15 @@ def test_a_failure_that_does_not_repeat_has_no_cause() -> None:
     broken.append(1)
     assert end_of(unit, failure) is None
     assert cause_of(unit, failure).shown == ""
+
+
+def test_a_failure_after_the_case_is_repeated_and_no_experiment_survives_by_ending_early() -> None:
+    unit = unit_of(moves_late)
+    ran = run_unit(unit, unit.starts(1), None)
+    assert ran.failure is not None
+    end = end_of(unit, ran.failure)
+    assert end is not None
+    assert not alive(end, ONE)
 
 
 def test_an_error_of_the_program_has_no_cause_and_does_not_count_as_alive() -> None:

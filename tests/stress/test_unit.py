@@ -10,7 +10,7 @@ from taichi_cloth.evaluation.stress.setup import sheet
 from taichi_cloth.evaluation.stress.trial import Measurement, TooSlow, Trial
 from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit, seed_of, variants, worst_figures
 
-from .conftest import BREAKS, CASE, SMALL, SWINGS, breaks_once, raises_an_error, swings
+from .conftest import BREAKS, CASE, SMALL, SWINGS, breaks_once, moves_late, raises_an_error, swings
 
 
 def unit_of(run: object) -> Unit:
@@ -41,6 +41,19 @@ def test_starts_after_the_first_failure_are_skipped() -> None:
     assert result.failure is not None
     assert (result.failure.start, result.failure.seed, result.failure.frame) == (2, 3, 6)
     assert (result.failure.what, result.failure.value, result.failure.bound) == ("something", 2.0, 1.0)
+
+
+def test_a_unit_runs_for_ten_seconds_and_judges_all_of_them() -> None:
+    def hangs(trial: Trial) -> None:
+        trial.open(sheet(4))
+        trial.start()
+        trial.settle()
+
+    resting = run_unit(unit_of(hangs), SWINGS.starts(1), None)
+    assert (resting.state, resting.frames) == ("alive", 600)
+    falling = run_unit(unit_of(moves_late), SWINGS.starts(1), None)
+    assert falling.failure is not None
+    assert (falling.failure.what, falling.failure.frame > 300) == ("speed 5 s after [m/s]", True)
 
 
 def test_a_start_gives_the_same_result_alone_and_among_others() -> None:

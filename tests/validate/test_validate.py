@@ -356,3 +356,12 @@ def test_another_file_is_refused_in_one_line(text: str, tmp_path: Path, capsys: 
 def test_an_unknown_reference_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", "--filter", "A9"]) == 2
     assert capsys.readouterr().err.startswith("taichi-cloth: no reference 'A9'; choose from A1.1, A1.2")
+
+
+def test_a_fall_with_all_features_judges_drop_and_strain() -> None:
+    rows = list(BY_NUMBER["A1.2"].run("verlet"))
+    assert [(row.what.partition(" after")[0], row.tolerance, row.tight_tolerance) for row in rows] == [
+        ("drop", 1e-3, 1e-5),
+        ("strain", 1e-4, 1e-6),
+    ]
+    assert [row.verdict for row in rows] == [PASS, PASS]

@@ -98,6 +98,7 @@ def end_of(unit: Unit, failure: Failure) -> FailedState | None:
     trial = UntimedTrial(unit.setting, failure.seed)
     try:
         unit.variant.run(trial)
+        trial.finish()
     except Violation as broken:
         if broken.what != failure.what or not hasattr(trial, "simulation"):
             return None
