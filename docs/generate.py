@@ -549,7 +549,7 @@ SIMULATION_MEMBERS = {
     "Time": ("step", "step_by_substep", "reset", "seconds", "substeps", "min_stable_substeps", "close", "closed"),
     "State": ("positions", "velocities", "triangles", "set_state", "save", "load", "torn", "untear"),
     "Export": ("export",),
-    "Metrics": ("metrics", "intersections", "colliders", "features", "method", "warnings"),
+    "Metrics": ("metrics", "frame_error", "intersections", "colliders", "features", "method", "warnings"),
     "Forces": ("forces", "reaction_forces"),
     "Grabs and pins": ("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins"),
     "Changes": ("switch_solver", "switch_fabric", "switch_scene", "apply"),

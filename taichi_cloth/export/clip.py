@@ -113,7 +113,9 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     @property
     def warnings(self) -> str:
-        """One line if the solver uses other substeps or damping than requested, or has too few iterations; else empty.
+        """One line if substeps or damping differ from the request, cloth is held still, or iterations are too few.
+
+        Empty if none of these is true.
 
         The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins. Nothing is
         estimated for `lines` and `projective`, and for cloth that hangs by grabs.

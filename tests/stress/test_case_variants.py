@@ -39,7 +39,7 @@ def test_there_are_forty_cases_with_unique_names() -> None:
         assert len({one.name for one in case.variants}) == len(case.variants) > 0
 
 
-# Values of the list of cases, read from the scene that a variant opens last.
+# Values of the specification, read from the scene that a variant opens last.
 KEYS: dict[int, tuple[Callable[[Scene], Any], list[Any]]] = {
     1: (lambda s: (s.fabric.warp, s.fabric.weft, s.fabric.shear), [(10.0**k,) * 3 for k in range(10)]),
     2: (lambda s: s.maps and s.maps.stiffness_max / s.maps.stiffness_min, [pytest.approx(1e4), pytest.approx(1e6)]),

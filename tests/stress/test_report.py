@@ -162,11 +162,11 @@ def test_the_page_names_dates_hours_starts_and_versions() -> None:
     older = result(2, date="2026-01-01 00:00", starts=1, seconds=1800.0)
     assert report.origin_lines(replace(store_of(result(seconds=1800.0), older, missing=2), older=1)) == [
         "2 of 4 units not run.",
-        "Mixed versions: 1 of 2 results are from an older version of the program.",
+        "1 of 2 results are older: the version that ran last neither produced nor confirmed them.",
         "1 to 10 starts per variant; run 2026-01-01 to 2026-01-02; 1.0 hours of CPU time.",
     ]
     again = result(repeated="2026-02-01 00:00")
     assert report.origin_lines(store_of(again))[0] == (
-        "1 results are from an earlier version of the program, whose last start of each variant a later version"
-        " repeated bit by bit."
+        "1 results were produced by an earlier version and confirmed later: the last start of each was repeated bit by"
+        " bit."
     )

@@ -245,7 +245,7 @@ def results() -> list[Result]:
     return [*found, Result("A0", "test", "nobody", "rk4", slow), Result("A9", "other", "nobody", "rk4", rows[-1])]
 
 
-LAST = "8 rows: 2 excellent, 2 pass, 3 fall short (1 as a law says, 1 broken), 1 too slow"
+LAST = "8 rows: 2 excellent, 2 pass, 3 fall short (1 by as much as theory predicts, 1 by more), 1 too slow"
 
 
 def test_the_reasons_and_the_summary_line() -> None:
@@ -325,7 +325,9 @@ def test_the_command_prints_writes_and_reads_results(
     assert main(words) == 0
     out = capsys.readouterr().out
     assert "A2.2 one spring" in out
-    assert out.rstrip().endswith("1 rows: 1 excellent, 0 pass, 0 fall short (0 as a law says, 0 broken), 0 too slow")
+    assert out.rstrip().endswith(
+        "1 rows: 1 excellent, 0 pass, 0 fall short (0 by as much as theory predicts, 0 by more), 0 too slow"
+    )
     assert main(words) == 2
     assert "o.json already exists; use --force" in capsys.readouterr().err
     assert main(["validate", "--from", "o.json", "--markdown", "again.md"]) == 0

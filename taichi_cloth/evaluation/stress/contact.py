@@ -182,7 +182,7 @@ def rotating_ball(trial: Trial) -> None:
 def tablecloth(trial: Trial) -> None:
     """Pull a sheet by an edge at 1 m/s over a frictionless table, from under a loose sheet.
 
-    Colliders are kinematic and weightless, so a loose sheet replaces the ball that the list of cases puts on the
+    Colliders are kinematic and weightless, so a loose sheet replaces the ball that the specification puts on the
     tablecloth. Friction is the only force on it along the table, and is measured without damping as the change of its
     momentum. Its mean over any tenth of a second may not exceed μ times the weight of the loose sheet.
     """

@@ -313,7 +313,7 @@ def layers(trial: Trial) -> None:
 
 
 def many_layers(trial: Trial) -> None:
-    """Drop fifty small layers on a bar. The list of cases bounds only the time: gaps and intersections are recorded."""
+    """Drop fifty small layers on a bar. The specification bounds only the time: gaps and intersections are recorded."""
     contact = particle_self_collision(MANY_SIDE / MANY_CELLS)
     bar = Capsule(center=(0.0, -0.2, 0.0), rotation=(0.0, 0.0, 90.0), length=1.0, radius=0.1, margin=MARGIN)
     scene = sheet(

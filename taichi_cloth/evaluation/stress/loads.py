@@ -214,7 +214,7 @@ def strain_cap(trial: Trial, cap: float) -> None:
 
 # Cases 9 to 13: degenerate start positions, from which the cloth must recover its shape.
 
-RANDOM_STRAIN = 0.05  # bound of the list of cases on the final strain after a random start
+RANDOM_STRAIN = 0.05  # specified bound on the final strain after a random start
 
 
 def grid_of(trial: Trial, positions: Floats) -> Floats:

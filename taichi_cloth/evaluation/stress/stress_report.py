@@ -165,12 +165,13 @@ def origin_lines(store: Store) -> list[str]:
     lines = [f"{missing} of {len(store.planned)} units not run."] if missing else []
     if store.older:
         lines.append(
-            f"Mixed versions: {store.older} of {len(results)} results are from an older version of the program."
+            f"{store.older} of {len(results)} results are older: the version that ran last neither produced nor"
+            " confirmed them."
         )
     if repeated := sum(bool(result.repeated) for result in results):
         lines.append(
-            f"{repeated} results are from an earlier version of the program, whose last start of each variant a"
-            " later version repeated bit by bit."
+            f"{repeated} results were produced by an earlier version and confirmed later: the last start of each was"
+            " repeated bit by bit."
         )
     if fewest := {result.starts for result in results}:
         starts = f"{min(fewest)} to {max(fewest)}" if len(fewest) > 1 else f"{min(fewest)}"
@@ -182,7 +183,7 @@ def origin_lines(store: Store) -> list[str]:
     return lines
 
 
-USUAL_SECONDS = 10.0  # of a case, by the list of cases
+USUAL_SECONDS = 10.0  # that a case must run at least
 ROWS = "_rows"  # suffix of the name of the second page
 RECOMMENDED = (ROBUST.name, ROBUST_SLACK.name)
 
@@ -275,7 +276,7 @@ def rows_page(store: Store, main: str) -> list[str]:
     failures = [f"- {failure_line(r, store.reason(r), picture=False)}" for r in results if r.failure]
     notes = dict.fromkeys(f"- {r.case} {r.name}: {r.about}." for r in results if r.about)
     lines += ["", "## Failures", "", *(failures or ["None."])]
-    return [*lines, "", "## Differences from the list of cases", "", *notes]
+    return [*lines, "", "## Differences from the specification", "", *notes]
 
 
 def robust_words() -> str:
@@ -330,7 +331,7 @@ in case 15 and {many:.1f} cm in case 16. Intersections and gaps are looked for e
 distance between adjacent layers: of particles from triangles, and of edges from edges. Case 16 has {many_particles:,}
 particles; the published run whose time bounds its frames has 246,000.
 
-The list of cases runs every case for ten seconds. Variants that ran to their end in less time: {shorter}. Case 32 runs
+A case runs for ten seconds or longer. Variants that ran to their end in less time: {shorter}. Case 32 runs
 {hanging:,} frames; with `--soak` it runs {long_hanging:,} frames at rest and {long_swinging:,} in motion. Case 28
 judges chatter, a velocity that changes its sign from frame to frame; slower motion passes. The friction of case 39 is a
 mean over 0.1 s. `verlet` has no constants in N/m, so the two variants of case 31 that change them leave its cloth as

@@ -57,7 +57,7 @@ class Case:
     """One line: what the variants vary, and what the case requires besides being alive."""
     variants: tuple[Variant, ...]
     note: str = ""
-    """Where the case differs from the list of cases, and why."""
+    """Where the case differs from its specification, and why."""
 
 
 def variants(run: Callable[[Trial, Value], None], values: Mapping[str, Value]) -> tuple[Variant, ...]:

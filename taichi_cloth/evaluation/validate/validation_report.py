@@ -89,7 +89,7 @@ def summary_line(results: Sequence[Result]) -> str:
     explained = sum(result.row.explained for result in results)
     return (
         f"{n['rows']} rows: {n['excellent']} excellent, {n['pass']} pass, {n['falls short']} fall short"
-        f" ({explained} as a law says, {n['broken']} broken), {n['too slow']} too slow"
+        f" ({explained} by as much as theory predicts, {n['broken']} by more), {n['too slow']} too slow"
     )
 
 
