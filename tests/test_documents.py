@@ -247,7 +247,18 @@ def test_the_api_page_describes_all_public_names() -> None:
 
 
 # Types in signatures that Python and NumPy have.
-COMMON_TYPES = {"None", "False", "Path", "PathLike", "Callable", "Sequence", "NDArray", "ArrayLike", "Simulation"}
+COMMON_TYPES = {
+    "SupportsIndex",
+    "None",
+    "False",
+    "Path",
+    "PathLike",
+    "Callable",
+    "Sequence",
+    "NDArray",
+    "ArrayLike",
+    "Simulation",
+}
 
 
 def documented_members(generate: ModuleType) -> dict[str, Any]:

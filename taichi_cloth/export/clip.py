@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import count
 from os import PathLike
 from pathlib import Path
+from typing import SupportsIndex
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from ..scene.collider_schema import Ground
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.copies import FrameError, FrameErrorMeter
 from ..simulation.error_estimate import unconverged
+from ..simulation.events import Event
 from ..simulation.parameter_values import check_frames
 from ..simulation.recording import read_recording, run_recording
 from ..simulation.rollback import DivergenceGuard
@@ -96,7 +98,17 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
 
 # What other modules of this package use. It is not documented, and the completion of names leaves it out.
 INNER_NAMES = frozenset(
-    ("built", "check_particle", "depenetration", "frames_stepped", "free_positions", "grabs", "h", "has_changed")
+    (
+        "built",
+        "check_between_frames",
+        "check_particle",
+        "depenetration",
+        "frames_stepped",
+        "free_positions",
+        "grabs",
+        "h",
+        "has_changed",
+    )
     + ("has_self_contact", "is_held_still", "notify", "place", "rebuild", "requested_layout", "restart_guard")
     + ("scene_colliders", "set_frame", "set_grabs", "set_pins", "set_torn")
 )
@@ -123,26 +135,32 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         iterations = int(self.params["iterations"])
         return "; ".join(filter(None, [super().warnings, unconverged(self.scene, self.topology, self.h, iterations)]))
 
-    def step(self, frames: int = 1, *, measure_error: bool = False) -> None:
+    def step(self, frames: SupportsIndex = 1, *, measure_error: bool = False) -> None:
         """Advance by frames of 1/60 s.
 
         `measure_error`: measure the error of the last frame, which `frame_error` and `metrics` have then. The first
         time, and after a change of the scene, it compiles for some seconds. Raises UsageError if the fabric is too
         stiff for the reference; nothing has changed then. Raises ValueError for a number that is not an integer from 0.
         """
-        if not measure_error or not check_frames(frames):
-            super().step(frames)
+        wanted = check_frames(frames)
+        if not measure_error or not wanted:
+            super().step(wanted)
             self._frame_error = None
         else:
             meter = self._meter()
-            super().step(frames - 1)
+            super().step(wanted - 1)
             self._frame_error = meter.measure_frame(self, super().step)
 
     @property
     def frame_error(self) -> FrameError | None:
-        """Error of the present frame if `step` measured it, else None."""
+        """Error of the present frame if `step` measured it and nothing has changed since, else None."""
         found = self._frame_error
         return found if found and found.frame == self.frame else None
+
+    def notify(self, event: Event) -> None:
+        if event.name != "move_grab":  # a new target changes nothing before the next frame
+            self._frame_error = None
+        super().notify(event)
 
     def _meter(self) -> FrameErrorMeter:
         if self._measured is None or self._measured[0] != self.scene:

@@ -130,7 +130,9 @@ def _number(word: str) -> float:
         number = float(word)
     except ValueError:
         raise ValueError(f"{short_repr(word)} is not a number") from None
-    if not isfinite(number) or abs(number) > FARTHEST:
+    if not isfinite(number):
+        raise ValueError(f"{short_repr(word)} is not a finite number")
+    if abs(number) > FARTHEST:
         raise ValueError(f"{short_repr(word)} is out of range: −{FARTHEST:.0f} to {FARTHEST:.0f}")
     return number
 

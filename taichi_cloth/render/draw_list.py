@@ -246,10 +246,11 @@ class DrawList:
         return 0.0 if self.errors is None else float(self.errors.max(initial=0.0))
 
     def _fill_errors(self) -> None:
-        """Write the error of each particle as the strain that has its color."""
-        full, count = self._full_error, self.simulation.topology.particle_count
-        shares = self.errors / full if full and self.errors is not None else np.zeros(count)
-        upload(self._look.strain, fill.FULL_STRAIN * shares)
+        """Write the error of each particle as the strain that has its color, or that it was not measured."""
+        strains = np.full(self.simulation.topology.particle_count, fill.UNKNOWN)
+        if self.errors is not None:
+            strains = fill.FULL_STRAIN * self.errors / (self._full_error or 1.0)
+        upload(self._look.strain, strains)
 
     def _light(self, view: str, eye: object) -> None:
         """Render the shadow map, and light every corner."""

@@ -9,6 +9,7 @@ Vec3Array = ti.types.ndarray(dtype=tm.vec3, ndim=1)
 FloatArray = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
 FULL_STRAIN = 0.1  # strain from which the view `strain` shows the full color: Provot's limit
+UNKNOWN = -2.0  # instead of a strain, which is -1 or more: gray, a color that no strain has
 
 
 @ti.func
@@ -71,12 +72,18 @@ def fill_shaded(cloth: ti.template(), mesh: ti.template(), normal: ti.template()
 
 @ti.func
 def strain_color(strain: float) -> tm.vec3:
-    """Return the color of a strain: blue if compressed, pale at rest, red if stretched; full color at FULL_STRAIN."""
+    """Return the color of a strain: blue if compressed, pale at rest, red if stretched; full color at FULL_STRAIN.
+
+    UNKNOWN is gray.
+    """
     depth = tm.clamp(ti.abs(strain) / FULL_STRAIN, 0.0, 1.0)
     full = tm.vec3(0.80, 0.10, 0.12)
     if strain < 0.0:
         full = tm.vec3(0.13, 0.30, 0.75)
-    return tm.mix(tm.vec3(0.90, 0.89, 0.86), full, ti.sqrt(depth))
+    color = tm.mix(tm.vec3(0.90, 0.89, 0.86), full, ti.sqrt(depth))
+    if strain <= UNKNOWN:
+        color = tm.vec3(0.45)
+    return color
 
 
 @ti.kernel

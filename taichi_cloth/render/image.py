@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..scene import Camera
 from ..scene.reader import check_keys
@@ -76,8 +75,8 @@ def render_image(
     size: tuple[int, int] = (640, 360),
     view: str = "shaded",
     *,
-    eye: Sequence[float] | None = None,
-    target: Sequence[float] | None = None,
+    eye: ArrayLike | None = None,
+    target: ArrayLike | None = None,
 ) -> Image:
     """Return an image of the current frame. `size`: width and height [pixels].
 

@@ -275,17 +275,20 @@ def _unknown_key(where: str, name: str, known: list[str]) -> tuple[str, str]:
     section = where.partition("[")[0]
     if new := new_key(f"{section}_{name}" if section else name):
         return f"was renamed to {new.removeprefix(f'{section}_')}", ""
-    hint = nearest_name(name, known) or _in_another_section(name)
+    elsewhere = _in_another_section(name)
+    hint = elsewhere if elsewhere.endswith(f".{name}") else nearest_name(name, known) or elsewhere
     return "unknown key" + ("" if hint else f"; allowed: {', '.join(known)}"), hint
 
 
 def _in_another_section(name: str) -> str:
-    """Return the key of all sections nearest to `name`, as `look.color`; "" if none is near or several have it."""
+    """Return the key of all sections nearest to `name`, as `look.color`; that of `cloth` if several have it, or ""."""
     sections: dict[str, list[str]] = {}
     for cls in _classes_below(Table):
         for key in keys_of(cls):
             sections.setdefault(key, []).append(cls.__name__.lower())
     found = sections.get(nearest := nearest_name(name, sections), [])
+    if "cloth" in found:
+        found = ["cloth"]
     return f"{found[0]}.{nearest}" if len(found) == 1 else ""
 
 

@@ -36,7 +36,8 @@ def write_checkpoint(simulation: Simulation, path: str | PathLike[str]) -> None:
 
 
 def checkpoint_bytes(simulation: Simulation) -> bytes:
-    """Return the content of a checkpoint file."""
+    """Return the content of a checkpoint file. Raises UsageError within a frame."""
+    simulation.check_between_frames()
     content = io.BytesIO()
     text = np.array(scene_to_toml(simulation.scene))
     np.savez(content, allow_pickle=False, scene=text, **state_arrays(simulation))

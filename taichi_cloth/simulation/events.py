@@ -5,7 +5,7 @@ from __future__ import annotations
 from base64 import b64decode
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -192,14 +192,51 @@ EVENTS: dict[str, EventKind] = {
 
 
 def check_event(event: object) -> None:
-    """Raise ValueError unless it is an event with a known name."""
+    """Raise ValueError unless it is an event with a known name and as many arguments as it needs."""
     if not isinstance(event, Event):
         raise ValueError(f"an event must be a tc.Event, such as tc.Event('reset'), not {short_repr(event)}")
     if event.name not in EVENTS:
         raise ValueError(f"unknown event {event.name!r}{choose_from(event.name, EVENTS)}")
+    needed = len(EVENTS[event.name].argument_types)
+    if len(event.arguments) != needed:
+        raise ValueError(f"event {event.name} needs {needed} arguments, got {short_repr(event.arguments)}")
 
 
-def pin_event(simulation: Simulation, particle: int, radius: float, on: bool) -> Event:
+MAX_CHANGES = 1000  # by listeners in answer to one event: more will not end
+
+
+class EventQueue:
+    """Passes events to listeners in the order of the events, also those of changes that a listener makes."""
+
+    def __init__(self) -> None:
+        self._events: list[Event] = []
+
+    def pass_on(self, event: Event, listeners: list[Callable[[Event], object]]) -> None:
+        """Call all listeners with an event. The event of a change by a listener follows when all have had this one.
+
+        An exception of a listener is raised when all have had all events. Raises RuntimeError if they make changes
+        without end.
+        """
+        self._events.append(event)
+        if len(self._events) > 1:
+            return
+        failures = []
+        try:
+            for number, waiting in enumerate(self._events):  # grows meanwhile
+                if number > MAX_CHANGES:
+                    raise RuntimeError("listeners answer each change with another one, without end")
+                for listener in tuple(listeners):
+                    try:
+                        listener(waiting)
+                    except Exception as failure:
+                        failures.append(failure)
+        finally:
+            self._events.clear()
+        if failures:
+            raise failures[0]
+
+
+def pin_event(simulation: Simulation, particle: SupportsIndex, radius: float, on: bool) -> Event:
     """Return the event that pins or unpins a particle and all within `radius` [m] of it. Raises ValueError."""
     particle, radius = simulation.check_particle(particle), check_radius(radius)
     return Event("pin_within", (particle, radius, on)) if radius else Event("pin", (particle, on))

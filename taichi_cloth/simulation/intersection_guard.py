@@ -21,10 +21,10 @@ def describe_intersections(topology: Topology, positions: Floats) -> str:
     found = find_intersections(positions - topology.origin, edges, topology.triangles)
     if not len(found):
         return ""
-    middles = positions[edges[found[:MAX_PLACES, 0]]].mean(axis=1)
-    places = ", ".join("({:.3g}, {:.3g}, {:.3g})".format(*point) for point in middles)
-    more = ", …" if len(found) > MAX_PLACES else ""
-    return f"{len(found)} edges pass through triangles, near {places}{more} m"
+    middles = positions[edges[found[:, 0]]].mean(axis=1)
+    places = list(dict.fromkeys("({:.3g}, {:.3g}, {:.3g})".format(*point) for point in middles))
+    more = ", …" if len(places) > MAX_PLACES else ""
+    return f"{len(found)} edges pass through triangles, near {', '.join(places[:MAX_PLACES])}{more} m"
 
 
 class IntersectionGuard:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,7 +52,7 @@ def check_radius(radius: float) -> float:
     return float(number)
 
 
-def check_frames(frames: int) -> int:
+def check_frames(frames: SupportsIndex) -> int:
     """Return a number of frames. Raises ValueError unless it is an integer from 0."""
     if isinstance(frames, (bool, np.bool_)) or not isinstance(frames, (int, np.integer)) or frames < 0:
         raise ValueError(f"frames must be an integer from 0, not {short_repr(frames)}")
@@ -99,7 +99,9 @@ class Parameters(MutableMapping[str, "float | bool"]):
         self.wind_on = True
 
     def info(self, name: str) -> Parameter:
-        """Return range, unit and help of a parameter."""
+        """Return range, unit and help of a parameter. Raises ValueError for the switch `wind`, which has no range."""
+        if name == WIND and self._has_wind:
+            raise ValueError("'wind' is a switch, True or False: it has no range")
         return self._known[self._checked(name)]
 
     def __getitem__(self, name: str) -> float | bool:

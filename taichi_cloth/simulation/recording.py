@@ -59,6 +59,7 @@ class Recorder:
 
     def __init__(self, simulation: Simulation) -> None:
         check_simulation(simulation)
+        simulation.check_between_frames()
         self.simulation = simulation
         self.scene = simulation.scene
         self._begin()
@@ -73,7 +74,8 @@ class Recorder:
         self._view_events: dict[str, Event] = {}
 
     def restart(self) -> None:
-        """Forget all events: the recording begins with the present state."""
+        """Forget all events: the recording begins with the present state. Raises UsageError within a frame."""
+        self.simulation.check_between_frames()
         self._begin()
         if self.simulation.scene != self.scene:
             self._add(Event("switch_scene", (scene_to_toml(self.simulation.scene),)))
@@ -108,8 +110,9 @@ class Recorder:
     def save(self, path: str | PathLike[str], size: tuple[int, int] = (1280, 720)) -> None:
         """Write the recording. `size`: of replayed images, 1 to 8192 [pixels].
 
-        Raises ValueError for another size, and OSError; a partial file never remains.
+        Raises ValueError for another size, UsageError within a frame, and OSError; a partial file never remains.
         """
+        self.simulation.check_between_frames()
         Recording.of(self, check_image_size(size)).write(Path(path))
 
 

@@ -6,7 +6,7 @@ import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 import taichi as ti
@@ -160,9 +160,9 @@ class RunningCloth:
         """Length of a substep [s]."""
         return FRAME_SECONDS / self.substeps
 
-    def step(self, frames: int = 1) -> None:
+    def step(self, frames: SupportsIndex = 1) -> None:
         """Advance by frames of 1/60 s. Raises ValueError for a number that is not an integer from 0."""
-        self._check_between_frames()
+        self.check_between_frames()
         for _ in range(check_frames(frames)):
             self.solver.step(self._frame_input())
             self._end_frame()
@@ -170,9 +170,9 @@ class RunningCloth:
     def step_by_substep(self, callback: Callable[[float], object]) -> None:
         """Advance by one frame, bit-equal to `step`, with `callback(fraction of the frame)` after each substep.
 
-        If the callback raises, the frame is completed without it.
+        It may only read: a change, step or checkpoint raises UsageError. If it raises, the frame ends without it.
         """
-        self._check_between_frames()
+        self.check_between_frames()
         parts = self._frame_input().by_substep()
         self._is_within_frame = True
         try:
@@ -185,9 +185,9 @@ class RunningCloth:
                 self.solver.step(part)
             self._end_frame()
 
-    def _check_between_frames(self) -> None:
+    def check_between_frames(self) -> None:
         if self._is_within_frame:
-            raise UsageError("a callback of step_by_substep cannot start another frame")
+            raise UsageError("a callback of step_by_substep may only read: change, step and save between two frames")
 
     def _frame_input(self) -> FrameInput:
         start, end = self.seconds, self.seconds + FRAME_SECONDS
@@ -278,7 +278,7 @@ class RunningCloth:
         if changes.any():
             self.rebuild(self.scene, self.built.pin_changes ^ changes)
 
-    def check_particle(self, particle: int) -> int:
+    def check_particle(self, particle: SupportsIndex) -> int:
         """Return a particle's index. Raises ValueError if there is none."""
         if isinstance(particle, bool) or not isinstance(particle, (int, np.integer)):
             raise ValueError(f"particle index must be an integer, not {short_repr(particle)}")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from ..system.errors import UsageError
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
 from .collider_motion import penetration
-from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, GrabHandle, check_event, pin_event
+from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, EventQueue, GrabHandle, check_event, pin_event
 from .parameter_values import check_radius, check_vectors
 from .running_cloth import RunningCloth
 
@@ -57,6 +57,7 @@ class Simulation(RunningCloth):
         would take too many substeps.
         """
         self.listeners: list[Listener] = []
+        self._queue = EventQueue()
         self.has_changed = False
         """Whether an event was applied since the simulation was opened."""
         super().__init__(check_scene(scene), layout, partial(_set_param, weakref.ref(self)))
@@ -70,12 +71,14 @@ class Simulation(RunningCloth):
     # -- changes -------------------------------------------------------------------------------------------------------
 
     def apply(self, event: Event) -> None:
-        """Carry out a change, and pass it to the listeners.
+        """Carry out a change, and pass it to all listeners, in the order of the changes.
 
-        An event that raises has changed nothing. An exception is a switch to a solver or fabric that the cloth does not
-        support: it may change the last bits of the state, and listeners receive it too.
+        An event that raises has changed nothing. Exceptions are a switch to a solver or fabric that the cloth does not
+        support, which may change the last bits of the state and which listeners receive too; and an error of a
+        listener, which is raised when all have received the event.
         """
         self._check_usable()
+        self.check_between_frames()
         check_event(event)
         try:
             EVENTS[event.name].handler(self, *event.arguments)
@@ -88,8 +91,7 @@ class Simulation(RunningCloth):
     def notify(self, event: Event) -> None:
         """Pass an event to the listeners, without carrying it out."""
         self.has_changed = True
-        for listener in self.listeners:
-            listener(event)
+        self._queue.pass_on(event, self.listeners)
 
     def reset(self) -> None:
         """Return to the first frame, bit for bit, with the scene's own pins. Parameters keep their values."""
@@ -99,7 +101,8 @@ class Simulation(RunningCloth):
         """Set the position of every particle [m], (N, 3), and its velocity [m/s], (N, 3) or one for all.
 
         Pinned particles are pinned where they are put; attached ones return to their attachment in the next frame.
-        Raises ValueError, and changes nothing, for another shape and for numbers that are not finite or exceed 10⁶.
+        Raises ValueError, and changes nothing, for another shape, for numbers that are not finite or exceed 10⁶, and
+        with `penetration_free` for positions with intersections, unless `untangle` is on.
         """
         shape = self.topology.start.shape
         x, v = check_vectors(positions, "positions", shape), check_vectors(velocities, "velocities", shape, (3,))
@@ -121,16 +124,16 @@ class Simulation(RunningCloth):
         self.apply(Event("switch_fabric", (name,)))
 
     def switch_scene(self, scene: Scene | str | Path | dict[str, Any]) -> None:
-        """Continue with another scene of the same sheet, from the same positions and velocities, with pins and grabs.
+        """Continue with another scene, from the same positions and velocities, with pins and grabs.
 
-        Its fabric, solver, forces and colliders apply from now on; a collider that appears around the cloth lets it out
-        slowly. A parameter keeps its value unless the two scenes differ in it. New combinations of features are
-        compiled, which takes seconds. Raises SceneError, and UsageError for another sheet and for springs that would
-        take too many substeps; nothing has changed then.
+        Its sheet must have the same rows, columns, layers and mesh file. All else applies from now on, also another
+        size; a collider that appears around the cloth lets it out slowly. A parameter keeps its value unless the scenes
+        differ in it. New combinations of features are compiled, which takes seconds. Raises SceneError, and UsageError
+        for a sheet with other particles and for too many substeps; nothing has changed then.
         """
         self.apply(Event("switch_scene", (scene_to_toml(check_scene(scene)),)))
 
-    def grab(self, particle: int, radius: float = 0.0) -> GrabHandle:
+    def grab(self, particle: SupportsIndex, radius: float = 0.0) -> GrabHandle:
         """Grab a particle, with all that are within `radius` [m] on the sheet and neither pinned nor grabbed.
 
         The particle itself may be pinned: its pin then moves with the grab, and stays where it is released.
@@ -150,14 +153,14 @@ class Simulation(RunningCloth):
         """Handles of all grabs, also of those that `load` has restored."""
         return [GrabHandle(self, number) for number in self.grabs]
 
-    def pin(self, particle: int, radius: float = 0.0) -> None:
+    def pin(self, particle: SupportsIndex, radius: float = 0.0) -> None:
         """Pin a particle, and all within `radius` [m] on the sheet, where they are.
 
         One of an attachment that was unpinned is attached again. Raises ValueError.
         """
         self.apply(pin_event(self, particle, radius, True))
 
-    def unpin(self, particle: int, radius: float = 0.0) -> None:
+    def unpin(self, particle: SupportsIndex, radius: float = 0.0) -> None:
         """Unpin a particle, and all within `radius` [m] on the sheet, also of the scene's own. Raises ValueError.
 
         `reset` restores the pins of the scene.
@@ -169,7 +172,7 @@ class Simulation(RunningCloth):
         self.apply(Event("untear"))
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a checkpoint (.npz). Raises OSError; a partial file never remains."""
+        """Write a checkpoint (.npz). Raises OSError; a partial file never remains. Not within a frame."""
         write_checkpoint(self, path)
 
     def load(self, path: str | PathLike[str]) -> None:
@@ -177,6 +180,7 @@ class Simulation(RunningCloth):
 
         Raises OSError if the file cannot be read, and ValueError if it is not a checkpoint of this scene.
         """
+        self.check_between_frames()
         read_checkpoint(self, path)
         self.notify(Event("load", (b64encode(checkpoint_bytes(self)).decode(),)))
 

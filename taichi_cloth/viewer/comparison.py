@@ -19,7 +19,7 @@ from ..render.draw_list import VIEWS, DrawList
 from ..render.split_view import SplitRenderer, camera_for_both, nearest_vertex_map, rms_distance
 from ..scene import Scene, parameters_of
 from .error_process import error_lines
-from .input import HELD_KEY_RATES, SHORTCUTS
+from .input import HELD_KEY_RATES, OWN_FABRIC, SHORTCUTS
 from .panel import (
     NOTE_COLORS,
     PANEL_MARGIN,
@@ -342,7 +342,7 @@ def side_statistics(name: str, side: Session) -> list[str]:
     """Return lines of text with the solver, time, strain and error of one side."""
     simulation, metrics = side.simulation, side.metrics
     return [
-        *wrap(f"{name}: {simulation.method}"),
+        *wrap(f"{name}: {simulation.method} · {simulation.scene.fabric.preset or OWN_FABRIC}"),
         f"  {milliseconds(side.physics_ms)} ms, strain {100 * metrics.max_strain:.1f} %",
         *(part for line in error_lines(side.meter) for part in wrap(f"  {line.strip()}")),
     ]

@@ -364,22 +364,22 @@ class Session:
     def go_back(self, seconds: float) -> None:
         """Freeze, and restore the state nearest to `seconds` [s] before the newest one."""
         if seconds != self.rewind_buffer.back and self.is_allowed("rewind"):
-            self._restore(lambda: self.rewind_buffer.go_back(seconds), "")
+            self._restore(lambda: self.rewind_buffer.go_back(seconds), ("", ""))
 
     def undo(self) -> None:
         """Restore the state before the last pull or change of pins. The note says if there is none."""
         self._restore(self.rewind_buffer.undo, UNDONE)
 
-    def _restore(self, restore: Callable[[], bool], note: str) -> None:
+    def _restore(self, restore: Callable[[], bool], notes: tuple[str, str]) -> None:  # of equal and of other sliders
         if self.capture.clip_is_on:
             self.note = Refusal("cannot go back in time while recording a clip: press C to stop it")
             return
         self.release_all()
-        pins = self.simulation.topology.pinned
+        pins, sliders = self.simulation.topology.pinned, dict(self.simulation.params)
         if not restore():
             self.note = Refusal(NOTHING_TO_UNDO)
             return
-        self.frozen, self.note = True, note
+        self.frozen, self.note = True, notes[dict(self.simulation.params) != sliders]
         if (self.simulation.topology.pinned != pins).any():
             self.refresh()
         self.forget_measurements()

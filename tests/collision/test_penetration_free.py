@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -173,8 +174,10 @@ def test_a_start_that_intersects_is_refused_with_the_places() -> None:
         x = crossing(before, len(before))
         with pytest.raises(
             ValueError, match=r"positions with intersections.*: \d+ edges pass through triangles, near \("
-        ):
+        ) as refused:
             simulation.set_state(x)
+        places = re.findall(r"\([^)]*\)", str(refused.value))
+        assert len(places) == len(set(places)) == 3
         assert np.array_equal(simulation.positions(), before)
         assert simulation.penetration_free_since == 0
 

@@ -78,3 +78,21 @@ def test_an_image_shows_the_error_that_was_measured(simulation: tc.Simulation) -
     plain = float(np.percentile(pixels[..., 0] - pixels[..., 2], 99))
     simulation.step(measure_error=True)
     assert redness() > plain + 40
+
+
+def test_a_change_drops_the_error_and_a_new_target_does_not(simulation: tc.Simulation) -> None:
+    changes = (
+        lambda: simulation.set_state(simulation.positions()),
+        lambda: simulation.switch_solver("explicit"),
+        lambda: simulation.params.__setitem__("gravity", 5.0),
+        lambda: simulation.pin(20),
+    )
+    grab = simulation.grab(15)
+    for change in changes:
+        simulation.step(measure_error=True)
+        if grab.active:
+            grab.move_to((0.0, 1.0, 0.0))
+        assert simulation.frame_error is not None
+        change()
+        assert simulation.frame_error is None
+        assert simulation.metrics().frame_error is None

@@ -59,7 +59,7 @@ def test_indices_may_be_negative_or_refer_to_later_vertices(write: Write) -> Non
         (SQUARE + f"f 1 2 {'9' * 5000}", 5, "is not a vertex index"),
         ("v 1 2", 1, "a vertex needs three numbers, not 2"),
         ("v 1 2 three", 1, "'three' is not a number"),
-        ("v 1 2 nan", 1, "'nan' is out of range"),
+        ("v 1 2 nan", 1, "'nan' is not a finite number"),
         ("v 1 2 -1e300", 1, "'-1e300' is out of range"),
         (b"\xff\xfev\x00 1 2", 0, "has no faces"),
     ],

@@ -153,3 +153,16 @@ def test_two_halves_have_one_scale_of_their_largest_error_at_the_seam() -> None:
     assert edge.mean() > 0.99
     seam = draw_legend(image.copy(), distance_scale(0.005), is_centered=True)
     assert (seam == image).all()
+
+
+def test_a_cloth_whose_error_is_not_known_is_gray_beside_one_without_error() -> None:
+    scene = tc.load_scene("drape15")
+    with tc.Simulation(scene) as simulation, closing(DrawList(simulation)) as drawn:
+        mesh = drawn.update("error", (0.0, 1.0, 4.0))
+        cloth = slice(drawn._first_cloth, mesh.corners)
+        unknown = mesh.albedo.to_numpy()[cloth]
+        drawn.errors = np.zeros(225)
+        drawn.update("error", (0.0, 1.0, 4.0))
+        zero = mesh.albedo.to_numpy()[cloth]
+    assert np.ptp(unknown) == 0.0
+    assert np.abs(zero - unknown).min() > 0.3

@@ -74,6 +74,8 @@ def test_an_error_names_file_key_reason_and_hint(write: Write, refuse: Refuse) -
         ("[solvr]\nsubsteps = 5", "solvr", "unknown key", "solver"),
         ("[solver]\nzzz = 5", "solver.zzz", "allowed: name, substeps", ""),
         ("name = 'x'", "name", "unknown key", ""),
+        ("width = 2.6", "width", "unknown key", "cloth.width"),
+        ("pins = ['top']", "pins", "unknown key", "cloth.pins"),
         ("[cloth]\nsheets = 2", "cloth.sheets", "was renamed to layers", ""),
         ("[[spheres]]\nsway = [1, 0, 0]", "spheres[0].sway", "was renamed to oscillation", ""),
         ("[springs]\nbend = 1", "springs", "was renamed to verlet", ""),

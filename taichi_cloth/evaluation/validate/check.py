@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, isqrt, log2, nan, pi, sqrt
 from time import process_time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, SupportsIndex
 
 import numpy as np
 
@@ -180,7 +180,7 @@ class Timed(Simulation):
 
     spent = -1.0  # [s] of processor time, from the second frame on; −1 before the first
 
-    def step(self, frames: int = 1) -> None:
+    def step(self, frames: SupportsIndex = 1) -> None:
         """Advance by some frames. Raises TooSlow if they have taken more than `MAX_SECONDS` in all."""
         begin = process_time()
         super().step(frames)
