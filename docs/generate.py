@@ -94,7 +94,9 @@ def machines_and_dates(words: stored.Words) -> str:
     days = sorted({row["date"][:10] for row in words["results"] if row.get("date")})
     names = " and ".join(machines or [stored.machine_of(words)])
     dates = " to ".join(dict.fromkeys((days[0], days[-1]))) if days else NO_DATE
-    return f"{names} · {dates}" + (" (some results are of an older version)" if words.get("older") else "")
+    count = words.get("older")
+    older = f" ({count} of {len(words['results'])} results are of an older version)" if count else ""
+    return f"{names} · {dates}{older}"
 
 
 def machine_and_date_of_curtain() -> str:

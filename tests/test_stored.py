@@ -209,7 +209,7 @@ def test_documents_name_machine_date_and_commit_of_a_run(
     units = [variant(1, "stiffness", "1 N/m", "xpbd") | {"machine": name, "date": date} for name, date in RUNS]
     write(results, "stability", STABILITY | {"results": units, "older": 1})
     line = generate.runs_line("bench --goals", "stress")
-    assert line == "Runs: `stress`: one and two · 2026-01-02 to 2026-01-04 (some results are of an older version)."
+    assert line == "Runs: `stress`: one and two · 2026-01-02 to 2026-01-04 (1 of 3 results are of an older version)."
 
 
 def test_the_machine_of_the_curtain_is_that_of_the_run_with_the_same_times(results: Path, generate: ModuleType) -> None:

@@ -59,7 +59,6 @@ class Recorder:
 
     def __init__(self, simulation: Simulation) -> None:
         check_simulation(simulation)
-        simulation.check_between_frames()
         self.simulation = simulation
         self.scene = simulation.scene
         self._begin()

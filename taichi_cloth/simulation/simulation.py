@@ -73,9 +73,9 @@ class Simulation(RunningCloth):
     def apply(self, event: Event) -> None:
         """Carry out a change, and pass it to all listeners, in the order of the changes.
 
-        An event that raises has changed nothing. Exceptions are a switch to a solver or fabric that the cloth does not
-        support, which may change the last bits of the state and which listeners receive too; and an error of a
-        listener, which is raised when all have received the event.
+        An event that raises has changed nothing, except in two cases. A switch to a solver or fabric that the cloth
+        does not support may change the last bits of the state, and listeners receive it too. An error of a listener is
+        raised after the change, when all listeners have received it.
         """
         self._check_usable()
         self.check_between_frames()

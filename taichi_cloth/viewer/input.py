@@ -379,7 +379,7 @@ class Progress(str):
     """A note about what is going on."""
 
 
-UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"
+UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
 NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or the last change of scene, solver or fabric"
 
 

@@ -370,7 +370,7 @@ class Session:
         """Restore the state before the last pull or change of pins. The note says if there is none."""
         self._restore(self.rewind_buffer.undo, UNDONE)
 
-    def _restore(self, restore: Callable[[], bool], notes: tuple[str, str]) -> None:  # of equal and of other sliders
+    def _restore(self, restore: Callable[[], bool], notes: tuple[str, str]) -> None:
         if self.capture.clip_is_on:
             self.note = Refusal("cannot go back in time while recording a clip: press C to stop it")
             return

@@ -63,6 +63,8 @@ def test_a_callback_within_a_frame_may_only_read(simulation: Simulation, what: s
 
 def test_a_recorder_neither_restarts_nor_saves_within_a_frame(simulation: Simulation, tmp_path: Path) -> None:
     recorder = Recorder(simulation)
+    simulation.params["wind_z"] = 4.0
+    simulation.step(2)
     for action in (recorder.restart, lambda: recorder.save(tmp_path / "within.toml")):
         with pytest.raises(UsageError, match="a callback of step_by_substep may only read"):
             simulation.step_by_substep(lambda _, action=action: action())

@@ -165,8 +165,8 @@ def origin_lines(store: Store) -> list[str]:
     lines = [f"{missing} of {len(store.planned)} units not run."] if missing else []
     if store.older:
         lines.append(
-            f"{store.older} of {len(results)} results are older: the version that ran last neither produced nor"
-            " confirmed them."
+            f"{store.older} of {len(results)} results are older: this version of the program has neither produced"
+            " nor confirmed them."
         )
     if repeated := sum(bool(result.repeated) for result in results):
         lines.append(
