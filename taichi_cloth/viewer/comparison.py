@@ -39,6 +39,7 @@ from .window import (
     FrameLog,
     held_buttons,
     press_keys,
+    pressed_keys,
     window_size,
 )
 
@@ -231,6 +232,7 @@ def loop(
     while window.running and comparison.running and displayed != frames:
         now = time.perf_counter()
         due = clock.due(now)
+        keys = pressed_keys(window)
         size, cursor = window_size(window, panel.window_size), window.get_cursor_pos()
         if now - updated > STATISTICS_EVERY:
             comparison.measure()
@@ -241,7 +243,7 @@ def loop(
         point = (cursor[0] * size[0] - band) / image_size[0], cursor[1]
         on_panel = point[0] < 0 or (not comparison.hidden and panel.place.contains(cursor, size))
         comparison.on_pointer(point, held_buttons(window), image_size, on_panel=on_panel, widget_changed=widget_used)
-        press_keys(window, comparison, min(clock.elapsed, MAX_HOLD_SECONDS))  # on the side where the mouse is now
+        press_keys(window, comparison, keys, min(clock.elapsed, MAX_HOLD_SECONDS))  # on the side where the mouse is now
         comparison.advance(due)
 
         start = time.perf_counter()

@@ -214,6 +214,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         now = time.perf_counter()
         due = clock.due(now, SPEEDS[session.speed]) if displayed >= STILL_FRAMES else 0
         size = window_size(window, panel.window_size)
+        keys = pressed_keys(window)
         cursor = window.get_cursor_pos()
 
         if now - updated > STATISTICS_EVERY:
@@ -223,7 +224,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
             updated, displayed_before = now, displayed
             session.note = memory.warning() or session.note
 
-        press_keys(window, session, min(clock.elapsed, MAX_HOLD_SECONDS))
+        press_keys(window, session, keys, min(clock.elapsed, MAX_HOLD_SECONDS))
         widget_used = not session.hidden and panel.draw(gui, session, text)
         if session.page == HELP:
             panel.draw_help(gui)
@@ -266,12 +267,19 @@ class WindowSession(Protocol):
     def on_key_held(self, action: str, seconds: float) -> None: ...
 
 
-def press_keys(window: ti.ui.Window, session: WindowSession, seconds: float) -> None:
-    """Run the actions of keys pressed since the last displayed frame, and those of keys that are held down.
+def pressed_keys(window: ti.ui.Window) -> list[str]:
+    """Return the codes of the keys pressed since the last displayed frame.
+
+    Read them before the cursor: a key that was pressed after a motion must not act where the cursor was before it.
+    """
+    return [event.key for event in window.get_events(ti.ui.PRESS)]
+
+
+def press_keys(window: ti.ui.Window, session: WindowSession, pressed: list[str], seconds: float) -> None:
+    """Run the actions of keys that were pressed, and those of keys that are held down.
 
     `seconds`: wall time for which held keys act [s].
     """
-    pressed = [event.key for event in window.get_events(ti.ui.PRESS)]
     for code in pressed:
         for key in SHORTCUTS:
             if key.code == code and not key.held:
