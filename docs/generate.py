@@ -413,7 +413,7 @@ METHODS = {
     "explicit": "explicit symplectic Verlet on spring forces; takes the substeps that stability needs",
     "lines": "XPBD with a direct solver along rows, columns and diagonals",
     "rk4": "classical Runge–Kutta method on spring forces",
-    "projective": "projective dynamics: backward Euler by local and global steps (Liu 2013)",
+    "implicit": "Newton's method with conjugate gradients (Baraff and Witkin 1998), in steps of second order",
 }
 
 

@@ -165,7 +165,7 @@ HUGE = "[cloth]\nrows = 2000\ncolumns = 2000\n[solver]\n"
     ("text", "end"),
     [
         (
-            HUGE + 'name = "projective"',
+            HUGE + 'name = "implicit"',
             r"more than [\d,]+ s per frame, [\d,]{6,} times slower than real time · .* GB of memory",
         ),
         (

@@ -130,7 +130,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         Empty if none of these is true.
 
         The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins. Nothing is
-        estimated for `lines` and `projective`, and for cloth that hangs by grabs.
+        estimated for `lines` and `implicit`, and for cloth that hangs by grabs.
         """
         iterations = int(self.params["iterations"])
         return "; ".join(filter(None, [super().warnings, unconverged(self.scene, self.topology, self.h, iterations)]))

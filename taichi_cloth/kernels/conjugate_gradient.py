@@ -1,20 +1,20 @@
-"""Conjugate gradients (Hestenes and Stiefel 1952) for (M + h²L)·δ = r, without forming the matrix.
+"""Conjugate gradients (Hestenes and Stiefel 1952) for (M + h²K)·δ = r, without forming the matrix.
 
-L is the Laplacian of springs and bending links, weighted by their stiffness. A particle that is not free has residual
-0. The search starts at δ = 0 with r in `residual` and ends when the residual is `TOLERANCE` of the first, or after
-`MAX_PRODUCTS`; the next round takes up what is left. The mass matrix is the preconditioner. Spring forces are equal and
-opposite, so the residuals of a free cloth always sum to 0, and the search conserves momentum wherever it stops.
+K is the stiffness matrix of springs and bending links at the present positions. A particle that is not free has
+residual 0. The search starts at δ = 0 with r in `residual` and ends when the residual is `TOLERANCE` of the first, or
+after `MAX_PRODUCTS`. The mass matrix is the preconditioner. Spring forces are equal and opposite, so the residuals of a
+free cloth always sum to 0, and the search conserves momentum wherever it stops.
 """
 
 import taichi as ti
 
 from .constraint_math import TINY
 from .simd_sweep import PairForce
-from .springs import accumulate_pair_forces
+from .springs import accumulate_pair_forces, effective_stiffness
 from .step_params import STIFFNESS_FACTOR
-from .vec import dot, scale, select
+from .vec import dot, length, scale, select
 
-TOLERANCE = 0.01  # a smaller one costs products and gains little, since the next round starts anew (docs/trials.md)
+TOLERANCE = 0.03  # a smaller one costs products and gains little (docs/trials.md)
 MAX_PRODUCTS = 304  # of the matrix and a direction
 MIN_SQUARES = 1e-30  # [kg·m²] squared residual over mass below which products leave the range of float32
 PARTIAL_SUMS = 256  # of a parallel inner product, always the same particles in each: equal bits every time
@@ -48,22 +48,39 @@ def update_direction(cg: ti.template(), i: int, beta: float):
 
 @ti.func
 def stiffness_product(cloth: ti.template(), features: ti.template(), a, b, e, stiffness, params: ti.template(), h):
-    """Return a spring's part of h²L·d."""
-    gap = cloth.cg.direction[a] - cloth.cg.direction[b]
+    """Return a spring's part of h²K·d; in the SIMD layout also that of the bending link beside it.
+
+    Along its direction n a spring has its stiffness k. Across it, a spring of length l has k·(1 − rest/l) if it is
+    stretched, and nothing if it is shortened.
+    """
+    gap, difference = cloth.x[a] - cloth.x[b], cloth.cg.direction[a] - cloth.cg.direction[b]
+    norm = length(gap)
+    inverse = 1.0 / ti.max(norm, TINY)
+    k = effective_stiffness(features, params, norm - cloth.rest[e], stiffness)
+    across = k * ti.max(0.0, 1.0 - cloth.rest[e] * inverse)
+    along = (k - across) * (dot(gap, difference) * inverse * inverse)
     if ti.static(features.bending and cloth.is_simd):
-        stiffness += cloth.bending_links.stiffness[e]
-    return scale(gap, stiffness * (params[STIFFNESS_FACTOR] * h * h))
+        across += cloth.bending_links.stiffness[e]
+    factor = params[STIFFNESS_FACTOR] * h * h
+    return scale(difference, across * factor) + scale(gap, along * factor)
 
 
-STIFFNESS_PRODUCT = PairForce(stiffness_product, inputs=("cg.direction",), target="cg.product")
+@ti.func
+def bending_product(cloth: ti.template(), features: ti.template(), a, b, e, stiffness, params: ti.template(), h):
+    """Return a bending link's part of h²K·d."""
+    return scale(cloth.cg.direction[a] - cloth.cg.direction[b], stiffness * (params[STIFFNESS_FACTOR] * h * h))
+
+
+STIFFNESS_PRODUCT = PairForce(stiffness_product, inputs=("x", "cg.direction"), target="cg.product")
+BENDING_PRODUCT = PairForce(bending_product, inputs=("cg.direction",), target="cg.product")
 
 
 @ti.func
 def add_stiffness_products(cloth: ti.template(), features: ti.template(), params: ti.template(), h: float):
-    """Add h²L·d of springs and bending links to the product."""
+    """Add h²K·d of springs and bending links to the product."""
     accumulate_pair_forces(cloth, cloth, features, STIFFNESS_PRODUCT, params, h)
     if ti.static(features.bending and not cloth.is_simd):
-        accumulate_pair_forces(cloth, cloth.bending_links, features, STIFFNESS_PRODUCT, params, h)
+        accumulate_pair_forces(cloth, cloth.bending_links, features, BENDING_PRODUCT, params, h)
 
 
 # -- a serial search -------------------------------------------------------------------------------------------------

@@ -40,7 +40,7 @@ class SolverInfo:
         return self.stiffness_section == "fabric"
 
 
-# The defaults of `verlet` are those of the browser demos. The defaults of `xpbd`, `lines` and `projective` are the
+# The defaults of `verlet` are those of the browser demos. The defaults of `xpbd`, `lines` and `implicit` are the
 # cheapest with which sheets up to 33×33 in `taichi-cloth validate` converge to the solution of a substep. `explicit`
 # needs ten substeps for a soft damper, whose force lags by half a substep.
 SOLVER_CATALOG: dict[str, SolverInfo] = {
@@ -51,7 +51,7 @@ SOLVER_CATALOG: dict[str, SolverInfo] = {
     "explicit": SolverInfo("explicit symplectic Verlet on spring forces", 10, 1, order=2, is_explicit=True),
     "lines": SolverInfo("XPBD with a direct solver along rows, columns and diagonals", 10, 2, order=2, grid_only=True),
     "rk4": SolverInfo("classical Runge–Kutta method on spring forces", 1, 1, order=4, is_explicit=True),
-    "projective": SolverInfo("projective dynamics (fast mass-spring)", 20, 20, order=1, euler_steps=True),
+    "implicit": SolverInfo("implicit steps of second order by Newton's method", 10, 1, order=2),
 }
 
 

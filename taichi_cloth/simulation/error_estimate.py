@@ -162,7 +162,7 @@ def estimate_for_scene(row: MeasuredSetting, scene: Scene) -> MeasuredSetting:
 # -- cost --------------------------------------------------------------------------------------------------------------
 
 SAMPLE = 256  # [particles] longest side of the sheet whose springs stand for those of a larger one
-BY_PARTICLES = ("lines", "projective")  # solvers of a linear system: more springs hardly slow them down
+BY_PARTICLES = ("lines", "implicit")  # solvers of a linear system: more springs hardly slow them down
 SERIAL_FACTOR = 2.8  # frame time of the serial over that of the SIMD layout (`bench`: verlet 5×12 on the curtain)
 
 
@@ -241,7 +241,7 @@ def _min_substeps(scene: Scene, topology: Topology, extent: float) -> int:
     name, info = scene.solver.name, SOLVER_CATALOG[scene.solver.name]
     stiffness = spring_stiffness(scene, info.stiffness_section, topology)
     explicit_forces = stiffness if info.is_explicit else 0 * stiffness
-    implicit = name == "projective" or not (info.is_explicit or len(topology.bending_links.ends))
+    implicit = name == "implicit" or not (info.is_explicit or len(topology.bending_links.ends))
     frequency = 0.0 if implicit else max_frequency(topology, explicit_forces)
     found = [getattr(scene, section) for section in COLLIDERS] + [(scene.ground,) if scene.ground else ()]
     colliders = [collider for section in found for collider in section]

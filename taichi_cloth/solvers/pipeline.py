@@ -4,11 +4,11 @@ Solvers call these functions and none of the features behind them, so a feature 
 reaches all six. `begin_substep` comes first. `add_external_forces` comes before forces are integrated, for `rk4` in
 each of its four stages. The projections come in the order of the method:
 
-    explicit, rk4, projective   once, at the end of a substep: distance bounds, self-contact, colliders, strain limit
-    verlet                      colliders in each iteration; then self-contact, distance bounds, strain limit
-    xpbd                        self-contact and colliders in each iteration; then distance bounds, strain limit
-    lines                       in each of two stages, after its iterations: as explicit, then positions only, where the
-                                extrapolation led: distance bounds, colliders
+    explicit, rk4     once, at the end of a substep: distance bounds, self-contact, colliders, strain limit
+    verlet            colliders in each iteration; then self-contact, distance bounds, strain limit
+    xpbd              self-contact and colliders in each iteration; then distance bounds, strain limit
+    lines, implicit   in each of two stages, after its iterations: as explicit, then positions only, where the
+                      extrapolation led: distance bounds, colliders
 
 A projection may undo a part of those before it: a collider of `explicit` may stretch a tether, a tether of `verlet` may
 pull a particle into a collider.

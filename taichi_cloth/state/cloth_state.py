@@ -75,7 +75,7 @@ class Layout:
     stage_sums: StageSums | None = None
     stage_start: StageStart | None = None
     correction: ti.MatrixField | None = None
-    """Displacement accumulated in a substep of `projective` [m]."""
+    """Displacement accumulated in a substep of `implicit` [m]."""
 
 
 @dataclass(eq=False, kw_only=True)

@@ -219,7 +219,7 @@ RENAMED_KEYS = {
     ("", "against"): "collide_with",
     ("", "drawn"): "display_size",
 }
-RENAMED_SOLVERS = {"spring": "explicit"}
+RENAMED_SOLVERS = {"spring": "explicit", "projective": "implicit"}
 RENAMED_LAYOUTS = {"list": "serial", "lanes": "simd", "gather": "parallel"}
 RENAMED_OPTIONS = {
     "--path": "--layout",

@@ -128,7 +128,7 @@ def crossing_count(scene: Scene, layout: str) -> int:
     ("solver", "layout"),
     [
         pytest.param(solver, layout, marks=[pytest.mark.long] * (layout != shown))
-        for solver, shown in (("verlet", "simd"), ("xpbd", "serial"), ("projective", "serial"))
+        for solver, shown in (("verlet", "simd"), ("xpbd", "serial"), ("implicit", "serial"))
         for layout in ("simd", "serial")
     ],
 )

@@ -43,7 +43,7 @@ def make_mesh(tmp_path: Path) -> MakeMesh:
 
 
 def with_mesh(mesh: Mesh, solver: str = "xpbd", **sections: object) -> Scene:
-    substeps = {"verlet": 6, "xpbd": 10, "lines": 4, "projective": 4}.get(solver, 1)
+    substeps = {"verlet": 6, "xpbd": 10, "lines": 4, "implicit": 4}.get(solver, 1)
     scene = replace(SHEET, meshes=(mesh,), solver=Solver(name=solver, substeps=substeps, iterations=6, damping=0.0))
     return replace(scene, **sections)  # type: ignore[arg-type]
 

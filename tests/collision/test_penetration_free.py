@@ -41,9 +41,7 @@ LAYERS = replace(SHEETS, cloth=replace(SHEETS.cloth, layers=2, layer_spacing=0.0
 
 
 def with_solver(scene: Scene, name: str) -> Scene:
-    substeps = {"verlet": 6, "xpbd": 8, "lines": 4, "projective": 4}.get(
-        name, 1
-    )  # explicit methods take what they need
+    substeps = {"verlet": 6, "xpbd": 8, "lines": 4, "implicit": 4}.get(name, 1)  # explicit methods take what they need
     return replace(scene, solver=Solver(name=name, substeps=substeps, iterations=4))
 
 
@@ -102,7 +100,7 @@ def test_without_the_guarantee_the_same_yanks_do_intersect() -> None:
             assert most_intersections(simulation, 10, yanks(simulation, 0.08)) > 0
 
 
-@pytest.mark.parametrize("solver", ["verlet", "projective"])
+@pytest.mark.parametrize("solver", ["verlet", "implicit"])
 def test_a_sheet_thrown_at_100_meters_per_second_stays_on_its_side(solver: str) -> None:
     """Its corner moves by up to 0.4 m in a substep, towards a pinned sheet 0.1 m away."""
     cloth = replace(LAYERS.cloth, rotation=(0.0, 0.0, 0.0), layer_spacing=0.1, layer_rotation=20.0, pins=("top",))

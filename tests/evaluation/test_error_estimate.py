@@ -51,7 +51,7 @@ def test_the_time_of_a_setting_that_was_not_measured_is_in_proportion_to_its_wor
 def test_a_faster_solver_is_the_most_accurate_that_is_fast_enough_or_else_the_fastest() -> None:
     solvers = {
         name: Solver(name=name, substeps=n, iterations=i)
-        for name, n, i in (("verlet", 5, 12), ("xpbd", 60, 4), ("lines", 10, 2), ("projective", 20, 20))
+        for name, n, i in (("verlet", 5, 12), ("xpbd", 60, 4), ("lines", 10, 2), ("implicit", 20, 20))
     }
 
     def faster(name: str, ms: float, limit_ms: float) -> str:
@@ -59,10 +59,8 @@ def test_a_faster_solver_is_the_most_accurate_that_is_fast_enough_or_else_the_fa
         return faster_solver(64, solvers[name], others, ms, limit_ms)
 
     ms = {name: nearest_setting(64, name, s.substeps, s.iterations).ms for name, s in solvers.items()}
-    assert ms["verlet"] < ms["lines"] < ms["xpbd"] < ms["projective"]
-    times = {
-        limit: faster("projective", ms["projective"], limit) for limit in (100.0, 16.7, ms["xpbd"] - 0.1, 2.0, 1.0)
-    }
+    assert ms["verlet"] < ms["lines"] < ms["xpbd"] < ms["implicit"]
+    times = {limit: faster("implicit", ms["implicit"], limit) for limit in (100.0, 16.7, ms["xpbd"] - 0.1, 2.0, 1.0)}
     assert [*times.values()] == ["lines", "lines", "lines", "verlet", "verlet"]
     assert faster("xpbd", 10 * ms["xpbd"], 16.7) == "verlet"
     assert faster("verlet", 100.0, 16.7) == ""
@@ -76,7 +74,7 @@ SIMULATED = [
     ("lines", 5, 1),
     ("explicit", 28, 1),
     ("rk4", 20, 1),
-    ("projective", 5, 10),
+    ("implicit", 5, 10),
 ]
 
 

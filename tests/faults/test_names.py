@@ -15,7 +15,7 @@ from taichi_cloth.simulation.events import Event
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import choose_from
 
-SOLVERS = "verlet, xpbd, explicit, lines, rk4, projective"
+SOLVERS = "verlet, xpbd, explicit, lines, rk4, implicit"
 FABRICS = "silk, cotton, denim, leather, rubber, chainmail"
 Refused = Callable[[list[str], str], None]
 VIEWS = "shaded, strain, error, wireframe, particles"

@@ -47,7 +47,7 @@ KERNELS = [
         (
             "solvers/test_explicit.py::test_rk4_is_of_fourth_order",
             "solvers/test_bending.py::test_the_force_is_the_gradient_of_the_energy",
-            "solvers/test_projective.py::test_many_iterations_converge_to_backward_euler[serial-False]",
+            "solvers/test_implicit.py::test_many_iterations_converge_to_backward_euler[serial-False]",
         ),
     ),
     Mutation(
@@ -159,7 +159,7 @@ KERNELS = [
         "    return force",
         (
             "solvers/test_explicit.py::test_the_energy_of_explicit_does_not_drift_in_ten_thousand_substeps",
-            "solvers/test_hanging.py::test_every_spring_carries_the_weight_below_it[projective-serial-5-10]",
+            "solvers/test_hanging.py::test_every_spring_carries_the_weight_below_it[implicit-serial-5-10]",
         ),
     ),
     Mutation(
@@ -308,9 +308,9 @@ KERNELS = [
     Mutation(
         "conjugate-gradients-stop-early",
         "kernels/conjugate_gradient.py",
-        "TOLERANCE = 0.01 ",
+        "TOLERANCE = 0.03 ",
         "TOLERANCE = 0.9 ",
-        ("solvers/test_projective.py::test_an_iteration_solves_its_linear_system_and_conserves_momentum",),
+        ("solvers/test_implicit.py::test_an_iteration_solves_its_linear_system_and_conserves_momentum",),
     ),
     Mutation(
         "simd-without-the-last-row",

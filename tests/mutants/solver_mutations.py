@@ -69,18 +69,18 @@ SOLVERS = [
         ("solvers/test_lines.py::test_a_fine_curtain_takes_the_substeps_that_transverse_waves_require",),
     ),
     Mutation(
-        "projective-without-strain-limit",
+        "implicit-without-strain-limit",
         "solvers/pipeline.py",
         "    project_strain_limit(cloth, features, ctx, ctx.h)\n",
         "",
-        ("solvers/test_strain_limit.py::test_hanging_cloth_is_stretched_to_the_limit[projective]",),
+        ("solvers/test_strain_limit.py::test_hanging_cloth_is_stretched_to_the_limit[implicit]",),
     ),
     Mutation(
-        "projective-keeps-only-the-last-correction",
-        "solvers/projective.py",
+        "implicit-keeps-only-the-last-correction",
+        "solvers/implicit.py",
         "cloth.correction[i] = cloth.correction[i] + cloth.cg.solution[i]",
         "cloth.correction[i] = cloth.cg.solution[i]",
-        ("solvers/test_projective.py::test_many_iterations_converge_to_backward_euler[serial-False]",),
+        ("solvers/test_implicit.py::test_many_iterations_converge_to_backward_euler[serial-False]",),
     ),
     Mutation(
         "force-phase-limit-doubled",

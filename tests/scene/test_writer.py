@@ -151,7 +151,7 @@ def test_the_table_has_every_key_once_with_default_unit_range_and_help() -> None
         "name",
         '"verlet"',
         "",
-        "verlet, xpbd, explicit, lines, rk4, projective",
+        "verlet, xpbd, explicit, lines, rk4, implicit",
         "solver that advances the cloth",
     ) in rows
 

@@ -55,7 +55,7 @@ def test_attached_pins_move_with_their_body(solver: str) -> None:
 
 
 @pytest.mark.parametrize("layout", ["serial", "simd"])
-@pytest.mark.parametrize("solver", ["xpbd", "explicit", "rk4", "projective"])
+@pytest.mark.parametrize("solver", ["xpbd", "explicit", "rk4", "implicit"])
 def test_attached_and_grabbed_particles_have_the_velocity_of_their_motion(solver: str, layout: str) -> None:
     """Spring damping and drag use it: ω × r plus the velocity of the body, or that of the grab."""
     center, spin, going = np.array([-0.4, 1.0, 0.0]), (0.0, 90.0, 0.0), np.array([0.3, 0.0, 0.6])

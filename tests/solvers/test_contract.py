@@ -30,7 +30,7 @@ FEWER: dict[str, dict[str, Any]] = {
     "verlet": {"substeps": 5, "iterations": 4},
     "xpbd": {"substeps": 5, "iterations": 4},
     "lines": {"substeps": 5, "iterations": 1},
-    "projective": {"substeps": 5, "iterations": 2},
+    "implicit": {"substeps": 5, "iterations": 2},
 }
 
 

@@ -13,8 +13,8 @@ CASES = [
     *(("xpbd", "serial", *numbers) for numbers in ((5, 5), (5, 20), (5, 80), (2, 40), (20, 5))),
     *(("lines", "serial", *numbers) for numbers in ((1, 1), (2, 1), (5, 1), (20, 1), (5, 4))),
     *(("lines", "simd", *numbers) for numbers in ((1, 1), (2, 1), (5, 1), (20, 1), (5, 4))),
-    ("projective", "serial", 5, 10),
-    ("projective", "simd", 5, 10),
+    ("implicit", "serial", 5, 10),
+    ("implicit", "simd", 5, 10),
 ]
 
 

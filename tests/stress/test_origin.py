@@ -45,7 +45,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("solvers/base.py", {"yank", "slope", "method"}),
         ("solvers/__init__.py", {"yank", "slope", "method"}),
         ("kernels/line_solver.py", {"yank", "method"}),  # only `lines` uses it
-        ("kernels/conjugate_gradient.py", {"method"}),  # only `projective` uses it
+        ("kernels/conjugate_gradient.py", {"method"}),  # only `implicit` uses it
         ("evaluation/stress/stress_report.py", set()),
         ("evaluation/stress/causes.py", set()),
         ("evaluation/stress/case_catalog.py", set()),

@@ -37,7 +37,7 @@ def archs() -> str:
 
 @pytest.mark.parametrize(
     "solver",
-    ["verlet", "lines", *(pytest.param(s, marks=pytest.mark.long) for s in ("xpbd", "explicit", "rk4", "projective"))],
+    ["verlet", "lines", *(pytest.param(s, marks=pytest.mark.long) for s in ("xpbd", "explicit", "rk4", "implicit"))],
 )
 @pytest.mark.parametrize("arch", AVAILABLE)
 def test_every_available_arch_gives_the_same_motion(arch: str, solver: str) -> None:

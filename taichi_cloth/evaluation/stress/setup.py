@@ -10,9 +10,9 @@ from ...scene.schema import COLLIDERS, Camera, Cloth, Fabric, Scene, SelfCollisi
 from ...scene.solver_catalog import SOLVER_CATALOG
 
 CELLS = 32  # along a side of the base sheet, for every setting
-# Cost of an iteration relative to one pass over all springs: `projective` solves a linear system, `rk4` has four
+# Cost of an iteration relative to one pass over all springs: `implicit` solves a linear system, `rk4` has four
 # stages, and solvers may add substeps of their own.
-ITERATION_COST = {"projective": 10, "rk4": 300, "explicit": 60, "lines": 4}
+ITERATION_COST = {"implicit": 10, "rk4": 300, "explicit": 60, "lines": 4}
 
 
 @dataclass(frozen=True)

@@ -166,8 +166,8 @@ def measure(reference: Reference, solver: str) -> list[Result]:
     return [Result(reference.number, reference.name, reference.source, solver, row) for row in rows]
 
 
-EULER = ("verlet", "xpbd", "projective")  # free particles move by symplectic Euler
-ELASTIC = ("xpbd", "explicit", "lines", "rk4", "projective")  # springs have a constant in N/m
+EULER = tuple(name for name, info in SOLVER_CATALOG.items() if info.euler_steps)  # of free particles too
+ELASTIC = ("xpbd", "explicit", "lines", "rk4", "implicit")  # springs have a constant in N/m
 ALL = ("verlet", *ELASTIC)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+TWO_STAGE = ("lines", "implicit")  # solvers that use the method of Alexander 1977
 GRAVITY = 9.81  # [m/s²] default of a scene
 
 
@@ -281,7 +282,7 @@ def spring_scheme(solver: str, omega: float, h: float, steps: int) -> Floats:
         step = np.eye(2) + z + z @ z / 2 + z @ z @ z / 6 + z @ z @ z @ z / 24
     elif solver == "explicit":  # half kick, drift, half kick
         step = np.array([[1 - w * w / 2, 1.0], [-w * w * (1 - w * w / 4), 1 - w * w / 2]])
-    elif solver == "lines":  # two stages that each solve with 1 − γz (Alexander 1977)
+    elif solver in TWO_STAGE:  # two stages that each solve with 1 − γz (Alexander 1977)
         z, gamma = np.array([[0.0, 1.0], [-w * w, 0.0]]), 1 - sqrt(0.5)
         one = np.linalg.inv(np.eye(2) - gamma * z)
         step = (np.eye(2) + (1 - 2 * gamma) * z) @ one @ one

@@ -156,7 +156,7 @@ def stretch(solver: str) -> Iterator[Check]:
     """Measure the stretch c·N²·g·h²/iterations that position-based relaxation leaves, whatever the fabric.
 
     c is ½, and about ⅓ with diagonals. It is a law of iterations that solve one spring after the other. `lines` solves
-    an entire row at once, and `projective` all springs, so what they leave does not grow with N²·g·h²/iterations, and
+    an entire row at once, and `implicit` all springs, so what they leave does not grow with N²·g·h²/iterations, and
     they have no c. A3.1 and B3 measure them.
     """
     bare = strip(solver, LAW_LINKS, constant=1e9)

@@ -20,9 +20,9 @@ from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.simulation import Simulation
 from ..bench.error_sweep import Curtain
 from .check import REST_DAMPING, UNFINISHED_SOLVERS, Check, Timed, advance, at_most, base, effective_stiffness, relative
-from .exact import GRAVITY, Floats
+from .exact import GRAVITY, TWO_STAGE, Floats
 
-GAMMA = 1 - sqrt(0.5)  # share of a substep that each of the two stages of `lines` solves (Alexander 1977)
+GAMMA = 1 - sqrt(0.5)  # share of a substep that each of the two stages solves (Alexander 1977)
 MAX_ITERATIONS = 50  # of Newton's method; it takes three to eight
 CLOSE = 1e-12  # [m] largest displacement in the last round
 
@@ -135,7 +135,7 @@ def _system_matrix(chain: Chain, unit: Floats, weight: Floats) -> Floats:
 
 
 def sdirk_step(chain: Chain, x: Floats, v: Floats, h: float) -> Step:
-    """Return the result of a substep of `lines` (`solvers/lines.py`).
+    """Return the result of a substep of `lines` or `implicit` (`solvers/two_stage.py`).
 
     It consists of two backward Euler steps of γh and a jump between them.
     """
@@ -341,7 +341,7 @@ def residual(solver: str) -> Iterator[Check]:
             simulation.step()
             x_new, v_new = left_strand(simulation.positions()), left_strand(simulation.velocities())
             h, y = FRAME_SECONDS, inertial_target(chain, x, v, FRAME_SECONDS)
-            if solver == "lines":
+            if solver in TWO_STAGE:
                 h, y = second_stage(chain, x, v, x_new, v_new)
             residuals.append(float(step_residual(chain, y, x_new, h).max()))
             x, v = x_new, v_new
@@ -349,7 +349,7 @@ def residual(solver: str) -> Iterator[Check]:
 
 
 def second_stage(chain: Chain, x: Floats, v: Floats, x_new: Floats, v_new: Floats) -> tuple[float, Floats]:
-    """Return (length [s], y) of the second stage of a substep of `lines`, from the states before and after it."""
+    """Return (length [s], y) of the second stage of a substep of two stages, from the states before and after it."""
     h = GAMMA * FRAME_SECONDS
     middle = x_new - h * v_new
     first = (middle - x) / ((1 - GAMMA) * FRAME_SECONDS)  # velocity after the first stage
@@ -359,7 +359,7 @@ def second_stage(chain: Chain, x: Floats, v: Floats, x_new: Floats, v_new: Float
 
 def strains(solver: str) -> Iterator[Check]:
     """Compare the strains of the links with those of exactly solved steps."""
-    step = sdirk_step if solver == "lines" else backward_euler_step
+    step = sdirk_step if solver in TWO_STAGE else backward_euler_step
     with Timed(heavy_strand(solver, START_ANGLE, SKIP)) as simulation:
         chain = chain_of(simulation)
         links = chain.constant == CONSTANT

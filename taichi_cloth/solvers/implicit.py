@@ -1,17 +1,17 @@
-"""`projective`: backward Euler as a minimization, in rounds that all solve with one matrix (Liu, Bargteil, O'Brien and
-Kavan 2013, *Fast simulation of mass-spring systems*).
+"""`implicit`: Newton's method with conjugate gradients (Baraff and Witkin 1998, *Large steps in cloth simulation*), in
+implicit steps of second order.
 
-With y = x + h·v + h²·a the position without springs, the substep ends where ½(x − y)ᵀM(x − y) + h²·E(x) is least. Given
-the direction d_ij that each spring would have at its rest length (local step), that is linear: (M + h²L)·x = M·y +
-h²·J·d (eq. 14, global step). Here the equation is solved for the displacement δ still to go, whose right side is the
-residual of equilibrium, with the plain spring forces f and the displacements so far. That loses nothing to float32:
+Each of the two stages of `two_stage.py` is a backward Euler step. With h its length and y = x + h·v + h²·a the position
+without springs, it ends at the x with M·(x − y) = h²·f(x), where f are the forces of springs and bending links. An
+iteration is a step of Newton's method: with the stiffness matrix K at the present positions (K = −∂f/∂x) and Σδ, the
+displacement since y, it moves all particles by the δ of
 
-    (M + h²L)·δ = h²·f(x) − M·Σδ,    x ← x + δ
+    (M + h²K)·δ = h²·f(x) − M·Σδ,    x ← x + δ
 
-The matrix is constant, and the paper factorizes it once. Here it is never formed: conjugate gradients solve the
-equation to a hundredth, with one pass over the springs for every product, and the next round takes up what is left. At
-33×33 particles and ten rounds that takes less time than substitution in a Cholesky factor: 28 ms a frame, not 60.
-Damping of springs (`damping_time`) is left out: backward Euler damps by itself.
+A shortened spring has no stiffness across its direction here, although its force has a negative one there: so the
+matrix is positive definite (Choi and Ko 2002, *Stable but responsive cloth*, section 4), and conjugate gradients solve
+the equation. They never form the matrix: a product with it is one pass over the springs. The next iteration takes up
+what an inexact solution leaves. Damping of springs (`damping_time`) is left out.
 """
 
 from dataclasses import replace
@@ -24,15 +24,14 @@ from ..geometry.topology import Topology
 from ..kernels.conjugate_gradient import MAX_PRODUCTS, PARTIAL_SUMS, cg_init, cg_iterate, cg_solve
 from ..kernels.constraint_math import TINY
 from ..kernels.forces import consume_force
-from ..kernels.integration import apply_correction, integrate, move_kinematic_particles
+from ..kernels.integration import apply_correction
 from ..kernels.springs import add_spring_forces
-from ..kernels.step_params import VELOCITY_FACTOR
 from ..kernels.vec import scale, select
 from ..state import ClothState
 from ..state.constraint_data import attach_cg_state
 from ..state.solver_data import attach_correction
-from .base import Features, FrameInput, Solver
-from .pipeline import add_external_forces, begin_substep, project_constraints
+from .base import Features, FrameInput
+from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage
 
 PRODUCTS_PER_CHECK = 4  # of the matrix and a direction, between two checks of convergence; divides MAX_PRODUCTS
 
@@ -40,10 +39,8 @@ PRODUCTS_PER_CHECK = 4  # of the matrix and a direction, between two checks of c
 @ti.func
 def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """Move every particle to y, and driven particles to where they are."""
-    begin_substep(cloth, features, ctx)
-    add_external_forces(cloth, features, ctx, ctx.s, 1)
-    integrate(cloth, features, ctx.params, ctx.h, ctx.params[VELOCITY_FACTOR], ctx.h)
-    move_kinematic_particles(cloth, features, ctx, ctx.s + 1.0)
+    begin_stage(cloth, features, ctx)
+    accelerate(cloth, ctx.params, ctx.h * STAGE_LENGTH)
     for i in range(cloth.packet_count[None]):
         cloth.correction[i] = cloth.x[i] * 0.0
 
@@ -51,47 +48,48 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
 @ti.func
 def write_residual(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """Set the right side of the equation [kg·m], 0 for particles that are not free."""
-    add_spring_forces(cloth, features, ctx.params, ctx.h)
+    h = ctx.h * STAGE_LENGTH
+    add_spring_forces(cloth, features, ctx.params, h)
     for i in range(cloth.packet_count[None]):
         mass = 1.0 / ti.max(cloth.inverse_mass[i], TINY)
-        residual = consume_force(cloth, i) * (ctx.h * ctx.h) - scale(cloth.correction[i], mass)
+        residual = consume_force(cloth, i) * (h * h) - scale(cloth.correction[i], mass)
         cloth.cg.residual[i] = select(cloth.inverse_mass[i] > 0.0, residual, residual * 0.0)
 
 
 @ti.func
 def apply_solution(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     for i in range(cloth.packet_count[None]):
-        apply_correction(cloth, features, i, cloth.cg.solution[i], ctx.h)
+        apply_correction(cloth, features, i, cloth.cg.solution[i], ctx.h * STAGE_LENGTH)
         cloth.correction[i] = cloth.correction[i] + cloth.cg.solution[i]
 
 
 @ti.func
 def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    """One round, in one serial launch."""
+    """One step of Newton's method, in one serial launch."""
     write_residual(cloth, features, ctx)
-    cg_solve(cloth, cloth.cg, features, ctx.params, ctx.h)
+    cg_solve(cloth, cloth.cg, features, ctx.params, ctx.h * STAGE_LENGTH)
     apply_solution(cloth, features, ctx)
 
 
 @ti.func
-def start_round(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    """The beginning of a parallel round; `cg_iteration` and `apply_solution` follow."""
+def start_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """The beginning of a parallel iteration; `cg_iteration` and `apply_solution` follow."""
     write_residual(cloth, features, ctx)
     cg_init(cloth, cloth.cg)
 
 
 @ti.func
 def cg_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    cg_iterate(cloth, cloth.cg, features, ctx.params, ctx.h)
+    cg_iterate(cloth, cloth.cg, features, ctx.params, ctx.h * STAGE_LENGTH)
 
 
-class Projective(Solver):
-    """Projective dynamics with conjugate gradients."""
+class Implicit(TwoStageSolver):
+    """Newton's method with conjugate gradients, in substeps of two stages."""
 
     predict = staticmethod(predict)
     iterate = staticmethod(iterate)
-    finalize = staticmethod(project_constraints)
     needs_coloring = False
+    needs_previous_positions = False
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], features: Features, layout: str
@@ -110,7 +108,7 @@ class Projective(Solver):
 
             run(self.predict)
             for _ in range(frame.iterations):
-                run(start_round)
+                run(start_iteration)
                 goal = cg.goal[None]
                 for _ in range(MAX_PRODUCTS // PRODUCTS_PER_CHECK):
                     if cg.squares[None] <= goal:

@@ -1,0 +1,148 @@
+"""`implicit` compared with its steps solved in float64, and with closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichi_cloth.geometry.cloth_builder import spring_stiffness
+from taichi_cloth.geometry.topology import Topology
+from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.solvers import LAYOUTS
+from taichi_cloth.solvers.two_stage import GAMMA
+
+
+def soft(iterations: int) -> Scene:
+    return Scene(
+        cloth=Cloth(rows=6, columns=9, width=0.8, height=0.5, center=(0.0, 0.0, 0.0), pins=("top-left", "top-right")),
+        fabric=Fabric(warp=60.0, weft=40.0, shear=20.0, bend_spring=1.0),
+        solver=Solver(name="implicit", substeps=1, iterations=iterations, damping=0.0),
+    )
+
+
+def residual(topology: Topology, stiffness: np.ndarray, x: np.ndarray, y: np.ndarray, h: float) -> np.ndarray:
+    """Return h²·f(x) − M·(x − y) [kg·m]."""
+    a, b = topology.ends.T
+    gap = x[b] - x[a]
+    norm = np.linalg.norm(gap, axis=1)
+    pull = (stiffness * (norm - topology.rest) / norm)[:, None] * gap
+    result = topology.mass[:, None] * (y - x)
+    np.add.at(result, a, h**2 * pull)
+    np.add.at(result, b, -(h**2) * pull)
+    return result
+
+
+def matrix(topology: Topology, stiffness: np.ndarray, x: np.ndarray, h: float) -> np.ndarray:
+    """Return M + h²K [kg] at positions x, (3·particles, 3·particles). Shortened springs have no transverse stiffness."""
+    a, b = topology.ends.T
+    gap = x[b] - x[a]
+    norm = np.linalg.norm(gap, axis=1)
+    n = gap / norm[:, None]
+    outer = n[:, :, None] * n[:, None, :]
+    across = np.maximum(0.0, 1 - topology.rest / norm)[:, None, None]
+    blocks = h**2 * stiffness[:, None, None] * (outer + across * (np.eye(3) - outer))
+    hessian = np.zeros((len(x), len(x), 3, 3))
+    for i, j, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
+        np.add.at(hessian, (i, j), sign * blocks)
+    return hessian.transpose(0, 2, 1, 3).reshape(3 * len(x), -1) + np.diag(np.repeat(topology.mass, 3))
+
+
+def backward_euler(
+    topology: Topology, stiffness: np.ndarray, x: np.ndarray, v: np.ndarray, h: float, driven: dict[int, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and velocities after one step, M·(x − y) = h²·f(x). `driven`: positions of driven particles."""
+    free = ~topology.pinned
+    y = x + h * v + h**2 * np.array([0, -9.81, 0])
+    y[~free] = x[~free]
+    for i, position in driven.items():
+        free[i], y[i] = False, position
+    new = y.copy()
+    loose = np.repeat(free, 3)
+    for _ in range(50):
+        left = residual(topology, stiffness, new, y, h).reshape(-1)[loose]
+        way = np.zeros(3 * len(new))
+        way[loose] = np.linalg.solve(matrix(topology, stiffness, new, h)[np.ix_(loose, loose)], left)
+        new = new + way.reshape(-1, 3)
+        if np.abs(way).max() < 1e-12:
+            return new, (new - x) / h
+    raise AssertionError("Newton's method did not converge")
+
+
+def two_stage_step(
+    simulation: Simulation, x0: np.ndarray, v0: np.ndarray, targets: dict[int, np.ndarray]
+) -> np.ndarray:
+    """Return the positions after a frame of one substep (Alexander 1977). `targets`: of grabbed particles."""
+    topology, h = simulation.topology, 1 / 60
+    stiffness = spring_stiffness(simulation.scene, "fabric", topology)
+
+    def driven(fraction: float) -> dict[int, np.ndarray]:
+        return {i: x0[i] + (target - x0[i]) * fraction for i, target in targets.items()}
+
+    _, v1 = backward_euler(topology, stiffness, x0, v0, GAMMA * h, driven(GAMMA))
+    middle = x0 + (1 - GAMMA) * h * v1
+    velocities = v0 + (v1 - v0) * (1 - GAMMA) / GAMMA
+    return backward_euler(topology, stiffness, middle, velocities, GAMMA * h, driven(1.0))[0]
+
+
+def thrown(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Set random velocities. Return positions and velocities as the simulation has them."""
+    x0 = simulation.positions()
+    v0 = np.random.default_rng(2).normal(0.0, 0.5, x0.shape).astype(np.float32).astype(np.float64)
+    v0[simulation.topology.pinned] = 0
+    simulation.solver.set_velocities(v0, 1 / 60)
+    return x0, v0
+
+
+@pytest.mark.parametrize("grabbed", [False, True])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_many_iterations_converge_to_the_two_stage_step(layout: str, grabbed: bool) -> None:
+    with Simulation(soft(50), layout) as simulation:
+        x0, v0 = thrown(simulation)
+        targets = {22: x0[22] + [0.01, -0.02, 0.05]} if grabbed else {}
+        for i, target in targets.items():
+            simulation.grab(i).move_to(target)
+        simulation.step()
+        expected = two_stage_step(simulation, x0, v0, targets)
+        assert np.abs(expected - x0).max() > 0.01
+        assert simulation.positions() == pytest.approx(expected, abs=2e-6 * simulation.scene.cloth.width)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_second_iteration_is_much_closer_to_the_solution(layout: str) -> None:
+    distances = []
+    for iterations in (1, 2):
+        with Simulation(soft(iterations), layout) as simulation:
+            x0, v0 = thrown(simulation)
+            simulation.step()
+            distances.append(np.abs(simulation.positions() - two_stage_step(simulation, x0, v0, {})).mean())
+    assert distances[1] < 0.25 * distances[0]
+
+
+@pytest.mark.parametrize("pins", [("top-left", "top-right"), ()])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_an_iteration_solves_its_linear_system_and_conserves_momentum(layout: str, pins: tuple[str, ...]) -> None:
+    """(M + h²K)·δ = h²·f(y) to the tolerance, in the norm of the conjugate gradient method: squares over mass."""
+    scene = soft(1)
+    with Simulation(replace(scene, cloth=replace(scene.cloth, pins=pins)), layout) as simulation:
+        topology, frame = simulation.topology, 1 / 60
+        h, free = GAMMA * frame, ~topology.pinned
+        x0, v0 = thrown(simulation)
+        simulation.step()
+        x, v = simulation.positions(), simulation.velocities()
+        middle = x - h * v  # where the second stage begins
+        v1 = (middle - x0) / ((1 - GAMMA) * frame)
+        before = v0 + (v1 - v0) * (1 - GAMMA) / GAMMA
+        y = middle + (h * before + h**2 * np.array([0, -9.81, 0])) * free[:, None]
+        stiffness = spring_stiffness(simulation.scene, "fabric", topology)
+        right = residual(topology, stiffness, y, y, h)
+        way = x - y
+        left = (right - (matrix(topology, stiffness, y, h) @ way.reshape(-1)).reshape(-1, 3))[free]
+
+        def norm(residual: np.ndarray) -> float:
+            return float(np.sqrt((residual**2 / topology.mass[free, None]).sum()))
+
+        assert norm(left) < 1.1 * 0.03 * norm(right[free])
+        if not pins:
+            moved = topology.mass @ way
+            assert np.abs(moved).max() < 1e-5 * (topology.mass @ np.abs(way)).max()
