@@ -32,8 +32,8 @@ from ..state.constraint_data import attach_attachments
 from ..state.contact_data import acquire_sdf, release_sdf
 from ..state.surface_data import acquire_surfaces, release_surfaces
 from ..system.errors import UsageError
+from .frame_contact import describe_intersections
 from .grabbing import Grab
-from .intersection_guard import describe_intersections
 
 MAX_SIDES = 1.5  # thickness with penetration_free, over the side of a cell: at 1.6 the list of near pairs is full
 MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles each by itself; a grid has at most 12

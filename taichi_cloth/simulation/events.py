@@ -20,8 +20,8 @@ from ..scene.schema import COLLIDERS, PRESET_NAMES
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint
+from .frame_contact import describe_intersections
 from .grabbing import Grab, vertices_in_radius
-from .intersection_guard import describe_intersections
 from .parameter_values import check_radius, check_target, check_vectors
 
 

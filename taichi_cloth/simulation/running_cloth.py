@@ -30,9 +30,8 @@ from ..system.errors import UsageError, short_repr
 from ..system.taichi_compat import ProgramRef
 from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
-from .collider_motion import move_colliders
+from .frame_contact import IntersectionGuard, move_colliders
 from .grabbing import Grab, all_grabbed
-from .intersection_guard import IntersectionGuard
 from .parameter_values import Parameters, check_frames
 
 Floats = NDArray[np.float64]

@@ -23,8 +23,8 @@ from ..state.contact_data import attach_self_contact
 from ..system.errors import UsageError
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
-from .collider_motion import penetration
 from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, EventQueue, GrabHandle, check_event, pin_event
+from .frame_contact import penetration
 from .parameter_values import check_radius, check_vectors
 from .running_cloth import RunningCloth
 

@@ -217,7 +217,7 @@ COLLISION = [
     ),
     Mutation(
         "guard-claims-a-clean-state",
-        "simulation/intersection_guard.py",
+        "simulation/frame_contact.py",
         "        if not len(found):\n            self.clean_since = frame",
         "        if found is not None:\n            self.clean_since = frame",
         (PENETRATION_FREE + "test_untangle_lets_parts_come_apart_and_tells_when",),

@@ -47,7 +47,7 @@ KERNELS = [
         (
             "solvers/test_explicit.py::test_rk4_is_of_fourth_order",
             "solvers/test_bending.py::test_the_force_is_the_gradient_of_the_energy",
-            "solvers/test_implicit.py::test_many_iterations_converge_to_backward_euler[serial-False]",
+            "solvers/test_implicit.py::test_many_iterations_converge_to_the_two_stage_step[serial-False]",
         ),
     ),
     Mutation(

@@ -55,8 +55,8 @@ SOLVERS = [
         ("solvers/test_explicit.py::test_every_stage_of_rk4_uses_the_position_of_the_grab",),
     ),
     Mutation(
-        "lines-wrong-stage-length",
-        "solvers/lines.py",
+        "two-stages-wrong-stage-length",
+        "solvers/two_stage.py",
         "GAMMA = 1 - sqrt(0.5)",
         "GAMMA = 1 - sqrt(0.4)",
         ("solvers/test_contract.py::test_free_fall_follows_its_discrete_closed_form[lines-simd]",),
@@ -69,9 +69,9 @@ SOLVERS = [
         ("solvers/test_lines.py::test_a_fine_curtain_takes_the_substeps_that_transverse_waves_require",),
     ),
     Mutation(
-        "implicit-without-strain-limit",
-        "solvers/pipeline.py",
-        "    project_strain_limit(cloth, features, ctx, ctx.h)\n",
+        "two-stages-without-strain-limit",
+        "solvers/two_stage.py",
+        "    project_strain_limit(cloth, features, ctx, ctx.h * STAGE_LENGTH)\n",
         "",
         ("solvers/test_strain_limit.py::test_hanging_cloth_is_stretched_to_the_limit[implicit]",),
     ),
@@ -80,7 +80,7 @@ SOLVERS = [
         "solvers/implicit.py",
         "cloth.correction[i] = cloth.correction[i] + cloth.cg.solution[i]",
         "cloth.correction[i] = cloth.cg.solution[i]",
-        ("solvers/test_implicit.py::test_many_iterations_converge_to_backward_euler[serial-False]",),
+        ("solvers/test_implicit.py::test_many_iterations_converge_to_the_two_stage_step[serial-False]",),
     ),
     Mutation(
         "force-phase-limit-doubled",

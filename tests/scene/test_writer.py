@@ -86,9 +86,11 @@ def sections_of(part: Section) -> st.SearchStrategy[Any]:
 
 
 def consistent_scene(scene: Scene) -> Scene:
-    """Return the scene, without bending stiffness if it has tearing, and with a name for one collider only."""
+    """Return the scene, without keys that others of it refuse, and with a name for one collider only."""
     if scene.tearing is not None:
         scene = replace(scene, fabric=replace(scene.fabric, bending_stiffness=0.0))
+    if scene.cloth.layer_spacing == 0 and scene.self_collision is not None:
+        scene = replace(scene, self_collision=replace(scene.self_collision, penetration_free=False))
     colliders = {section: getattr(scene, section) for section in COLLIDERS}
     named = [one for section in colliders.values() for one in section if one.name][:1]
     unnamed = {

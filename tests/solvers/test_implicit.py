@@ -34,7 +34,7 @@ def residual(topology: Topology, stiffness: np.ndarray, x: np.ndarray, y: np.nda
 
 
 def matrix(topology: Topology, stiffness: np.ndarray, x: np.ndarray, h: float) -> np.ndarray:
-    """Return M + h²K [kg] at positions x, (3·particles, 3·particles). Shortened springs have no transverse stiffness."""
+    """Return M + h²K [kg] at positions x, (3·particles, 3·particles). A shortened spring has no stiffness across."""
     a, b = topology.ends.T
     gap = x[b] - x[a]
     norm = np.linalg.norm(gap, axis=1)

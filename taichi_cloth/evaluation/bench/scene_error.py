@@ -25,7 +25,7 @@ from ...scene import scene_names
 from ...scene.schema import Camera, Look, Scene
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.builder import unsupported_by
-from ...simulation.collider_motion import penetration
+from ...simulation.frame_contact import penetration
 from ...simulation.running_cloth import timed_frame
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
