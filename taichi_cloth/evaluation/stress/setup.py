@@ -12,7 +12,7 @@ from ...scene.solver_catalog import SOLVER_CATALOG
 CELLS = 32  # along a side of the base sheet, for every setting
 # Cost of an iteration relative to one pass over all springs: `implicit` solves a linear system, `rk4` has four
 # stages, and solvers may add substeps of their own.
-ITERATION_COST = {"implicit": 10, "rk4": 300, "explicit": 60, "lines": 4}
+ITERATION_COST = {"implicit": 20, "rk4": 300, "explicit": 60, "lines": 4}
 
 
 @dataclass(frozen=True)
