@@ -41,9 +41,8 @@ class SolverInfo:
 
 
 # The defaults of `verlet` are those of the browser demos. The defaults of `xpbd`, `lines` and `implicit` are the
-# cheapest with which sheets up to 33×33 in `taichi-cloth validate` converge to the solution of a substep. With one
-# iteration `implicit` is restless in contact. `explicit` needs ten substeps for a soft damper, whose force lags by half
-# a substep.
+# cheapest with which sheets up to 33×33 in `taichi-cloth validate` converge to the solution of a substep. `explicit`
+# needs ten substeps for a soft damper, whose force lags by half a substep.
 SOLVER_CATALOG: dict[str, SolverInfo] = {
     "verlet": SolverInfo(
         "position-based dynamics with Verlet integration", 5, 12, order=1, stiffness_section="verlet", euler_steps=True
@@ -52,7 +51,7 @@ SOLVER_CATALOG: dict[str, SolverInfo] = {
     "explicit": SolverInfo("explicit symplectic Verlet on spring forces", 10, 1, order=2, is_explicit=True),
     "lines": SolverInfo("XPBD with a direct solver along rows, columns and diagonals", 10, 2, order=2, grid_only=True),
     "rk4": SolverInfo("classical Runge–Kutta method on spring forces", 1, 1, order=4, is_explicit=True),
-    "implicit": SolverInfo("implicit steps of second order by Newton's method", 10, 2, order=2),
+    "implicit": SolverInfo("implicit steps of second order by Newton's method", 20, 1, order=2),
 }
 
 

@@ -49,7 +49,7 @@ SETTINGS = {
     "lines": (SOLVER_CATALOG["lines"].defaults, (5, 1), (20, 1)),
     "explicit": ((1, 1),),
     "rk4": ((1, 1),),
-    "implicit": (SOLVER_CATALOG["implicit"].defaults, (10, 1), (20, 1)),
+    "implicit": (SOLVER_CATALOG["implicit"].defaults, (10, 1), (40, 1)),
 }
 
 
