@@ -51,7 +51,7 @@ def test_the_time_of_a_setting_that_was_not_measured_is_in_proportion_to_its_wor
 def test_a_faster_solver_is_the_most_accurate_that_is_fast_enough_or_else_the_fastest() -> None:
     solvers = {
         name: Solver(name=name, substeps=n, iterations=i)
-        for name, n, i in (("verlet", 5, 12), ("xpbd", 60, 4), ("lines", 10, 2), ("implicit", 20, 20))
+        for name, n, i in (("verlet", 5, 12), ("xpbd", 60, 4), ("lines", 10, 2), ("implicit", 20, 1))
     }
 
     def faster(name: str, ms: float, limit_ms: float) -> str:
@@ -74,7 +74,7 @@ SIMULATED = [
     ("lines", 5, 1),
     ("explicit", 28, 1),
     ("rk4", 20, 1),
-    ("implicit", 5, 10),
+    ("implicit", 5, 1),
 ]
 
 

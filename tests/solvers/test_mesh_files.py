@@ -44,7 +44,7 @@ def positions_after(scene: Scene, layout: str = "serial", frames: int = 20) -> n
 # Unconverged relaxation depends on the order of springs, which differs.
 APART = {"verlet": 0.02, "xpbd": 1e-3, "explicit": 2e-5, "rk4": 2e-5, "implicit": 2e-5}
 # An iteration of `implicit` that ends its linear solve early is such a relaxation.
-SOLVED = {name: info.defaults for name, info in SOLVER_CATALOG.items()} | {"implicit": (20, 60)}
+SOLVED = {name: info.defaults for name, info in SOLVER_CATALOG.items()} | {"implicit": (20, 10)}
 
 
 @pytest.mark.parametrize("solver", [name for name, kind in SOLVERS.items() if not kind.info.grid_only])
