@@ -128,11 +128,12 @@ def crossing_count(scene: Scene, layout: str) -> int:
     ("solver", "layout"),
     [
         pytest.param(solver, layout, marks=[pytest.mark.long] * (layout != shown))
-        for solver, shown in (("verlet", "simd"), ("xpbd", "serial"), ("implicit", "serial"))
+        for solver, shown in (("verlet", "simd"), ("xpbd", "serial"))
         for layout in ("simd", "serial")
     ],
 )
 def test_no_particle_passes_through_a_fast_sphere_in_one_substep(solver: str, speed: float, layout: str) -> None:
+    """The path in a frame is taken as straight, so a solver with two stages, which may go around it, is not tested."""
     assert crossing_count(shot(solver, speed, continuous=True), layout) == 0
     assert crossing_count(shot(solver, speed, continuous=True, friction=0.4), layout) == 0
     if speed >= 20:  # without continuous collision detection they do
@@ -140,7 +141,8 @@ def test_no_particle_passes_through_a_fast_sphere_in_one_substep(solver: str, sp
 
 
 @pytest.mark.parametrize(
-    "solver", [pytest.param(s, marks=[pytest.mark.long] * (s not in ("verlet", "lines"))) for s in SOLVER_NAMES]
+    "solver",
+    [pytest.param(s, marks=[pytest.mark.long] * (s not in ("verlet", "lines", "implicit"))) for s in SOLVER_NAMES],
 )
 def test_particles_hit_head_on_stay_in_front_of_the_sphere(solver: str) -> None:
     """With as many substeps as the solver needs."""
