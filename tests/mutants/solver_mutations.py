@@ -62,25 +62,6 @@ SOLVERS = [
         ("solvers/test_contract.py::test_free_fall_follows_its_discrete_closed_form[lines-simd]",),
     ),
     Mutation(
-        "two-stages-without-extrapolation",
-        "solvers/two_stage.py",
-        "        ahead = EXTRAPOLATION\n",
-        "        ahead = 0.0\n",
-        ("solvers/test_implicit.py::test_many_iterations_converge_to_the_two_stage_step[serial-False]",),
-    ),
-    Mutation(
-        "two-stages-extrapolate-impulses",
-        "solvers/two_stage.py",
-        "    prepare_extrapolation(cloth)\n    stage = ti.static(ctx._replace(dt_scale=STAGE_LENGTH))\n"
-        "    project_distance_bounds(cloth, features, stage)\n    project_self_contacts(cloth, features, stage)\n"
-        "    project_colliders(cloth, features, ti.static(stage._replace(s=stage_end(ctx) - 1.0)))\n",
-        "    stage = ti.static(ctx._replace(dt_scale=STAGE_LENGTH))\n"
-        "    project_distance_bounds(cloth, features, stage)\n    project_self_contacts(cloth, features, stage)\n"
-        "    project_colliders(cloth, features, ti.static(stage._replace(s=stage_end(ctx) - 1.0)))\n"
-        "    prepare_extrapolation(cloth)\n",
-        ("solvers/test_contract.py::test_a_dropped_sheet_does_not_bounce[lines-simd]",),
-    ),
-    Mutation(
         "lines-substeps-too-long",
         "geometry/stability_bounds.py",
         "COURANT = 1.4",
