@@ -20,6 +20,10 @@ settings.register_profile("untimed", deadline=None, suppress_health_check=[Healt
 settings.load_profile("untimed")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--arch", default="cpu", help="backend of Taichi: cpu, cuda, vulkan, metal or gpu")
+
+
 def pytest_configure() -> None:
     # A suite started by a shell in the background ignores Ctrl-C, and so would every program that it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -66,7 +70,7 @@ def taichi(request: pytest.FixtureRequest) -> Iterator[None]:
     module that defines `CPU_THREADS` gets so many.
     """
     threads = getattr(request.module, "CPU_THREADS", 1)
-    runtime.start("cpu", random_seed=0, cpu_max_num_threads=threads)
+    runtime.start(request.config.getoption("--arch"), random_seed=0, cpu_max_num_threads=threads)
     yield
     runtime.stop()
 

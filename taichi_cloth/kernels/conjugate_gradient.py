@@ -12,7 +12,7 @@ from .constraint_math import TINY
 from .simd_sweep import PairForce
 from .springs import accumulate_pair_forces, effective_stiffness
 from .step_params import STIFFNESS_FACTOR
-from .vec import dot, length, scale, select
+from .vec import dot, length, max_lane, scale, select
 
 TOLERANCE = 0.01  # a larger one saves a few products, and cloth in contact comes to rest later (docs/trials.md)
 MAX_PRODUCTS = 304  # of the matrix and a direction
@@ -120,6 +120,18 @@ def cg_solve(cloth: ti.template(), cg: ti.template(), features: ti.template(), p
             update_direction(cg, i, squares / before)
 
 
+@ti.func
+def largest_square(cloth: ti.template(), a: ti.template()):
+    """Return the largest squared length of the vectors of all particles."""
+    largest = dot(a[0], a[0])
+    for i in range(1, cloth.packet_count[None]):
+        largest = ti.max(largest, dot(a[i], a[i]))
+    if ti.static(cloth.is_simd):
+        return max_lane(largest)
+    else:
+        return largest
+
+
 # -- a parallel search: `cg_init`, then `cg_iterate` until `squares` is down to `goal` -------------------------------
 
 
@@ -137,6 +149,22 @@ def parallel_inner_product(cloth: ti.template(), a: ti.template(), b: ti.templat
         for t in range(PARTIAL_SUMS):
             total += cloth.cg.partial[t]
         result[None] = total
+
+
+@ti.func
+def parallel_largest_square(cloth: ti.template(), a: ti.template(), result: ti.template()):
+    """Set `result` to the largest squared length of the vectors of all particles."""
+    for t in range(PARTIAL_SUMS):
+        largest = 0.0
+        for n in range((cloth.packet_count[None] + PARTIAL_SUMS - 1 - t) // PARTIAL_SUMS):
+            i = n * PARTIAL_SUMS + t
+            largest = ti.max(largest, dot(a[i], a[i]))
+        cloth.cg.partial[t] = largest
+    for _ in range(1):
+        largest = 0.0
+        for t in range(PARTIAL_SUMS):
+            largest = ti.max(largest, cloth.cg.partial[t])
+        result[None] = largest
 
 
 @ti.func

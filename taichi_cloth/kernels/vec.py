@@ -39,6 +39,15 @@ def broadcast(vector: tm.vec3, like):
 
 
 @ti.func
+def max_lane(row):
+    """Return the largest number of a row of eight. `.max()` does not compile for tensor fields."""
+    largest = row[0]
+    for k in ti.static(range(1, LANES)):
+        largest = ti.max(largest, row[k])
+    return largest
+
+
+@ti.func
 def component(vector, c: ti.template()):
     """Return component c."""
     if ti.static(is_scalar(vector)):

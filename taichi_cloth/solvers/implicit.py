@@ -11,7 +11,8 @@ displacement since y, it moves all particles by the δ of
 A shortened spring has no stiffness across its direction here, although its force has a negative one there: so the
 matrix is positive definite (Choi and Ko 2002, *Stable but responsive cloth*, section 4), and conjugate gradients solve
 the equation. They never form the matrix: a product with it is one pass over the springs. The next iteration takes up
-what an inexact solution leaves. Damping of springs (`damping_time`) is left out.
+what an inexact solution leaves. A particle that moves far leaves more, since forces are linear only nearby: the
+iteration then takes more than one step. Damping of springs (`damping_time`) is left out.
 """
 
 from dataclasses import replace
@@ -21,7 +22,15 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..geometry.topology import Topology
-from ..kernels.conjugate_gradient import MAX_PRODUCTS, PARTIAL_SUMS, cg_init, cg_iterate, cg_solve
+from ..kernels.conjugate_gradient import (
+    MAX_PRODUCTS,
+    PARTIAL_SUMS,
+    cg_init,
+    cg_iterate,
+    cg_solve,
+    largest_square,
+    parallel_largest_square,
+)
 from ..kernels.constraint_math import TINY
 from ..kernels.forces import consume_force
 from ..kernels.integration import apply_correction
@@ -33,6 +42,8 @@ from ..state.solver_data import attach_correction
 from .base import Features, FrameInput
 from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage
 
+LINEAR_RANGE = 0.1  # of the shortest spring: an error of 1 % in a force, the tolerance of conjugate gradients
+MAX_STEPS = 8  # of Newton's method in an iteration
 PRODUCTS_PER_CHECK = 4  # of the matrix and a direction, between two checks of convergence; divides MAX_PRODUCTS
 
 
@@ -65,15 +76,19 @@ def apply_solution(cloth: ti.template(), features: ti.template(), ctx: ti.templa
 
 @ti.func
 def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    """One step of Newton's method, in one serial launch."""
-    write_residual(cloth, features, ctx)
-    cg_solve(cloth, cloth.cg, features, ctx.params, ctx.h * STAGE_LENGTH)
-    apply_solution(cloth, features, ctx)
+    """One step of Newton's method, or more as long as a particle moves farther than forces are linear."""
+    steps, linear = 0, False
+    while not linear and steps < ti.static(MAX_STEPS):
+        write_residual(cloth, features, ctx)
+        cg_solve(cloth, cloth.cg, features, ctx.params, ctx.h * STAGE_LENGTH)
+        apply_solution(cloth, features, ctx)
+        linear = largest_square(cloth, cloth.cg.solution) <= cloth.cg.linear_range[None]
+        steps += 1
 
 
 @ti.func
 def start_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    """The beginning of a parallel iteration; `cg_iteration` and `apply_solution` follow."""
+    """The beginning of a parallel step of Newton's method; `cg_iteration` and `end_iteration` follow."""
     write_residual(cloth, features, ctx)
     cg_init(cloth, cloth.cg)
 
@@ -81,6 +96,12 @@ def start_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.templ
 @ti.func
 def cg_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     cg_iterate(cloth, cloth.cg, features, ctx.params, ctx.h * STAGE_LENGTH)
+
+
+@ti.func
+def end_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    apply_solution(cloth, features, ctx)
+    parallel_largest_square(cloth, cloth.cg.solution, cloth.cg.largest_move)
 
 
 class Implicit(TwoStageSolver):
@@ -97,6 +118,7 @@ class Implicit(TwoStageSolver):
         super().__init__(cloth, topology, stiffness, replace(features, spring_damping=False), layout)
         attach_correction(self.layout)
         attach_cg_state(self.layout, PARTIAL_SUMS)
+        self.layout.cg.linear_range[None] = (LINEAR_RANGE * topology.rest.min()) ** 2
 
     def _step_in_parallel(self, frame: FrameInput) -> None:
         cg = self.layout.cg
@@ -108,13 +130,16 @@ class Implicit(TwoStageSolver):
 
             run(self.predict)
             for _ in range(frame.iterations):
-                run(start_iteration)
-                goal = cg.goal[None]
-                for _ in range(MAX_PRODUCTS // PRODUCTS_PER_CHECK):
-                    if cg.squares[None] <= goal:
+                for _ in range(MAX_STEPS):
+                    run(start_iteration)
+                    goal = cg.goal[None]
+                    for _ in range(MAX_PRODUCTS // PRODUCTS_PER_CHECK):
+                        if cg.squares[None] <= goal:
+                            break
+                        run(*[cg_iteration] * PRODUCTS_PER_CHECK)
+                    run(end_iteration)
+                    if cg.largest_move[None] <= cg.linear_range[None]:
                         break
-                    run(*[cg_iteration] * PRODUCTS_PER_CHECK)
-                run(apply_solution)
             run(self.finalize)
 
     def _force_frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:

@@ -251,16 +251,18 @@ class CGState:
     """direction · product, 0-D."""
     goal: ti.ScalarField
     """Value of `squares` at which the search stops, 0-D."""
+    largest_move: ti.ScalarField
+    """Largest squared length in `solution` [m²], 0-D, in the parallel layout."""
+    linear_range: ti.ScalarField
+    """Squared displacement [m²] up to which forces are taken to be linear, 0-D."""
 
 
 def attach_cg_state(layout: Layout, partial_sums: int) -> None:
     """Allocate `layout.cg`."""
 
     def make() -> CGState:
-        solution, residual, scaled, direction, product = (vector_field_like(layout) for _ in range(5))
-        squares, previous, curvature, goal = (ti.field(ti.f32, ()) for _ in range(4))
-        partial = fields.scalar_field(partial_sums)
-        return CGState(solution, residual, scaled, direction, product, partial, squares, previous, curvature, goal)
+        vectors = [vector_field_like(layout) for _ in range(5)]
+        return CGState(*vectors, fields.scalar_field(partial_sums), *(ti.field(ti.f32, ()) for _ in range(6)))
 
     if layout.cg is None:
         layout.cg = build(layout, make)

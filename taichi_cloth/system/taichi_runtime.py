@@ -59,19 +59,11 @@ def start(arch: str = "cpu", **options: object) -> str:
     """
     global _started
     check_not_forked()
-    if arch not in ARCHS:
-        raise ValueError(f"unknown arch {arch!r}{choose_from(arch, ARCHS)}")
-    os.environ.pop("TI_ARCH", None)
-    _import_taichi()
+    chosen = available_arch(arch)
     import taichi as ti
 
     from . import taichi_compat
 
-    ti.set_logging_level(ti.ERROR)  # or a missing CUDA library is reported twice
-    available = [name for name in ARCHS[1:-1] if taichi_compat.is_arch_available(name)]
-    chosen = next(iter(available), "gpu") if arch == "gpu" else arch
-    if chosen not in ("cpu", *available):
-        raise UsageError(f"arch {arch} is not available: this machine has {', '.join(['cpu', *available])}")
     stop()
     taichi_compat.install_source_cache()
     if "offline_cache_file_path" not in options and taichi_compat.usable(taichi_compat.CACHE):
@@ -94,6 +86,24 @@ def start(arch: str = "cpu", **options: object) -> str:
             raise ValueError(error.args[0]) from None
     taichi_compat.on_start()
     _started = taichi_compat.ProgramRef(), threading.get_ident()
+    return chosen
+
+
+def available_arch(arch: str) -> str:
+    """Return the arch that `start` would start for `arch`. Raises ValueError and UsageError as `start` does."""
+    if arch not in ARCHS:
+        raise ValueError(f"unknown arch {arch!r}{choose_from(arch, ARCHS)}")
+    os.environ.pop("TI_ARCH", None)
+    _import_taichi()
+    import taichi as ti
+
+    from . import taichi_compat
+
+    ti.set_logging_level(ti.ERROR)  # or a missing CUDA library is reported twice
+    available = [name for name in ARCHS[1:-1] if taichi_compat.is_arch_available(name)]
+    chosen = next(iter(available), "gpu") if arch == "gpu" else arch
+    if chosen not in ("cpu", *available):
+        raise UsageError(f"arch {arch} is not available: this machine has {', '.join(['cpu', *available])}")
     return chosen
 
 
