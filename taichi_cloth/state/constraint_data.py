@@ -261,8 +261,9 @@ def attach_cg_state(layout: Layout, partial_sums: int) -> None:
     """Allocate `layout.cg`."""
 
     def make() -> CGState:
-        vectors = [vector_field_like(layout) for _ in range(5)]
-        return CGState(*vectors, fields.scalar_field(partial_sums), *(ti.field(ti.f32, ()) for _ in range(6)))
+        solution, residual, scaled, direction, product = (vector_field_like(layout) for _ in range(5))
+        scalars = [ti.field(ti.f32, ()) for _ in range(6)]
+        return CGState(solution, residual, scaled, direction, product, fields.scalar_field(partial_sums), *scalars)
 
     if layout.cg is None:
         layout.cg = build(layout, make)
