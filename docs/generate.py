@@ -23,7 +23,7 @@ import stored
 from goals import GOALS
 
 import taichi_cloth as tc
-from taichi_cloth.evaluation.bench import scene_error
+from taichi_cloth.evaluation.bench import gpu_report, scene_error
 from taichi_cloth.evaluation.bench.scene_error import SceneErrors, ScenePoint
 from taichi_cloth.evaluation.stress.setup import ROBUST
 from taichi_cloth.kernels.step_params import MAX_GRABS
@@ -112,10 +112,16 @@ def machine_and_date_of_curtain() -> str:
     return machine_and_date(words)
 
 
+def gpu_and_date(words: stored.Words) -> str:
+    """Return the GPU, and the machine and the date of a run on it."""
+    return f"{words['device']} ({words['arch']}) · {machine_and_date(words)}"
+
+
 # For each command: the name of its stored file, and the function that returns the machine and date of that file.
 RUNS: dict[str, tuple[str, Callable[[stored.Words], str]]] = {
     "bench": ("bench", machine_and_date),
     "bench --goals": ("goals", machine_and_date),
+    "bench --gpu": ("gpu", gpu_and_date),
     "bench --error --scene": ("scene_errors", machine_and_date),
     "validate": ("validation", machine_and_date),
     "stress": ("stability", machines_and_dates),
@@ -425,7 +431,7 @@ def at(row: stored.Words | None) -> str:
 def goals() -> str:
     timed = [*(stored.load("bench") or {"rows": []})["rows"], *(stored.load("goals") or {"sheets": []})["sheets"]]
     found = table(["goal", "good", "excellent", "measured", "result"], [goal.cells() for goal in GOALS])
-    return with_runs(stored.disturbed(timed) + found, "bench", "bench --goals", "bench --error")
+    return with_runs(stored.disturbed(timed) + found, "bench", "bench --goals", "bench --error", "bench --gpu")
 
 
 BENCH_COLUMNS = {
@@ -475,6 +481,61 @@ def sheets() -> str:
         rows.append([row["name"], f"`{row['method']}`", f"{row['frames']}", f"{row['median_ms']:.1f}", *errors])
     header = ["sheet", "method", "frames", "ms", "RMS error", "max error", "uncertainty", "max strain"]
     return f"{machine_and_date(words)}\n\n{stored.disturbed(words['sheets'])}{table(header, rows)}"
+
+
+NO_GPU = "Not measured: no GPU was available, only Mesa's software Vulkan."
+
+
+def gpu() -> str:
+    """Return the tables of `bench --gpu`: motion, frames of the default settings, and real time."""
+    run = stored.gpu()
+    if run is None:
+        return NO_GPU
+    motion = table(
+        ["scene", *(f"`{name}`" for name in SOLVER_CATALOG)],
+        [[scene, *(same_motion(run, scene, name) for name in SOLVER_CATALOG)] for scene in scenes_of(run)],
+    )
+    defaults = [gpu_report.cells(row) for row in run.rows if row.is_default]
+    frames = table([*gpu_report.HEADINGS, *gpu_report.MORE], [[f"`{row[0]}`", *row[1:]] for row in defaults])
+    copied = "was not measured" if run.bandwidth is None else f"reads and writes {run.bandwidth / 1e9:,.0f} GB/s"
+    bound = f"{1e3 * gpu_report.SAME_MOTION:g}\N{NO-BREAK SPACE}mm"
+    return "\n\n".join(
+        [
+            f"Largest difference of a particle from the CPU after a few frames, passed up to {bound}:",
+            motion,
+            f"Frames of the swinging curtain with the default settings; a copy {copied}:",
+            frames,
+            gpu_report.LEGEND.replace("\n", " ") + ".",
+            "The fastest setting of each grid that runs in real time with a largest error of 1 %:",
+            real_time(run),
+            runs_line("bench --gpu"),
+        ]
+    )
+
+
+def scenes_of(run: gpu_report.GpuRun) -> list[str]:
+    return list(dict.fromkeys(row.scene for row in run.comparisons))
+
+
+def same_motion(run: gpu_report.GpuRun, scene: str, solver: str) -> str:
+    """Return the difference between CPU and GPU, with the verdict if it is not passed."""
+    for row in run.comparisons:
+        if (row.scene, row.solver) == (scene, solver):
+            found = "" if row.max_meters is None else f"{1e3 * row.max_meters:.2g}\N{NO-BREAK SPACE}mm"
+            return ", ".join(filter(None, [found, "" if row.verdict == "pass" else row.verdict]))
+    return "not measured"
+
+
+def real_time(run: gpu_report.GpuRun) -> str:
+    rows = []
+    for cells in dict.fromkeys(row.cells for row in run.rows):
+        best = gpu_report.largest_real_time([row for row in run.rows if row.cells == cells])
+        if best is None:
+            rows.append([f"{cells}×{cells}", "none", "", ""])
+        else:
+            ms, error = stored.milliseconds(best.median_ms), stored.per_cent(best.max_error)
+            rows.append([f"{cells}×{cells}", f"`{best.solver}` {best.setting}", ms, error])
+    return table(["cells", "setting", "ms", "max error"], rows)
 
 
 def elbow() -> str:
@@ -664,6 +725,7 @@ BLOCKS: dict[str, Callable[..., str]] = {
             frames,
             sheets,
             elbow,
+            gpu,
         ),
         *(keys, presets, sources, parameters, bindings, api),
     )

@@ -15,6 +15,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from taichi_cloth.evaluation.bench.gpu_report import GpuRun, read_run
+
 TOP = Path(__file__).resolve().parents[1]
 RESULTS = TOP / "benchmarks" / "results"
 ERRORS = TOP / "assets" / "error.csv"
@@ -75,6 +77,12 @@ def goal_figure(kind: str, key: str, name: str) -> Words | None:
         if row[key] == name:
             return dict(row)
     return None
+
+
+def gpu() -> GpuRun | None:
+    """Return the stored run of `bench --gpu`."""
+    words = load("gpu")
+    return None if words is None else read_run(words)
 
 
 def errors(cells: int, solver: str | None = None) -> list[Words]:

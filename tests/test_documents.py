@@ -139,7 +139,7 @@ def blocks_of(document: Path) -> dict[str, str]:
 
 BLOCKS = {
     "README.md": {"solvers", "validation_line", "stability_summary"},
-    "docs/performance.md": {"goals", "frames", "sheets"},
+    "docs/performance.md": {"goals", "frames", "sheets", "gpu"},
     "docs/accuracy.md": {"validation_summary", "elbow"},
     "docs/limits.md": {"bar_friction", "stability_summary", "nobody"},
     "docs/choosing.md": {"choosing", "unconverged"},

@@ -9,14 +9,18 @@ rebuilt only when a particle has moved through half the skin, so one search of t
 list that overflows, for a cloth in a heap, is not used: the hash is then queried in every substep.
 """
 
+import numpy as np
 import taichi as ti
 import taichi.math as tm
 
 from ..kernels.constraint_math import closest_between_segments, closest_on_triangle
 from ..kernels.layout import read
 from ..kernels.step_params import THICKNESS
+from ..kernels.tensor_fields import i32_array
 from ..kernels.vec import abs_, cast
 from ..state.contact_data import BLOCK
+from ..system.errors import UsageError
+from ..system.taichi_runtime import on_cpu
 from .static_friction import clear_anchors
 
 
@@ -353,3 +357,29 @@ def for_each_candidate(
         elif candidates.touching[k]:
             act(cloth, ctx, candidates.pairs[k][0], candidates.pairs[k][1], contact_pass, k)
     query_all(cloth, ctx, act, contact_pass, 1 - fits)
+
+
+# -- a probe: does the driver compile atomic sums in loops correctly? -------------------------------------------------
+
+
+@ti.kernel
+def count_in_loop(total: i32_array, count: int):
+    for _ in range(1):
+        for _k in range(count):
+            ti.atomic_add(total[0], 1)
+
+
+def check_atomic_sums() -> None:
+    """Raise UsageError if the driver of the GPU would not find all pairs.
+
+    Mesa's software Vulkan driver (22.3.6) leaves a loop after the second atomic sum of integers to the same address.
+    """
+    if on_cpu():
+        return
+    total = np.zeros(1, np.int32)
+    count_in_loop(total, 5)
+    if total[0] != 5:
+        raise UsageError(
+            "self-collision does not work with this Vulkan driver, which leaves loops with atomic sums too early; use"
+            " --arch cpu"
+        )

@@ -26,6 +26,8 @@ def add_commands(command: Command) -> None:
     which.add_argument("--filter", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver")
     which.add_argument("--features", action="store_true", help="instead: the cost of each feature of the curtain")
     which.add_argument("--goals", action="store_true", help="instead: run time of commands, errors on fine sheets")
+    which.add_argument("--gpu", action="store_true", help="instead: a GPU against the CPU, in five minutes")
+    bench.add_argument("--arch", choices=runtime.ARCHS[1:], help="with --gpu: Taichi backend (default: gpu)")
     bench.add_argument("--error", action="store_true", help="instead: error and frame time of each setting")
     bench.add_argument(
         "--scene",
@@ -112,10 +114,12 @@ def run_bench(args: argparse.Namespace) -> int:
         check_output_file(path, force=args.force)
     if args.markdown and not args.scene:
         raise UsageError("--markdown needs --scene: it writes the errors on scenes")
+    if args.arch and not args.gpu:
+        raise UsageError("--arch needs --gpu: the other measurements are of the CPU")
     if args.error:
         return run_scene_errors(args) if args.scene else run_error_sweep(args)
-    if args.goals:
-        return run_goals(args)
+    if args.goals or args.gpu:
+        return run_goals(args) if args.goals else run_gpu(args)
     if args.plot or args.scene:
         raise UsageError("--plot and --scene need --error")
     chosen = c.all_cases() if args.all else [] if args.features else c.default_cases()
@@ -157,13 +161,24 @@ def run_goals(args: argparse.Namespace) -> int:
     return 0
 
 
+def run_gpu(args: argparse.Namespace) -> int:
+    """Run `bench --gpu`."""
+    if args.all or args.plot or args.scene or args.csv:
+        raise UsageError("--gpu cannot be combined with --all, --plot, --scene or --csv; use --json")
+    arch = runtime.available_arch(args.arch or "gpu")
+    from .bench.gpu import measure_and_report
+
+    measure_and_report(arch, args.json)
+    return 0
+
+
 def run_error_sweep(args: argparse.Namespace) -> int:
     """Run `bench --error` on the swinging curtain."""
     from ..system.console import steps_progress, write_csv
     from .bench import error_sweep
 
-    if args.features or args.goals:
-        raise UsageError("use only one of --error, --features and --goals")
+    if args.features or args.goals or args.gpu:
+        raise UsageError("use only one of --error, --features, --goals and --gpu")
     if args.plot:
         error_sweep.load_pyplot()
     runtime.start("cpu")
@@ -193,10 +208,10 @@ def run_scene_errors(args: argparse.Namespace) -> int:
     from ..system.console import steps_progress, write_csv
     from .bench import scene_error
 
-    if args.features or args.goals or args.filter or args.all or args.plot:
+    if args.features or args.goals or args.gpu or args.filter or args.all or args.plot:
         raise UsageError(
-            "--scene can be combined with --csv, --json and --markdown, not with --features, --filter, --all, --plot or"
-            " --goals"
+            "--scene can be combined with --csv, --json and --markdown, not with --features, --filter, --all, --plot,"
+            " --goals or --gpu"
         )
     runtime.start("cpu")
     found = []

@@ -1,4 +1,4 @@
-"""Jobs in worker processes that exit with their parent process."""
+"""Jobs in worker processes that exit with their parent process: a pool, and one process that may crash or hang."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from multiprocessing import active_children, connection, get_context, parent_process
-from typing import TypeVar
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Any, TypeVar
+
+from ..system.errors import one_line
 
 Result = TypeVar("Result")
 
@@ -60,3 +64,90 @@ def ignore_interrupts() -> Iterator[None]:
     finally:
         if previous is not None:
             signal.signal(signal.SIGINT, previous)
+
+
+# -- one process -------------------------------------------------------------------------------------------------------
+
+
+TIME = "time"  # reason of a job that took too long
+
+
+class JobFailed(Exception):
+    """A job raised an exception, ended its process, or took too long; the message says which."""
+
+
+class Worker:
+    """A process that runs one job after another. A process that crashed or hung is replaced before the next job."""
+
+    def __init__(self, begin: Callable[[], object]) -> None:
+        """`begin` is called first in each process."""
+        self._begin = begin
+        self._process: SpawnProcess | None = None
+        self._jobs: Connection | None = None
+
+    def start(self, work: Callable[..., object], *arguments: object) -> None:
+        """Start a job; `result` waits for it."""
+        if self._jobs is None:
+            self._jobs, theirs = get_context("spawn").Pipe()
+            self._process = get_context("spawn").Process(target=serve, args=(theirs, self._begin), daemon=True)
+            with ignore_interrupts():
+                self._process.start()
+            theirs.close()
+        with suppress(BrokenPipeError):  # `result` reports that the process has ended
+            self._jobs.send((work, arguments))
+
+    def result(self, seconds: float) -> Any:
+        """Return the result of the job. Raises JobFailed, also if it takes longer than `seconds`."""
+        assert self._jobs is not None, "no job was started"
+        assert self._process is not None
+        try:
+            if not self._jobs.poll(max(seconds, 0.0)):
+                self.close()
+                raise JobFailed(TIME)
+            succeeded, value = self._jobs.recv()
+        except (EOFError, ConnectionResetError):
+            self._process.join(10)
+            code = self._process.exitcode
+            self.close()
+            raise JobFailed(f"the process ended with exit code {code}") from None
+        if not succeeded:
+            raise JobFailed(value)
+        return value
+
+    def run(self, work: Callable[..., object], *arguments: object, seconds: float) -> Any:
+        """Run a job and return its result. Raises JobFailed."""
+        self.start(work, *arguments)
+        return self.result(seconds)
+
+    def close(self) -> None:
+        """End the process, also within a job."""
+        if self._process is not None and self._jobs is not None:
+            self._jobs.close()
+            self._process.kill()
+            self._process.join()
+        self._process = self._jobs = None
+
+
+def serve(jobs: Connection, begin: Callable[[], object]) -> None:
+    """Run the jobs of a `Worker`, until its end of the connection is closed."""
+    problem = ""
+    try:
+        init_worker(begin)
+    except Exception as error:  # every job then fails with this reason
+        problem = reason(error)
+    with suppress(EOFError):
+        while True:
+            work, arguments = jobs.recv()
+            try:
+                jobs.send((False, problem) if problem else (True, work(*arguments)))
+            except Exception as error:  # of the job, whatever it is
+                jobs.send((False, reason(error)))
+
+
+MAX_REASON = 300  # [characters]
+
+
+def reason(error: Exception) -> str:
+    """Return an exception as one line."""
+    text = one_line(f"{type(error).__name__}: {error}".strip())
+    return text if len(text) <= MAX_REASON else text[: MAX_REASON - 1] + "…"

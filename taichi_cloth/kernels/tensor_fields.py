@@ -115,7 +115,7 @@ def write_fields(fields: ti.template(), bits: i32_array):
                 elif ti.static(component_count(field) == 1):
                     field[i] = component_at(bits, at, field)
                 else:
-                    for c in range(field.n):
+                    for c in ti.static(range(field.n)):  # a variable index does not compile for Vulkan
                         field[i][c] = component_at(bits, at + c, field)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from ..collision.self_broadphase import check_atomic_sums
 from ..collision.shapes import SHAPES
 from ..geometry.simd_layout import LANES
 from ..geometry.stability_bounds import max_damping_time, max_frequency, min_force_substeps
@@ -223,6 +224,8 @@ class Solver:
 
     def _attach_features(self, topology: Topology) -> None:
         """Set the fields that the features need."""
+        if self.features.self_collision:
+            check_atomic_sums()
         if self.layout_name == "parallel":
             self.layout = acquire_parallel(self.cloth, topology)
         if self.features.triangles:
