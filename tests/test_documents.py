@@ -19,8 +19,8 @@ import pytest
 from chromium import Browser, chromium
 
 import taichi_cloth as tc
-from taichi_cloth.cli import exporting, replaying, run, scenes
-from taichi_cloth.cli.main import build_parser
+from taichi_cloth.cli import output_commands, run, scenes
+from taichi_cloth.cli.program import build_parser
 from taichi_cloth.evaluation import commands as evaluation_commands
 from taichi_cloth.evaluation import compare
 from taichi_cloth.render.image_files import write_png
@@ -33,7 +33,7 @@ DOCUMENTS = [*TOP.glob("*.md"), *DOCS.rglob("*.md")]
 LINK = re.compile(r"\]\(([^)#]+)[^)]*\)")
 ANCHOR = re.compile(r"\]\(([^)#]*)#([^)]+)\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
-MODULES = (run, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
+MODULES = (run, compare, output_commands, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
 
 
 def text_of(document: Path) -> str:

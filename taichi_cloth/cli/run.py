@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 from ..scene import Scene
 from ..system import taichi_runtime as runtime
 from ..system.errors import Diverged, UsageError, install_command
-from .options import (
+from .output_commands import check_video, write_video
+from .program import (
     DEFAULT_FRAMES,
     VIEWS,
     Command,
@@ -29,7 +30,6 @@ from .options import (
     size,
     summary,
 )
-from .replaying import check_video, write_video
 
 if TYPE_CHECKING:
     from ..render.sequence import RenderPlan

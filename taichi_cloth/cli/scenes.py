@@ -11,7 +11,7 @@ from ..scene.schema import FRAME_SECONDS, PRESET_NAMES
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
-from .options import Command, keys_without_effect
+from .program import Command, keys_without_effect
 
 MAX_TIMED_MS = 20_000.0  # [ms] estimated frame time above which `check --time` does not run a scene
 

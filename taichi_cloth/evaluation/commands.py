@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..cli.options import Command, count, file_path, seed, strain
+from ..cli.program import Command, count, file_path, seed, strain
 from ..scene.schema import SOLVER_NAMES
 from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..cli.options import (
+from ..cli.program import (
     DEFAULT_FRAMES,
     VIEWS,
     Command,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..geometry.topology import NO_GRID, Topology
 from ..scene.schema import Look
-from .fill import FULL_STRAIN, strain_colors
 from .image_files import Pixels
+from .shading import FULL_STRAIN, strain_colors
 
 Fractions = NDArray[np.float64]  # fraction of the second color at each corner, (T, 3), 0…1
 Indices = NDArray[np.signedinteger[Any]]  # integer grid indices

@@ -19,7 +19,7 @@ from ..scene.collider_schema import Ground
 from ..scene.schema import Scene
 from ..simulation.simulation import Simulation
 from ..state.field_pool import Pool, upload
-from . import fill, lighting
+from . import shading
 from .camera import camera_of
 from .colors import STRAIN_SCALE, Scale, distance_scale, pattern_colors, rgb, rounded_up
 
@@ -140,7 +140,7 @@ def _allocate_look(particles: int) -> ParticleData:
 
 _meshes = Pool(_allocate_mesh)
 _looks = Pool(_allocate_look)
-_shadow_maps: Pool[Any] = Pool(lambda: ti.field(ti.i32, (lighting.SHADOW_MAP_SIZE, lighting.SHADOW_MAP_SIZE)))
+_shadow_maps: Pool[Any] = Pool(lambda: ti.field(ti.i32, (shading.SHADOW_MAP_SIZE, shading.SHADOW_MAP_SIZE)))
 
 
 class DrawList:
@@ -206,24 +206,24 @@ class DrawList:
         self._fill_meshes(self._first_moving, moved)
         first = self._first_cloth
         mesh.corners = first + self._cloth_corners[view]
-        fill.particle_normals(cloth, self._look.normal)
+        shading.particle_normals(cloth, self._look.normal)
         if view == "shaded":
-            fill.fill_shaded(cloth, mesh, self._look.normal, first, self._triangle_colors)
+            shading.fill_shaded(cloth, mesh, self._look.normal, first, self._triangle_colors)
         elif view == "strain":
             springs = self._structural_count or simulation.topology.spring_count
-            fill.particle_strains(cloth, self._look.strain, springs)
-            fill.fill_strain(cloth, mesh, self._look.normal, self._look.strain, first)
+            shading.particle_strains(cloth, self._look.strain, springs)
+            shading.fill_strain(cloth, mesh, self._look.normal, self._look.strain, first)
         elif view == "error":
             self._fill_errors()
-            fill.fill_strain(cloth, mesh, self._look.normal, self._look.strain, first)
+            shading.fill_strain(cloth, mesh, self._look.normal, self._look.strain, first)
         elif view == "wireframe":
             width = 0.06 * self._spring_length
-            fill.fill_springs(
+            shading.fill_springs(
                 cloth, mesh, first, ti.math.vec3(*eye), width, self._drawn_spring_count, self._spring_colors
             )
         else:
             free = ti.math.vec3(*rgb(simulation.scene.look.color))
-            fill.fill_particles(cloth, mesh, first, 0.22 * self._spring_length, free, ti.math.vec3(*PINNED_COLOR))
+            shading.fill_particles(cloth, mesh, first, 0.22 * self._spring_length, free, ti.math.vec3(*PINNED_COLOR))
         self._light(view, ti.math.vec3(*eye))
         return mesh
 
@@ -247,26 +247,26 @@ class DrawList:
 
     def _fill_errors(self) -> None:
         """Write the error of each particle as the strain that has its color, or that it was not measured."""
-        strains = np.full(self.simulation.topology.particle_count, fill.UNKNOWN)
+        strains = np.full(self.simulation.topology.particle_count, shading.UNKNOWN)
         if self.errors is not None:
-            strains = fill.FULL_STRAIN * self.errors / (self._full_error or 1.0)
+            strains = shading.FULL_STRAIN * self.errors / (self._full_error or 1.0)
         upload(self._look.strain, strains)
 
     def _light(self, view: str, eye: object) -> None:
         """Render the shadow map, and light every corner."""
         mesh, shadow_map, frame = self.mesh, self._shadow_map, self._shadow_frame
-        lighting.clear_shadow_map(shadow_map)
-        lighting.cast_shadow(mesh, self._first_solid, mesh.corners, shadow_map, frame)
+        shading.clear_shadow_map(shadow_map)
+        shading.cast_shadow(mesh, self._first_solid, mesh.corners, shadow_map, frame)
         center = ti.math.vec3(*self._floor_center())
-        lighting.shade_floor(mesh, self._first_solid, shadow_map, frame, center, self._floor_extent)
-        lighting.shade_solids(mesh, self._first_solid, self._first_cloth, GLOSS, eye, shadow_map, frame)
+        shading.shade_floor(mesh, self._first_solid, shadow_map, frame, center, self._floor_extent)
+        shading.shade_solids(mesh, self._first_solid, self._first_cloth, GLOSS, eye, shadow_map, frame)
         if view in ("shaded", *COLORED_VIEWS):
             gloss, contrast = (
                 (self.simulation.scene.look.sheen, 1.0) if view == "shaded" else (0.0, STRAIN_VIEW_CONTRAST)
             )
-            lighting.shade_cloth(mesh, self._first_cloth, mesh.corners, gloss, contrast, eye, shadow_map, frame)
+            shading.shade_cloth(mesh, self._first_cloth, mesh.corners, gloss, contrast, eye, shadow_map, frame)
         else:
-            lighting.shade_solids(mesh, self._first_cloth, mesh.corners, 0.0, eye, shadow_map, frame)
+            shading.shade_solids(mesh, self._first_cloth, mesh.corners, 0.0, eye, shadow_map, frame)
 
     def _update_spheres(self) -> None:
         """Write the spheres of the scene, and the markers of the first grabbed particle and of added pins.
@@ -287,13 +287,13 @@ class DrawList:
     def _fill_spheres(self, first: int, unit: Floats, centers: object, radii: object, colors: object) -> int:
         """Write copies of a unit sphere from corner `first` on, and return the corner after the last."""
         centers32, radii32, colors32 = (np.array(values, np.float32) for values in (centers, radii, colors))
-        fill.fill_spheres(self.mesh, first, unit, centers32, radii32, colors32)
+        shading.fill_spheres(self.mesh, first, unit, centers32, radii32, colors32)
         return first + len(centers32) * len(unit)
 
     def _fill_meshes(self, first: int, meshes: list[TriangleSoup]) -> None:
         """Write meshes one after another, from corner `first` on."""
         for positions, normals, colors in meshes:
-            fill.fill_mesh(self.mesh, first, positions, normals, colors)
+            shading.fill_mesh(self.mesh, first, positions, normals, colors)
             first += len(positions)
 
     # -- floor ---------------------------------------------------------------------------------------------------------

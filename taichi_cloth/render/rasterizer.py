@@ -16,7 +16,7 @@ import taichi.math as tm
 
 from ..scene.keys import Vec3
 from .draw_list import DrawMesh
-from .lighting import BACKGROUND
+from .shading import BACKGROUND
 
 NEAR = 0.05  # [m] a triangle with a corner nearer than this is not drawn
 MAX_COORDINATE = 2.0**20  # [pixels] nor is one with a coordinate this large: products of grid lengths would overflow

@@ -23,7 +23,7 @@ from ..scene.collider_schema import Ground, Sphere
 from ..scene.schema import Scene
 from ..simulation.simulation import Simulation
 from ..system.errors import one_line
-from . import draw_list, lighting, split_view
+from . import draw_list, shading, split_view
 from .camera import camera_of
 from .draw_list import TriangleSoup, collider_mesh, pole_mesh, with_color
 
@@ -139,21 +139,21 @@ def air(scene: Scene) -> dict[str, object]:
     camera = camera_of(scene)
     distance = float(np.linalg.norm(np.subtract(camera.eye, camera.target)))
     light = {
-        "lightDirection": lighting.LIGHT_DIRECTION,
-        "shadowU": lighting.SHADOW_U,
-        "shadowV": lighting.SHADOW_V,
-        "lightColor": lighting.LIGHT_COLOR,
-        "sky": lighting.SKY,
-        "floorLight": lighting.FLOOR_LIGHT,
-        "rimColor": lighting.RIM_COLOR,
-        "rimDirection": lighting.RIM_DIRECTION,
-        "background": lighting.BACKGROUND,
-        "transmission": lighting.TRANSMISSION,
-        "specularExponent": lighting.SPECULAR_EXPONENT,
+        "lightDirection": shading.LIGHT_DIRECTION,
+        "shadowU": shading.SHADOW_U,
+        "shadowV": shading.SHADOW_V,
+        "lightColor": shading.LIGHT_COLOR,
+        "sky": shading.SKY,
+        "floorLight": shading.FLOOR_LIGHT,
+        "rimColor": shading.RIM_COLOR,
+        "rimDirection": shading.RIM_DIRECTION,
+        "background": shading.BACKGROUND,
+        "transmission": shading.TRANSMISSION,
+        "specularExponent": shading.SPECULAR_EXPONENT,
         "shadowExtent": draw_list.SHADOW_EXTENT * distance,
-        "texel": 2 * draw_list.SHADOW_EXTENT * distance / lighting.SHADOW_MAP_SIZE,
-        "shadowBias": lighting.SHADOW_BIAS,
-        "sampleSpacing": lighting.SAMPLE_SPACING,
+        "texel": 2 * draw_list.SHADOW_EXTENT * distance / shading.SHADOW_MAP_SIZE,
+        "shadowBias": shading.SHADOW_BIAS,
+        "sampleSpacing": shading.SAMPLE_SPACING,
         "target": camera.target,
         "floorExtent": draw_list.FLOOR_EXTENT * distance,
         "gridExtent": draw_list.GRID_EXTENT * distance,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..render.camera import OrbitCamera
 from ..render.colors import WindowLegend
 from ..render.draw_list import DrawMesh
-from ..render.lighting import BACKGROUND
+from ..render.shading import BACKGROUND
 from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.simulation import Simulation

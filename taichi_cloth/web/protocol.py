@@ -23,7 +23,7 @@ from ..geometry import closed_surface
 from ..render.camera import NEAR, OrbitCamera
 from ..render.colors import merge_vertices, pattern_colors
 from ..render.draw_list import GRABBED_COLOR, PINNED_COLOR, marker_radius, with_color
-from ..render.fill import FULL_STRAIN, strain_colors
+from ..render.shading import FULL_STRAIN, strain_colors
 from ..render.webgl import Solids, air, quantize, remaining_triangles
 from ..scene.parameters import Parameter
 from ..scene.schema import SOLVER_NAMES

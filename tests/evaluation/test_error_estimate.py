@@ -7,8 +7,7 @@ import pytest
 from taichi_cloth import load_scene
 from taichi_cloth.__main__ import main
 from taichi_cloth.cli import run
-from taichi_cloth.cli.main import build_parser
-from taichi_cloth.cli.options import chosen_scene
+from taichi_cloth.cli.program import build_parser, chosen_scene
 from taichi_cloth.evaluation.bench import error_sweep
 from taichi_cloth.evaluation.bench.error_sweep import Curtain
 from taichi_cloth.scene.collider_schema import Ground, Plane

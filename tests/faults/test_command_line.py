@@ -14,8 +14,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from taichi_cloth import __main__ as cli
-from taichi_cloth.cli import exporting, replaying, run, scenes
-from taichi_cloth.cli.main import build_parser
+from taichi_cloth.cli import output_commands, run, scenes
+from taichi_cloth.cli.program import build_parser
 from taichi_cloth.evaluation import commands as evaluation_commands
 from taichi_cloth.evaluation import compare
 from taichi_cloth.evaluation.bench import subprocess_runner as children
@@ -26,7 +26,7 @@ from taichi_cloth.system import taichi_runtime as runtime
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer import toolkit as display
 
-MODULES = (run, compare, exporting, replaying, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
+MODULES = (run, compare, output_commands, scenes, evaluation_commands)  # as in `taichi_cloth.__main__`
 STOPPED = "stopped before the run"
 
 

@@ -14,7 +14,7 @@ from taichi_cloth.geometry.topology import Topology, build_sheet
 from taichi_cloth.kernels import distance_limits, springs
 from taichi_cloth.kernels import step_params as c
 from taichi_cloth.kernels.forces import add_wind, clear_forces, consume_acceleration, wind_at
-from taichi_cloth.render.fill import particle_normals
+from taichi_cloth.render.shading import particle_normals
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
 from taichi_cloth.scene.schema import Cloth, Scene, Solver, Wind
 from taichi_cloth.simulation.simulation import Simulation

@@ -23,7 +23,7 @@ from taichi_cloth.render.colors import (
     text_width,
 )
 from taichi_cloth.render.draw_list import DrawList
-from taichi_cloth.render.fill import FULL_STRAIN
+from taichi_cloth.render.shading import FULL_STRAIN
 from taichi_cloth.render.split_view import SplitRenderer, camera_for_both
 from taichi_cloth.viewer.charts import top
 

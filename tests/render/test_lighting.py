@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_cloth.render import lighting
+from taichi_cloth.render import shading
 from taichi_cloth.render.draw_list import DrawMesh
-from taichi_cloth.render.lighting import (
+from taichi_cloth.render.shading import (
     BACKGROUND,
     FLOOR_LIGHT,
     LIGHT_COLOR,
@@ -51,8 +51,8 @@ def put(setup: Setup, triangles: list[np.ndarray], normal: np.ndarray) -> DrawMe
     mesh.position.from_numpy(rows)
     mesh.normal.from_numpy(np.tile(normal.astype(np.float32), (12, 1)))
     mesh.corners = 3 * len(triangles)
-    lighting.clear_shadow_map(shadow_map)
-    lighting.cast_shadow(mesh, 0, mesh.corners, shadow_map, FRAME)
+    shading.clear_shadow_map(shadow_map)
+    shading.cast_shadow(mesh, 0, mesh.corners, shadow_map, FRAME)
     return mesh
 
 

@@ -21,7 +21,7 @@ from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.obj_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.draw_list import VIEWS
-from taichi_cloth.render.lighting import BACKGROUND
+from taichi_cloth.render.shading import BACKGROUND
 from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.simulation.recording import Recorder, read_recording
 from taichi_cloth.simulation.simulation import Simulation
