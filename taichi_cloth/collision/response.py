@@ -80,6 +80,17 @@ def resolve_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.temp
 
 
 @ti.func
+def stop_in_contact(cloth: ti.template(), features: ti.template(), ctx: ti.template(), time: float):
+    """Make velocities those of cloth in contact, if `time` is the end of the frame.
+
+    Forces accelerate a particle on a collider in every substep, and the next projection stops it. Between them is the
+    end of the frame: without this, cloth at rest would be reported to move into the collider, and cloth that friction
+    holds to slide.
+    """
+    for_each_collider(cloth, features, ctx, PROJECTION, stop, time)
+
+
+@ti.func
 def add_repulsion(cloth: ti.template(), features: ti.template(), ctx: ti.template(), time: float):
     """Add the penalty force [N] of every repelling collider at a time, in substeps since the start of the frame."""
     for_each_collider(cloth, features, ctx, REPULSION, repel, time)
@@ -152,12 +163,36 @@ def contact_of(
 @ti.func
 def reflect(cloth: ti.template(), features: ti.template(), ctx: ti.template(), shape: ti.template(), row: int, time):
     """Reverse the normal velocity of particles that approach within the margin, times the restitution."""
+    restitution = ctx.colliders[row, COLLIDER_RESTITUTION]
+    resolve_velocities(cloth, features, ctx, shape, row, time, restitution, 0.0, cloth.packet_count[None])
+
+
+@ti.func
+def stop(cloth: ti.template(), features: ti.template(), ctx: ti.template(), shape: ti.template(), row: int, time):
+    """At the end of a frame, stop the approach of particles on the margin."""
+    count = cloth.packet_count[None] * int(time > ctx.substeps - 0.5)  # a parallel loop must not be under an `if`
+    resolve_velocities(cloth, features, ctx, shape, row, time, 0.0, SURFACE_TOLERANCE, count)
+
+
+@ti.func
+def resolve_velocities(
+    cloth: ti.template(),
+    features: ti.template(),
+    ctx: ti.template(),
+    shape: ti.template(),
+    row: int,
+    time,
+    restitution: float,
+    tolerance: float,
+    count: int,
+):
+    """Change the velocities of particles that approach within the margin and a tolerance [m], with Coulomb friction."""
     table = ti.static(ctx.colliders)
-    restitution, friction = table[row, COLLIDER_RESTITUTION], table[row, COLLIDER_FRICTION]
+    friction = table[row, COLLIDER_FRICTION]
     center, axes = pose_at(table, row, time / ctx.substeps)
-    margin = margin_at(table, row, time / ctx.substeps)
+    margin = margin_at(table, row, time / ctx.substeps) + tolerance
     speed, spin = surface_motion(table, row, ctx.substeps * ctx.h)
-    for i in range(cloth.packet_count[None]):
+    for i in range(count):
         push, velocity = contact_of(cloth, features, ctx, shape, row, i, ti.static((center, axes, margin, speed, spin)))
         normal = scale(push, 1.0 / ti.max(length(push), TINY))
         change = scale(normal, -(1.0 + restitution) * ti.min(dot(normal, velocity), 0.0))

@@ -13,7 +13,7 @@ from ..kernels.springs import add_spring_forces
 from ..kernels.step_params import VELOCITY_FACTOR
 from ..scene.schema import FRAME_SECONDS
 from .base import ExplicitSolver
-from .pipeline import add_external_forces, begin_substep, project_constraints
+from .pipeline import add_external_forces, begin_substep, project_constraints, stop_at_colliders
 
 
 @ti.func
@@ -31,6 +31,7 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     integrate(cloth, features, ctx.params, kick * ctx.h, ti.pow(ctx.params[VELOCITY_FACTOR], kick), drift)
     if ctx.s == ctx.substeps:  # the frame ends with the velocities of held particles, which `integrate` sets to 0
         move_kinematic_particles(cloth, features, ctx, ctx.s, False)
+    stop_at_colliders(cloth, features, ctx, ctx.s)
 
 
 @ti.func

@@ -18,7 +18,7 @@ import taichi as ti
 
 from ..collision.deforming_meshes import find_surface_contacts, project_surface_contacts
 from ..collision.layer_contact import ROUNDS, find_layer_contacts, resolve_layer_contacts
-from ..collision.response import add_repulsion, resolve_contacts
+from ..collision.response import add_repulsion, resolve_contacts, stop_in_contact
 from ..collision.self_collision import resolve_self_contacts
 from ..collision.static_friction import clear_anchors_each_frame
 from ..collision.truncation import truncate_motion
@@ -53,6 +53,15 @@ def project_colliders(cloth: ti.template(), features: ti.template(), ctx: ti.tem
     """Resolve contact with colliders."""
     resolve_contacts(cloth, features, ctx)
     project_surface_contacts(cloth, features, ctx)
+
+
+@ti.func
+def stop_at_colliders(cloth: ti.template(), features: ti.template(), ctx: ti.template(), time: float):
+    """Stop particles on rigid colliders at the end of a frame, for solvers that project contact once a substep.
+
+    `time`: in substeps since the start of the frame.
+    """
+    stop_in_contact(cloth, features, ctx, time)
 
 
 @ti.func

@@ -21,7 +21,7 @@ from ..scene.schema import FRAME_SECONDS
 from ..state import ClothState
 from ..state.solver_data import attach_stage_sums
 from .base import ExplicitSolver, Features
-from .pipeline import add_external_forces, begin_substep, project_constraints
+from .pipeline import add_external_forces, begin_substep, project_constraints, stop_at_colliders
 
 MAX_DAMPING = 1.0  # of a substep: an explicit step overshoots beyond it
 
@@ -88,6 +88,7 @@ def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     combine_stages(cloth, ctx.h)
     move_kinematic_particles(cloth, features, ctx, ctx.s + 1.0)
     project_constraints(cloth, features, ctx)
+    stop_at_colliders(cloth, features, ctx, ctx.s + 1.0)
 
 
 class Rk4(ExplicitSolver):

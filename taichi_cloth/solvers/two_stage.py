@@ -40,6 +40,7 @@ from .pipeline import (
     project_distance_bounds,
     project_self_contacts,
     project_strain_limit,
+    stop_at_colliders,
 )
 
 GAMMA = 1 - sqrt(0.5)
@@ -138,6 +139,7 @@ def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
         cloth, features, ti.static(position_only._replace(s=stage_end(ctx) + ahead - 1.0, dt_scale=ahead))
     )
     end_substep(cloth, features, ctx)
+    stop_at_colliders(cloth, features, ctx, ctx.s + 1.0)
 
 
 class TwoStageSolver(Solver):
