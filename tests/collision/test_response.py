@@ -22,6 +22,7 @@ from taichi_cloth.scene.collider_schema import (
 )
 from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.solvers import SOLVERS
 from taichi_cloth.system.errors import SceneError
 
 GRAVITY, MARGIN, DENSITY = 9.81, 0.02, 0.2
@@ -160,3 +161,21 @@ def test_unsupported_combinations_are_rejected_in_one_line(override: dict[str, o
     with pytest.raises(SceneError) as caught:
         load_scene("curtain", **override)
     assert str(caught.value).startswith(f"curtain (override): {line}")
+
+
+HELD = Scene(
+    cloth=Cloth(rows=9, columns=9, width=0.4, height=0.4, center=(0.0, 0.0, 0.0), rotation=(-90.0, 0.0, 20.0), pins=()),
+    solver=Solver(damping=0.0),
+    planes=(Plane(rotation=(0.0, 0.0, 20.0), margin=0.0, friction=0.6),),
+)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_cloth_that_friction_holds_is_reported_at_rest(solver: str) -> None:
+    """Gravity moves it within a substep, and contact stops it before the end of the frame."""
+    with Simulation(replace(HELD, solver=replace(HELD.solver, name=solver, substeps=4, iterations=2))) as simulation:
+        simulation.step(30)
+        before = simulation.positions()
+        simulation.step()
+        assert np.abs(simulation.positions() - before).max() < 1e-5
+        assert np.linalg.norm(simulation.velocities(), axis=1).max() < 2e-4  # half a substep of gravity adds 2e-3
