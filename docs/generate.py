@@ -320,11 +320,18 @@ def references(name: str) -> str:
     if words is None:
         return "References with known solutions: no run is stored."
     short, count = stored.shortfalls(words, name)
-    heading = "References with known solutions ([validation](../validation.md)) that it does not reach"
+    heading = (
+        "References with known solutions ([validation](../validation.md)) of which rows fall short or are too slow to"
+        " be measured"
+    )
     if not short:
         return f"{heading}: none of {count}."
-    rows = [[what, f"{missed} of {rows}", f"{worst:.2g}"] for what, missed, rows, worst in short]
-    return f"{heading}: {len(short)} of {count}.\n\n" + table(["reference", "rows", "largest error"], rows)
+    rows = [
+        [what, f"{missed} of {rows}", f"{slow} of {rows}", "-" if worst is None else f"{worst:.2g}"]
+        for what, missed, slow, rows, worst in short
+    ]
+    columns = ["reference", "rows that fall short", "rows too slow to be measured", "largest measured error"]
+    return f"{heading}: {len(short)} of {count}. The error of a row is in its unit.\n\n" + table(columns, rows)
 
 
 def hard_cases(setting: str) -> str:

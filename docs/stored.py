@@ -169,10 +169,11 @@ def verdicts(words: Words) -> dict[str, Counter[str]]:
     return found
 
 
-def shortfalls(words: Words, solver: str) -> tuple[list[tuple[str, int, int, float]], int]:
+def shortfalls(words: Words, solver: str) -> tuple[list[tuple[str, int, int, int, float | None]], int]:
     """Return the references that a solver does not reach, and the number of its references.
 
-    Each is a tuple of name, number of rows that do not pass, number of rows, and largest error.
+    Each is a tuple of name, number of rows that fall short, of rows that are too slow to be measured, of all rows, and
+    the largest measured error of the former.
     """
     by_reference: dict[str, list[Words]] = {}
     for row in words["rows"]:
@@ -181,7 +182,8 @@ def shortfalls(words: Words, solver: str) -> tuple[list[tuple[str, int, int, flo
     short = []
     for name, rows in by_reference.items():
         missed = [row for row in rows if row["verdict"] not in PASSED]
+        slow = sum(row["verdict"] == SLOW for row in missed)
         if missed:
-            worst = max((float("inf") if row["error"] is None else float(row["error"])) for row in missed)
-            short.append((name, len(missed), len(rows), worst))
+            worst = max((float(row["error"]) for row in missed if row["error"] is not None), default=None)
+            short.append((name, len(missed) - slow, slow, len(rows), worst))
     return short, len(by_reference)

@@ -164,7 +164,10 @@ def converged(scenes: list[Scene], frames: int) -> np.ndarray | tuple[()]:
     from .reference.solution import reason_unsupported, steps_per_frame
 
     a, b = (replace(scene, solver=scenes[0].solver, verlet=scenes[0].verlet) for scene in scenes)
-    if a != b or reason_unsupported(a):
+    if a != b:
+        return ()
+    if reason := reason_unsupported(a):
+        print(f"no reference solution: {reason}")
         return ()
     if (steps := steps_per_frame(a)) > MAX_REFERENCE_STEPS:
         print(f"no reference solution: it would take {steps:,} steps a frame, more than {MAX_REFERENCE_STEPS:,}")

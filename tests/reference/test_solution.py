@@ -17,7 +17,7 @@ from taichi_cloth.evaluation.reference.solution import (
     steps_per_frame,
 )
 from taichi_cloth.geometry.spring_model import spring_model
-from taichi_cloth.scene.collider_schema import Attachment
+from taichi_cloth.scene.collider_schema import Attachment, Sphere
 from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver, StrainLimit, Tearing, Wind
 
 SMALL = Scene(
@@ -71,6 +71,16 @@ def test_steps_are_short_against_the_fastest_vibration() -> None:
     )
     model = spring_model(pair)
     assert max_frequency(model) == pytest.approx(np.sqrt(2 * 5.0 / model.mass[2:].min()))
+
+
+@pytest.mark.parametrize(("distance", "supported"), [(0.21, False), (0.23, True)])
+def test_cloth_that_starts_inside_a_margin_has_no_reference_solution(distance: float, supported: bool) -> None:
+    """The ball and its margin have a radius of 0.22 m together."""
+    upright = replace(SMALL.cloth, rotation=(0.0, 0.0, 0.0))
+    ball = Sphere(center=(0.0, upright.center[1], distance), radius=0.2, margin=0.02)
+    reason = reason_unsupported(replace(SMALL, cloth=upright, spheres=(ball,)))
+    assert ("starts inside" in reason) is not supported
+    assert (reason == "") is supported
 
 
 def test_scenes_without_a_reference_solution_give_the_reason() -> None:

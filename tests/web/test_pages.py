@@ -415,6 +415,37 @@ def test_every_control_is_large_enough_for_a_finger(page: Browser, server: Serve
     other.kill()
 
 
+SWIPES = {"scroll": (0, -12), "along": (12, 0), "tap": (0, 0)}
+
+
+@pytest.mark.parametrize("swipe", SWIPES)
+def test_a_finger_that_scrolls_the_panel_moves_no_slider(page: Browser, server: Server, swipe: str) -> None:
+    """One that moves along a slider, or taps it, does."""
+    other = page.another()
+    resized(other, (390, 844), touch=True)
+    open_page(other, server)
+    slider = "find('input[name=damping]')"
+    other.value(f"find('.panel-toggle').click(); {slider}.scrollIntoView({{ block: 'center' }})")
+    before = other.value("parameters.damping")
+    left, top, width, height = other.value(
+        f"(({{ left, top, width, height }}) => [left, top, width, height])({slider}.getBoundingClientRect())"
+    )
+    x, y = left + 0.6 * width, top + height / 2
+    other.call("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
+    for k in range(1, 9):
+        point = {"x": x + k * SWIPES[swipe][0], "y": y + k * SWIPES[swipe][1]}
+        if swipe != "tap":
+            other.call("Input.dispatchTouchEvent", type="touchMove", touchPoints=[point])
+    other.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    if swipe == "scroll":
+        other.value("new Promise((done) => setTimeout(done, 600))")
+        assert other.value("parameters.damping") == before
+        assert float(other.value(f"{slider}.value")) == pytest.approx(before, abs=0.06)
+    else:
+        other.until(f"Math.abs(parameters.damping - {before}) > 0.5")
+    other.kill()
+
+
 def test_a_cloth_at_rest_has_flat_curves(page: Browser) -> None:
     legends = "[...document.querySelectorAll('.legend')].map((legend) => legend.lastChild.textContent)"
     page.value("metrics = HANDLERS.metrics; HANDLERS.metrics = () => {}; chartRows.length = 0")

@@ -264,13 +264,26 @@ def distances(a: Floats, b: Floats) -> Floats:
     return result
 
 
+MAX_START_DEPTH = 1e-5  # [m] of a particle on a margin, by the rounding of its position
+
+
 def reason_unsupported(scene: Scene) -> str:
     """Return why a scene has no reference solution, or an empty string if it has one."""
     if scene.self_collision is not None:
         return "self-collision is not in the reference"
     if any(mesh.clip for mesh in scene.meshes):
         return "meshes with a clip are not in the reference"
+    if starts_in_contact(scene):
+        return "cloth that starts inside a collider's margin is let out slowly, which is not in the reference"
     return ""
+
+
+def starts_in_contact(scene: Scene) -> bool:
+    """Return whether a free particle starts within the margin of a collider that projects positions."""
+    model = spring_model(scene)
+    free = model.start[:, model.free]
+    obstacles = [one for one in obstacles_of(scene) if one.collider.response == "projection"]
+    return any(bool((one.gap(free, one.pose(0.0))[0] < -MAX_START_DEPTH).any()) for one in obstacles)
 
 
 def max_frequency(model: SpringModel) -> float:
