@@ -26,6 +26,7 @@ import taichi_cloth as tc
 from taichi_cloth.evaluation.bench import gpu_report, scene_error
 from taichi_cloth.evaluation.bench.scene_error import SceneErrors, ScenePoint
 from taichi_cloth.evaluation.stress.setup import ROBUST
+from taichi_cloth.geometry.topology import Topology
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import key_table, schema
 from taichi_cloth.scene.keys import KEYS_TITLE
@@ -633,7 +634,7 @@ SIMULATION_ATTRIBUTES = {
     " passes through another; None without it, and while there are intersections",
     "scene": "the running `Scene`",
     "original_scene": "the `Scene` that the simulation was opened with",
-    "topology": "particles, springs, triangles, rest lengths, masses and pins",
+    "topology": "the [particles, springs and triangles](#simulationtopology), without those that tore",
     "listeners": "functions that are called with every `Event`, after it was carried out",
 }
 
@@ -658,6 +659,10 @@ def api() -> str:
     blocks.append(f"### tc.GrabHandle\n\nThe result of `simulation.grab`. There are at most {MAX_GRABS} at a time.")
     blocks += members("grab", tc.GrabHandle)
     blocks.append(f"### tc.ClothMetrics\n\nThe result of `simulation.metrics`.\n\n{fields_of(tc.ClothMetrics)}")
+    remaining = (
+        "N particles, E springs and T triangles. Springs and triangles that tore are missing; particles are all there."
+    )
+    blocks.append(f"### simulation.topology\n\n{remaining}\n\n{fields_of(Topology)}")
     measured = (
         "What `simulation.frame_error` is after `simulation.step(measure_error=True)` ([explained](frame_error.md))."
     )
@@ -681,7 +686,7 @@ def api() -> str:
 
 def fields_of(cls: type) -> str:
     """Return the table of the fields of a class, which have their meaning in a comment or in the docstring below."""
-    line = r'^    (\w+): (.+?)(?: = .+?)?(?:  # (.+)|\n    """(.+?)""")$'
+    line = r'^    (\w+): (.+?)(?: = .+?)?(?:  # (.+)|\n    """(.+?)(?:"""|$))'
     found = re.findall(line, inspect.getsource(cls), re.MULTILINE)
     rows = [[f"`{name}`", f"`{kind}`", comment or text] for name, kind, comment, text in found]
     return table(["name", "type", "meaning"], rows)

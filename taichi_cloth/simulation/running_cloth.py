@@ -347,7 +347,7 @@ class RunningCloth:
 
     @property
     def torn(self) -> NDArray[np.bool_]:
-        """Which springs of the untorn cloth are torn, (E,); empty for a cloth that does not tear."""
+        """Which springs of the untorn cloth tore, (E,), without bend springs that went with them; empty if none can."""
         return np.zeros(0, bool) if self._tear is None else self._tear.torn.copy()
 
     def set_torn(self, torn: NDArray[np.bool_] | bool) -> None:
