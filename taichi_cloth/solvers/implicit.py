@@ -118,7 +118,7 @@ class Implicit(TwoStageSolver):
         super().__init__(cloth, topology, stiffness, replace(features, spring_damping=False), layout)
         attach_correction(self.layout)
         attach_cg_state(self.layout, PARTIAL_SUMS)
-        self.layout.cg.linear_range[None] = (LINEAR_RANGE * topology.rest.min()) ** 2
+        self.layout.cg.linear_range[None] = (LINEAR_RANGE * topology.rest.min(initial=np.inf)) ** 2
 
     def _step_in_parallel(self, frame: FrameInput) -> None:
         cg = self.layout.cg
