@@ -105,7 +105,6 @@ BY_LAW = {
     ("swing", "pendulum"),
     ("swing", "pendulum_height"),
     ("elastica", "doubling_by_springs"),
-    ("friction", "still"),
     ("swing", "curtain_mode"),
     ("swing", "swinging_curtain"),
     ("swing", "finer_curtain"),
