@@ -417,11 +417,12 @@ def test_a_write_error_is_one_line_and_leaves_no_partial_files(tmp_path: Path) -
 
 
 def test_without_a_display_run_renders_images_and_states_the_reason(
-    here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     done = run("run", "drape15", "--frames", "3", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0].startswith("no window (")
+    assert "earlier run" not in done.stdout
     assert sorted(p.name for p in (tmp_path / "out" / "run_drape15").glob("*.png")) == [
         "contact_sheet.png",
         *[f"frame_{k:05d}.png" for k in range(3)],
@@ -430,3 +431,4 @@ def test_without_a_display_run_renders_images_and_states_the_reason(
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     assert cli.main(["run", "drape15", "--frames", "2"]) == 0  # also a second time
+    assert "the images of an earlier run in" in capsys.readouterr().out

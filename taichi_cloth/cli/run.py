@@ -143,6 +143,8 @@ def run_scene(args: argparse.Namespace) -> int:
     )
     # A folder of its own: each run replaces the images of the last one, never those of `render`.
     plan = RenderPlan(Path("out") / f"run_{scene.name}", args.frames or DEFAULT_FRAMES, contact_sheet=True)
+    if any(plan.out.glob("frame_*.png")):
+        print(f"the images of an earlier run in {plan.out} are replaced; `taichi-cloth render --out` keeps its own")
     return render_images(scene, plan, args, force=True)
 
 
