@@ -144,8 +144,8 @@ def test_rows_of_references_are_counted_by_verdict(results: Path, generate: Modu
         "| `xpbd` | 3 | 66.7% | 33.3% |",
         "| `explicit` | 2 | 50.0% | 50.0% |",
     ]
-    assert generate.references("xpbd").splitlines()[-1] == "| A1 fall | 1 of 2 | 0.25 |"
-    assert generate.references("explicit").splitlines()[-1] == "| A2 fall | 1 of 1 | inf |"
+    assert generate.references("xpbd").splitlines()[-1] == "| A1 fall | 1 of 2 | 0 of 2 | 0.25 |"
+    assert generate.references("explicit").splitlines()[-1] == "| A2 fall | 0 of 1 | 1 of 1 | - |"
     assert generate.falls_short("xpbd") == "1 of 2"
 
 

@@ -251,15 +251,10 @@ class Tethers(Table):
 
 @dataclass(frozen=True)
 class Tearing(Table):
-    """Tearing: overstretched springs break, with the adjacent triangles. `fabric.bending_stiffness` must be 0."""
+    """Overstretched springs break, of near ones one a frame, with triangles. `fabric.bending_stiffness` must be 0."""
 
     strain: float = key_field(
-        0.5,
-        "strain (length/rest − 1) above which a spring breaks; a frame breaks only the most stretched of springs near"
-        " each other",
-        min=0.01,
-        max=100.0,
-        slider=(0.05, 2.0),
+        0.5, "strain (length/rest − 1) above which springs break", min=0.01, max=100.0, slider=(0.05, 2.0)
     )
 
 
