@@ -80,14 +80,14 @@ def resolve_contacts(cloth: ti.template(), features: ti.template(), ctx: ti.temp
 
 
 @ti.func
-def stop_in_contact(cloth: ti.template(), features: ti.template(), ctx: ti.template(), time: float):
-    """Make velocities those of cloth in contact, if `time` is the end of the frame.
+def stop_in_contact(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Make velocities those of cloth in contact, at the end of a frame.
 
     Forces accelerate a particle on a collider in every substep, and the next projection stops it. Between them is the
     end of the frame: without this, cloth at rest would be reported to move into the collider, and cloth that friction
     holds to slide.
     """
-    for_each_collider(cloth, features, ctx, PROJECTION, stop, time)
+    for_each_collider(cloth, features, ctx, PROJECTION, stop, float(ctx.substeps))
 
 
 @ti.func
@@ -164,14 +164,13 @@ def contact_of(
 def reflect(cloth: ti.template(), features: ti.template(), ctx: ti.template(), shape: ti.template(), row: int, time):
     """Reverse the normal velocity of particles that approach within the margin, times the restitution."""
     restitution = ctx.colliders[row, COLLIDER_RESTITUTION]
-    resolve_velocities(cloth, features, ctx, shape, row, time, restitution, 0.0, cloth.packet_count[None])
+    resolve_velocities(cloth, features, ctx, shape, row, time, restitution, 0.0)
 
 
 @ti.func
 def stop(cloth: ti.template(), features: ti.template(), ctx: ti.template(), shape: ti.template(), row: int, time):
-    """At the end of a frame, stop the approach of particles on the margin."""
-    count = cloth.packet_count[None] * int(time > ctx.substeps - 0.5)  # a parallel loop must not be under an `if`
-    resolve_velocities(cloth, features, ctx, shape, row, time, 0.0, SURFACE_TOLERANCE, count)
+    """Stop the approach of particles on the margin."""
+    resolve_velocities(cloth, features, ctx, shape, row, time, 0.0, SURFACE_TOLERANCE)
 
 
 @ti.func
@@ -184,7 +183,6 @@ def resolve_velocities(
     time,
     restitution: float,
     tolerance: float,
-    count: int,
 ):
     """Change the velocities of particles that approach within the margin and a tolerance [m], with Coulomb friction."""
     table = ti.static(ctx.colliders)
@@ -192,7 +190,7 @@ def resolve_velocities(
     center, axes = pose_at(table, row, time / ctx.substeps)
     margin = margin_at(table, row, time / ctx.substeps) + tolerance
     speed, spin = surface_motion(table, row, ctx.substeps * ctx.h)
-    for i in range(count):
+    for i in range(cloth.packet_count[None]):
         push, velocity = contact_of(cloth, features, ctx, shape, row, i, ti.static((center, axes, margin, speed, spin)))
         normal = scale(push, 1.0 / ti.max(length(push), TINY))
         change = scale(normal, -(1.0 + restitution) * ti.min(dot(normal, velocity), 0.0))

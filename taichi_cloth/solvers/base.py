@@ -132,6 +132,7 @@ def run_frame(
     predict: ti.template(),
     iterate: ti.template(),
     finalize: ti.template(),
+    end_frame: ti.template(),
     cloth: ti.template(),
     layout: ti.template(),
     features: ti.template(),
@@ -148,7 +149,7 @@ def run_frame(
     times as much.
 
     `layout` is the cloth's serial state, or its SIMD layout. Substep number `substeps` is the final half step of a
-    solver that has one: only its `predict` runs.
+    solver that has one: only its `predict` runs. `end_frame` follows the last of the frame.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -160,6 +161,12 @@ def run_frame(
                 for _k in range(iterations):
                     iterate(layout, features, ctx)
                 finalize(layout, features, ctx)
+        if last >= substeps:
+            end_frame(
+                layout,
+                features,
+                ti.static(StepContext(substeps, substeps, h, grabbed_count, params, colliders)),
+            )
         unpack(layout, cloth, features)
 
 
@@ -169,7 +176,8 @@ def reset_forces(cloth: ti.template()):
 
 
 class Solver:
-    """A time integration method. A substep is `predict`, then `iterate` once an iteration, then `finalize`.
+    """A time integration method. A substep is `predict`, then `iterate` once an iteration, then `finalize`. The frame
+    ends with `end_frame`.
 
     Positions, pins, forces and contact are shared by all solvers, and so is the frame loop. `layout` is the data layout
     the solver works on: serial (one particle after another, any mesh), SIMD (eight at a time, grids) or parallel (the
@@ -182,6 +190,7 @@ class Solver:
     predict: ClassVar[Any] = staticmethod(no_op)
     iterate: ClassVar[Any] = staticmethod(no_op)
     finalize: ClassVar[Any] = staticmethod(no_op)
+    end_frame: ClassVar[Any] = staticmethod(no_op)
     stores_velocity: ClassVar[bool] = True
     """Velocity is a field, not x − x_prev."""
     needs_coloring: ClassVar[bool] = True
@@ -259,12 +268,16 @@ class Solver:
             self._step_in_parallel(frame)
             return
         last = frame.last + self._has_half_step(frame)
-        phases = self.predict, self.iterate, self.finalize
+        phases = self.predict, self.iterate, self.finalize, self.end_frame
         with no_scalarization(self.layout.is_simd):
             run_frame(*phases, self.cloth, self.layout, self.features, frame.first, last, *frame.arguments)
 
     def _has_half_step(self, frame: FrameInput) -> bool:
         return self.final_half_step and frame.last == frame.substeps
+
+    def _ends_frame(self, frame: FrameInput) -> bool:
+        """Return whether `end_frame` is to be queued."""
+        return self.end_frame is not no_op and frame.last == frame.substeps
 
     def _step_in_parallel(self, frame: FrameInput) -> None:
         """Queue the phases of all substeps as one sequence of launches."""
@@ -274,6 +287,8 @@ class Solver:
             phases += [(self.predict, s), *[(self.iterate, s)] * iterations, (self.finalize, s)]
         if self._has_half_step(frame):
             phases.append((self.predict, frame.substeps))
+        if self._ends_frame(frame):
+            phases.append((self.end_frame, frame.substeps))
         self.runner.run(phases, frame.shared_arguments)
 
     def _force_frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:

@@ -31,7 +31,6 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     integrate(cloth, features, ctx.params, kick * ctx.h, ti.pow(ctx.params[VELOCITY_FACTOR], kick), drift)
     if ctx.s == ctx.substeps:  # the frame ends with the velocities of held particles, which `integrate` sets to 0
         move_kinematic_particles(cloth, features, ctx, ctx.s, False)
-    stop_at_colliders(cloth, features, ctx, ctx.s)
 
 
 @ti.func
@@ -45,6 +44,7 @@ class Explicit(ExplicitSolver):
 
     predict = staticmethod(predict)
     finalize = staticmethod(finalize)
+    end_frame = staticmethod(stop_at_colliders)
     final_half_step = True
 
     def min_stable_substeps(self, damping_time: float) -> int:

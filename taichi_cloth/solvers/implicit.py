@@ -141,6 +141,8 @@ class Implicit(TwoStageSolver):
                     if cg.largest_move[None] <= cg.linear_range[None]:
                         break
             run(self.finalize)
+        if self._ends_frame(frame):
+            self.runner.run([(self.end_frame, frame.substeps)], frame.shared_arguments)
 
     def _force_frequency(self, topology: Topology, stiffness: NDArray[np.float64]) -> float:
         return 0.0  # springs and bending links are both in the matrix

@@ -10,6 +10,8 @@ each of its four stages. The projections come in the order of the method:
     lines, implicit   in each of two stages, after its iterations: as explicit, then positions only, where the
                       extrapolation led: distance bounds, colliders
 
+At the end of a frame, all but `verlet` and `xpbd` call `stop_at_colliders`, which changes velocities only.
+
 A projection may undo a part of those before it: a collider of `explicit` may stretch a tether, a tether of `verlet` may
 pull a particle into a collider.
 """
@@ -56,12 +58,9 @@ def project_colliders(cloth: ti.template(), features: ti.template(), ctx: ti.tem
 
 
 @ti.func
-def stop_at_colliders(cloth: ti.template(), features: ti.template(), ctx: ti.template(), time: float):
-    """Stop particles on rigid colliders at the end of a frame, for solvers that project contact once a substep.
-
-    `time`: in substeps since the start of the frame.
-    """
-    stop_in_contact(cloth, features, ctx, time)
+def stop_at_colliders(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Stop particles on rigid colliders at the end of a frame, for solvers that project contact once a substep."""
+    stop_in_contact(cloth, features, ctx)
 
 
 @ti.func

@@ -88,13 +88,13 @@ def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     combine_stages(cloth, ctx.h)
     move_kinematic_particles(cloth, features, ctx, ctx.s + 1.0)
     project_constraints(cloth, features, ctx)
-    stop_at_colliders(cloth, features, ctx, ctx.s + 1.0)
 
 
 class Rk4(ExplicitSolver):
     """The classical Runge–Kutta method."""
 
     finalize = staticmethod(finalize)
+    end_frame = staticmethod(stop_at_colliders)
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], features: Features, layout: str

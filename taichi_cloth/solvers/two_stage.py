@@ -139,7 +139,6 @@ def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
         cloth, features, ti.static(position_only._replace(s=stage_end(ctx) + ahead - 1.0, dt_scale=ahead))
     )
     end_substep(cloth, features, ctx)
-    stop_at_colliders(cloth, features, ctx, ctx.s + 1.0)
 
 
 class TwoStageSolver(Solver):
@@ -149,6 +148,7 @@ class TwoStageSolver(Solver):
     """
 
     finalize = staticmethod(finalize)
+    end_frame = staticmethod(stop_at_colliders)
 
     def __init__(
         self, cloth: ClothState, topology: Topology, stiffness: NDArray[np.float64], features: Features, layout: str

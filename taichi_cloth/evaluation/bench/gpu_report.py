@@ -105,6 +105,13 @@ class GridRow:
         return f"{self.substeps}" if SOLVER_CATALOG[self.solver].is_explicit else f"{self.substeps}×{self.iterations}"
 
     @property
+    def shown_setting(self) -> str:
+        """The setting, with a star for the default. The substeps of an explicit solver are known once it has run."""
+        if self.median_ms is None and SOLVER_CATALOG[self.solver].is_explicit:
+            return "-"
+        return self.setting + "*" * self.is_default
+
+    @property
     def is_real_time(self) -> bool:
         """Whether a frame takes at most 1/60 s, and the largest error of the whole second is at most 1 %.
 
@@ -237,13 +244,19 @@ TRAFFIC: dict[str, dict[str, Traffic]] = {
         "iterate": SPRING + MULTIPLIER.times(2) + of_both_ends(loop("x velocity inverse_mass", "x velocity")),
         "finalize": NOTHING,
     },
-    "explicit": {"predict": FORCES + ACCELERATE, "finalize": NOTHING},
-    "lines": {"predict": BEGIN_STAGE + MULTIPLIER, "iterate": LINES, "finalize": END_STAGE},
+    "explicit": {"predict": FORCES + ACCELERATE, "finalize": NOTHING, "stop_at_colliders": NOTHING},
+    "lines": {
+        "predict": BEGIN_STAGE + MULTIPLIER,
+        "iterate": LINES,
+        "finalize": END_STAGE,
+        "stop_at_colliders": NOTHING,
+    },
     "rk4": {
         "no_op": NOTHING,
         "finalize": loop("x velocity inverse_mass", "x_prev velocity first_velocity velocity_sum acceleration_sum")
         + STAGE_OF_RK4.times(4)
         + loop("x_prev velocity_sum first_velocity acceleration_sum", "x velocity"),
+        "stop_at_colliders": NOTHING,
     },
     "implicit": {
         "predict": BEGIN_STAGE + loop("", "correction"),
@@ -254,6 +267,7 @@ TRAFFIC: dict[str, dict[str, Traffic]] = {
         "cg_iteration": PRODUCT,
         "end_iteration": loop("x velocity solution correction", "x velocity correction") + loop("solution"),
         "finalize": END_STAGE,
+        "stop_at_colliders": NOTHING,
     },
 }
 
@@ -300,7 +314,7 @@ def cells(row: GridRow) -> list[str]:
     return [
         row.solver,
         str(row.cells),
-        row.setting + "*" * row.is_default,
+        row.shown_setting,
         number(row.frames, "d"),
         milliseconds(row.median_ms),
         milliseconds(row.p95_ms),
