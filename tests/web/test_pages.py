@@ -504,6 +504,17 @@ def test_another_solver_and_another_scene_can_be_chosen(page: Browser) -> None:
     assert page.value("find('select[name=scene]').value") == "curtain"
 
 
+def test_a_scene_that_arrives_before_the_last_updates_are_drawn_is_shown(page: Browser) -> None:
+    page.value("drawNow = requestAnimationFrame; held = []; requestAnimationFrame = (draw) => held.push(draw)")
+    page.until("received - displayed === 4")  # the server sends no more before it knows that they are displayed
+    page.value("send('choose', ['scene', 'drape15'])")
+    page.until("scene.name === 'drape15'")
+    page.value("requestAnimationFrame = drawNow; for (const draw of held) draw()")
+    page.until("update?.sceneId === scene.sceneId")
+    page.value("send('choose', ['scene', 'curtain'])")
+    page.until("scene.name === 'curtain' && update?.sceneId === scene.sceneId")
+
+
 def test_the_page_reports_that_the_server_has_ended(page: Browser, tmp_path_factory: pytest.TempPathFactory) -> None:
     short = Server(tmp_path_factory.mktemp("short"), "drape15")
     other = page.another()
