@@ -66,8 +66,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 def taichi(request: pytest.FixtureRequest) -> Iterator[None]:
     """Run the tests of a module in a Taichi of their own, on one thread.
 
-    Two processes run tests, and two threads in each would wait for the other process's: twice the time on two cores. A
-    module that defines `CPU_THREADS` gets so many.
+    Two processes run tests, and two threads in each would wait for the other process's: twice the time on two cores. On
+    one thread, loops of the parallel layout are serial. A module that defines `CPU_THREADS` gets so many.
     """
     threads = getattr(request.module, "CPU_THREADS", 1)
     runtime.start(request.config.getoption("--arch"), random_seed=0, cpu_max_num_threads=threads)

@@ -6,7 +6,8 @@ for kernels a probe that must return the right numbers. If a check fails, the pr
 one line, and is slower.
 
 The uses are the running program (`PROGRAM`), SIMD kernels (`SIMD`), graphs of kernel launches (`GRAPHS`), the cache of
-kernel sources (`SOURCES`) and the folder of compiled kernels (`CACHE`). `DeviceArray` is the array type of graphs.
+kernel sources (`SOURCES`), serial loops (`LOOPS`) and the folder of compiled kernels (`CACHE`). `DeviceArray` is the
+array type of graphs.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import reduce
+from functools import partial, reduce
 from types import CodeType, FunctionType
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -65,6 +66,14 @@ SOURCES = InternalUse(
         "lang.ast.ast_transformer_utils.ASTTransformerContext.get_pos_info",
     ),
     "startup takes a second longer",
+)
+LOOPS = InternalUse(
+    (
+        "lang.ast.ast_transformer.ASTTransformer.build_range_for",
+        "lang.ast.ast_transformer.ASTTransformer.build_ndrange_for",
+        "_lib.core.ASTBuilder.strictly_serialize",
+    ),
+    "each loop that could be parallel takes 0.1 ms longer",
 )
 CACHE = InternalUse(
     ("lang.impl.default_cfg", "_lib.core.CompileConfig.offline_cache_file_path"),
@@ -310,26 +319,28 @@ class PositionCache:
         return found[key]
 
 
-_replaced: list[tuple[Any, str, Any]] = []  # (module or class, name, original)
 _cache_of: dict[str, SourceCache] = {}  # by name of the look-up; kept for the next start
 
 
 def install_source_cache() -> None:
     """Install the caches in Taichi, if `SOURCES` is usable. A second call has no effect."""
-    if _replaced or not usable(SOURCES):
+    if not usable(SOURCES):
         return
     from taichi.lang import kernel_impl
     from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
     for name in ("getsourcefile", "getsourcelines"):
-        _replace(kernel_impl, name, _cache_of.setdefault(name, SourceCache(getattr(kernel_impl, name))))
-    positions = PositionCache(ASTTransformerContext.get_pos_info)
-    _replace(ASTTransformerContext, "get_pos_info", lambda context, node: positions(context, node))
+        _replace(kernel_impl, name, partial(_source_cache, name))
+    _replace(ASTTransformerContext, "get_pos_info", _position_cache)
 
 
-def _replace(owner: Any, name: str, cached: Any) -> None:
-    _replaced.append((owner, name, getattr(owner, name)))
-    setattr(owner, name, cached)
+def _source_cache(name: str, look_up: Callable[[Any], Any]) -> SourceCache:
+    return _cache_of.setdefault(name, SourceCache(look_up))
+
+
+def _position_cache(describe: Callable[[Any, Any], str]) -> Callable[[Any, Any], str]:
+    cache = PositionCache(describe)
+    return lambda context, node: cache(context, node)  # only a function is bound to its context
 
 
 def cache_hits_and_misses() -> tuple[int, int]:
@@ -338,7 +349,47 @@ def cache_hits_and_misses() -> tuple[int, int]:
     return cache.hits, cache.misses
 
 
-def remove_source_cache() -> None:
+# -- serial loops ------------------------------------------------------------------------------------------------------
+
+
+def serialize_loops() -> None:
+    """Compile every loop of later kernels as a serial one, if `LOOPS` is usable. A second call has no effect.
+
+    This is for Taichi on one thread. Its pool hands each parallel loop over to another thread even if that is the only
+    one: two context switches of 0.1 ms together, and more where all cores are busy.
+    """
+    if not usable(LOOPS):
+        return
+    from taichi.lang.ast.ast_transformer import ASTTransformer
+
+    for name in ("build_range_for", "build_ndrange_for"):
+        _replace(ASTTransformer, name, _serialized)
+
+
+def _serialized(build: Any) -> Any:
+    """Return a builder of loops that marks its loop as serial. `build`: that of Taichi, a static method."""
+
+    def build_serial(context: Any, node: Any) -> Any:
+        context.ast_builder.strictly_serialize()  # the next loop
+        return build.__func__(context, node)
+
+    return staticmethod(build_serial)
+
+
+# -- replaced functions ------------------------------------------------------------------------------------------------
+
+_replaced: dict[tuple[Any, str], Any] = {}  # the original, by module or class, and name
+
+
+def _replace(owner: Any, name: str, substitute: Callable[[Any], Any]) -> None:
+    """Replace a function of Taichi by what `substitute` returns for it, unless it is replaced already."""
+    if (owner, name) not in _replaced:
+        _replaced[owner, name] = vars(owner)[name]
+        setattr(owner, name, substitute(vars(owner)[name]))
+
+
+def restore_functions() -> None:
     """Restore the original functions of Taichi. A second call has no effect."""
-    while _replaced:
-        setattr(*_replaced.pop())
+    for (owner, name), original in _replaced.items():
+        setattr(owner, name, original)
+    _replaced.clear()

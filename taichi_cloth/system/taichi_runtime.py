@@ -65,7 +65,6 @@ def start(arch: str = "cpu", **options: object) -> str:
     from . import taichi_compat
 
     stop()
-    taichi_compat.install_source_cache()
     if "offline_cache_file_path" not in options and taichi_compat.usable(taichi_compat.CACHE):
         usual = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or taichi_compat.default_cache_folder()
         options["offline_cache_file_path"] = str(usable_cache_folder(Path(usual), stop))
@@ -84,6 +83,7 @@ def start(arch: str = "cpu", **options: object) -> str:
             ti.init(arch=getattr(ti, chosen), **settings)
         except KeyError as error:  # an option that it does not have
             raise ValueError(error.args[0]) from None
+    _replace_parser()
     taichi_compat.on_start()
     _started = taichi_compat.ProgramRef(), threading.get_ident()
     return chosen
@@ -117,7 +117,18 @@ def start_if_needed() -> None:
         if taichi_compat.running_program() is None:
             start()
         else:
-            taichi_compat.install_source_cache()
+            _replace_parser()
+
+
+def _replace_parser() -> None:
+    """Let Taichi parse kernels faster and, if it runs on one thread, compile loops that need no other."""
+    import taichi as ti
+
+    from . import taichi_compat
+
+    taichi_compat.install_source_cache()
+    if on_cpu() and ti.cfg.cpu_max_num_threads == 1:
+        taichi_compat.serialize_loops()
 
 
 def _import_taichi() -> None:
@@ -174,7 +185,7 @@ def stop() -> None:
 
     from . import taichi_compat
 
-    taichi_compat.remove_source_cache()
+    taichi_compat.restore_functions()
     running = taichi_compat.running_program()
     if running is not None:
         _ended = weakref.ref(running)

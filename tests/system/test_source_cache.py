@@ -122,7 +122,7 @@ def test_compile_errors_show_the_same_lines(module: Callable[..., ModuleType], n
     runtime.start()
     outer = module(WRONG, name).outer
     cached = [message(outer) for _ in range(2)]
-    source_cache.remove_source_cache()
+    source_cache.restore_functions()
     assert cached == [message(outer)] * 2
     assert "            missing)\n" in cached[0]
 

@@ -19,7 +19,7 @@ from taichi_cloth.solvers import graph_runner
 from taichi_cloth.system import taichi_compat
 from taichi_cloth.system import taichi_runtime as runtime
 from taichi_cloth.system.errors import UsageError
-from taichi_cloth.system.taichi_compat import CACHE, GRAPHS, PROGRAM, SIMD, SOURCES, InternalUse
+from taichi_cloth.system.taichi_compat import CACHE, GRAPHS, LOOPS, PROGRAM, SIMD, SOURCES, InternalUse
 
 pytestmark = pytest.mark.bounds
 
@@ -115,7 +115,7 @@ def test_graphs_and_single_launches_give_the_same_motion(
 def test_kernels_are_parsed_without_the_source_cache(
     name: str, unchecked: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    taichi_compat.remove_source_cache()
+    taichi_compat.restore_functions()
     originals = [taichi_compat.find_internal(n) for n in SOURCES.names]
     without(monkeypatch, name)
     taichi_compat.install_source_cache()
@@ -126,6 +126,47 @@ def test_kernels_are_parsed_without_the_source_cache(
         assert capsys.readouterr().err == line
     finally:
         taichi_compat.install_source_cache()
+
+
+@names(LOOPS)
+def test_one_thread_moves_cloth_the_same_way_through_the_pool(
+    name: str, unchecked: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runtime.start(cpu_max_num_threads=1)
+    positions = moved("parallel", "parallel")
+    without(monkeypatch, name)
+    monkeypatch.setattr(taichi_compat, "_checked", {})
+    runtime.start(cpu_max_num_threads=1)
+    assert moved("parallel", "parallel") == pytest.approx(positions, abs=1e-6)  # [m]; the compiler orders sums
+    line = f"taichi-cloth: Taichi has no {name}: each loop that could be parallel takes 0.1 ms longer\n"
+    assert capsys.readouterr().err == line
+
+
+def count_up(length: int, launches: int) -> NDArray[np.int32]:
+    """Add 1 in two loops to all elements of a field, `launches` times. Return them."""
+    values = ti.field(ti.i32, length)
+
+    @ti.kernel
+    def count():  # type: ignore[no-untyped-def]
+        for i in range(length):
+            values[i] += 1
+        for i, _ in ti.ndrange(length, 1):
+            values[i] += 1
+
+    for _ in range(launches):
+        count()
+    return values.to_numpy()
+
+
+def test_one_thread_hands_no_loop_to_another(unchecked: None) -> None:
+    resource = pytest.importorskip("resource", reason="Windows counts no context switches")
+    launches, switches = 1000, []
+    for threads in (1, 2):
+        runtime.start(cpu_max_num_threads=threads)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_nvcsw
+        assert (count_up(100, launches) == 2 * launches).all()
+        switches.append(resource.getrusage(resource.RUSAGE_SELF).ru_nvcsw - before)
+    assert switches[0] < 0.5 * launches < launches < switches[1]
 
 
 @names(CACHE)
@@ -194,7 +235,7 @@ def test_a_failing_probe_is_reported(
 
 def test_all_internals_are_usable_in_the_required_release(unchecked: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert ti.__version__ == taichi_compat.TESTED
-    assert [taichi_compat.usable(use) for use in (PROGRAM, SIMD, GRAPHS, SOURCES, CACHE)] == [True] * 5
+    assert [taichi_compat.usable(use) for use in (PROGRAM, SIMD, GRAPHS, SOURCES, LOOPS, CACHE)] == [True] * 6
     assert tensor_fields.probe_is_correct()
     assert graph_runner._graph_is_correct()
     assert capsys.readouterr().err == ""
