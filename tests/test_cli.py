@@ -158,6 +158,18 @@ def test_check_counts_particles_that_start_inside_a_collider(
     assert "inside" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("command", [["render"], ["compare", "--b", "gravity=5"]])
+def test_commands_that_run_a_scene_tell_that_cloth_starts_inside_a_collider(
+    command: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path, running: None
+) -> None:
+    path = tmp_path / "ball.toml"
+    path.write_text("[cloth]\nrows = 9\ncolumns = 9\n[[spheres]]\ncenter = [0.0, 1.0, 0.0]\nradius = 9.0")
+    name, *options = command
+    output = ["--frames", "1", "--size", "64x48", "--out", str(tmp_path / "out")]
+    assert cli.main([name, str(path), *options, *output]) == 0
+    assert "particles inside a collider at the start\n" in capsys.readouterr().out
+
+
 HUGE = "[cloth]\nrows = 2000\ncolumns = 2000\n[solver]\n"
 
 

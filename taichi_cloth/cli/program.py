@@ -35,6 +35,7 @@ from ..system.errors import (
 )
 
 if TYPE_CHECKING:
+    from ..geometry.topology import Topology
     from ..simulation.simulation import Simulation
 
 PROGRAM = "taichi-cloth"
@@ -301,8 +302,8 @@ def refuse_log(path: Path | None, obstacle: str) -> None:
 def summary(simulation: Simulation, arch: str) -> str:
     """Return the line that every run prints: scene, solver, substeps × iterations, layout, grid, features, arch, seed.
 
-    Further lines say if the solver uses other substeps or damping than the scene's, iterations end too early, or keys
-    of the scene have no effect.
+    Further lines say if the solver uses other substeps or damping than the scene's, iterations end too early, cloth
+    starts inside a collider, or keys of the scene have no effect.
     """
     from ..geometry.cloth_builder import particle_count_text
     from ..scene.schema import FRAME_SECONDS
@@ -315,7 +316,19 @@ def summary(simulation: Simulation, arch: str) -> str:
     )
     solver = scene.solver
     unfinished = unconverged(scene, simulation.topology, FRAME_SECONDS / simulation.substeps, solver.iterations)
-    return "\n".join(filter(None, [line, simulation.warnings, unfinished, keys_without_effect(scene)]))
+    inside = inside_at_start(scene, simulation.topology)
+    return "\n".join(filter(None, [line, simulation.warnings, unfinished, inside, keys_without_effect(scene)]))
+
+
+def inside_at_start(scene: Scene, topology: Topology) -> str:
+    """Return how many particles start inside a collider, which lets them out slowly; empty if none does."""
+    from ..collision.colliders import colliders_of, pose_colliders, signed_distance
+    from ..system.console import count_noun
+
+    free = topology.start[~topology.pinned]
+    distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
+    inside = sum(int((distance < 0).sum()) for distance in distances)
+    return f"{count_noun(inside, 'particle')} inside a collider at the start" if inside else ""
 
 
 def keys_without_effect(scene: Scene) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from ..scene import Scene, key_table, scene_names
 from ..scene.overrides import removable_sections
@@ -11,7 +12,10 @@ from ..scene.schema import FRAME_SECONDS, PRESET_NAMES
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
-from .program import Command, keys_without_effect
+from .program import Command, inside_at_start, keys_without_effect
+
+if TYPE_CHECKING:
+    from ..geometry.topology import Topology
 
 MAX_TIMED_MS = 20_000.0  # [ms] estimated frame time above which `check --time` does not run a scene
 
@@ -38,6 +42,7 @@ def add_commands(command: Command) -> None:
 
 def list_scenes(args: argparse.Namespace) -> int:
     """Run the command `list`: print one line per scene or fabric."""
+    from ..geometry.cloth_builder import build_topology
     from ..geometry.scene_loader import load_scene
 
     if args.presets:
@@ -51,17 +56,16 @@ def list_scenes(args: argparse.Namespace) -> int:
     width = max(map(len, names))
     for name in names:
         scene = load_scene(name)
-        print(" · ".join(filter(None, [f"{name:{width}}  {scene.title}", left_unfinished(scene)])))
+        topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
+        print(" · ".join(filter(None, [f"{name:{width}}  {scene.title}", left_unfinished(scene, topology)])))
     return 0
 
 
-def left_unfinished(scene: Scene) -> str:
+def left_unfinished(scene: Scene, topology: Topology) -> str:
     """Return the line of a run's summary about iterations that end too early, or empty. It simulates nothing."""
-    from ..geometry.cloth_builder import build_topology
     from ..simulation.error_estimate import unconverged
 
     solver = scene.solver
-    topology = build_topology(scene, SOLVER_CATALOG[solver.name].stiffness_section)
     return unconverged(scene, topology, FRAME_SECONDS / solver.substeps, solver.iterations)
 
 
@@ -97,7 +101,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
 
     With `timed`, frames of it are run.
     """
-    from ..geometry.cloth_builder import component_count, particle_count_text
+    from ..geometry.cloth_builder import build_topology, component_count, particle_count_text
     from ..simulation.error_estimate import SAMPLE, cost_of
 
     cost = cost_of(scene)
@@ -113,7 +117,8 @@ def describe(scene: Scene, *, timed: bool) -> str:
     if is_large:
         memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
     else:
-        unfinished, inside = left_unfinished(scene), started_inside(scene)
+        topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
+        unfinished, inside = left_unfinished(scene, topology), inside_at_start(scene, topology)
     if timed and cost.ms <= MAX_TIMED_MS:
         time = f"{frame_time(measured_ms(scene))} (measured)"
     else:
@@ -123,19 +128,6 @@ def describe(scene: Scene, *, timed: bool) -> str:
         time += " (too slow to measure)" if timed else ""
     idle = keys_without_effect(scene)
     return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished, inside, idle]))
-
-
-def started_inside(scene: Scene) -> str:
-    """Return how many particles start inside a collider, which lets them out slowly; empty if none does."""
-    from ..collision.colliders import colliders_of, pose_colliders, signed_distance
-    from ..geometry.cloth_builder import build_topology
-    from ..system.console import count_noun
-
-    topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
-    free = topology.start[~topology.pinned]
-    distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
-    inside = sum(int((distance < 0).sum()) for distance in distances)
-    return f"{count_noun(inside, 'particle')} inside a collider at the start" if inside else ""
 
 
 def measured_ms(scene: Scene) -> float:

@@ -15,6 +15,7 @@ from ..cli.program import (
     check_log,
     count,
     file_path,
+    inside_at_start,
     no_errors_option,
     refuse_log,
     size,
@@ -139,6 +140,8 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
     with Simulation(scenes[0]) as a, Simulation(scenes[1]) as b:
         for letter, simulation in (("a", a), ("b", b)):
             print(f"{letter}: {simulation.scene.name} · {simulation.method}", flush=True)
+            for line in filter(None, [simulation.warnings, inside_at_start(simulation.scene, simulation.topology)]):
+                print(f"   {line}", flush=True)
         with sequence.claim_folder(plan, a, force=args.force, resume=False):
             reference = converged(scenes, plan.frames)
             with frames_progress(plan.frames) as advance:
@@ -160,6 +163,7 @@ def converged(scenes: list[Scene], frames: int) -> np.ndarray | tuple[()]:
     Empty if the scenes differ in more than the solver, if the reference solver does not support them, and if it would
     take more than `MAX_REFERENCE_STEPS`.
     """
+    from ..system.console import spinner
     from .bench import scene_error
     from .reference.solution import reason_unsupported, steps_per_frame
 
@@ -172,8 +176,10 @@ def converged(scenes: list[Scene], frames: int) -> np.ndarray | tuple[()]:
     if (steps := steps_per_frame(a)) > MAX_REFERENCE_STEPS:
         print(f"no reference solution: it would take {steps:,} steps a frame, more than {MAX_REFERENCE_STEPS:,}")
         return ()
-    print("computing the reference solution …", flush=True)
-    return scene_error.solution(a, min(frames, scene_error.FRAMES)).positions
+    frames = min(frames, scene_error.FRAMES)
+    print(f"computing the reference solution, once: {frames} frames of {steps:,} steps …", flush=True)
+    with spinner("reference solution: this can take minutes"):
+        return scene_error.solution(a, frames).positions
 
 
 def error(run: Run, reference: np.ndarray | tuple[()]) -> float | None:

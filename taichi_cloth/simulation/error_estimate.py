@@ -23,8 +23,9 @@ in a substep, not in every iteration.
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from math import hypot, log, sqrt
 
 import numpy as np
@@ -51,7 +52,7 @@ from ..geometry.stability_bounds import (
 )
 from ..geometry.topology import Topology
 from ..scene.presets import asset_folder
-from ..scene.schema import COLLIDERS, FRAME_SECONDS, Fabric, Scene
+from ..scene.schema import COLLIDERS, FRAME_SECONDS, Fabric, Scene, Solver
 from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid
 from ..system.errors import UsageError
 
@@ -270,6 +271,25 @@ def nearest_setting(cells: float, solver: str, substeps: int, iterations: int) -
     return replace(row, ms=row.ms * (work / (row.substeps * row.iterations)))
 
 
+MIN_GAIN = 0.85  # part of the present frame time below which a solver that is still too slow is worth a change
+
+
+def faster_solver(cells: float, running: Solver, others: Sequence[Solver], ms: float, limit_ms: float) -> str:
+    """Return the most accurate of other solvers that takes at most `limit_ms`, or else the fastest; "" if none helps.
+
+    `cells` along a side. `running`: the present solver and setting, whose frame takes `ms` [ms]. Contact is taken to
+    slow all solvers by the same factor.
+    """
+    present = nearest_setting(cells, running.name, running.substeps, running.iterations)
+    rows = [nearest_setting(cells, other.name, other.substeps, other.iterations) for other in others]
+    rows = [replace(row, ms=ms * row.ms / present.ms) for row in rows]
+    fast = [row for row in rows if row.ms <= limit_ms]
+    if fast:
+        return min(fast, key=lambda row: row.error).solver
+    gains = [row for row in rows if row.ms < MIN_GAIN * ms]
+    return min(gains, key=lambda row: row.ms).solver if gains else ""
+
+
 # -- artificial stretch ------------------------------------------------------------------------------------------------
 
 GRAVITY = 9.81  # [m/s²] the default of a scene
@@ -299,6 +319,7 @@ REMEDY = "artificial stretch at rest; more iterations or substeps reduce it"
 MIN_REPORTED_FRACTION = 1e-2  # smallest excess that is reported, as a fraction of the elastic elongation
 
 
+@lru_cache(maxsize=2)  # of the two sides of a comparison
 def rows_below(topology: Topology) -> int:
     """Return the distance from the pins to the farthest particle, in springs; 0 without pins."""
     rest = topology.rest[topology.family("structural")]

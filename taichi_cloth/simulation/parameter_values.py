@@ -186,3 +186,20 @@ class Parameters(MutableMapping[str, "float | bool"]):
 def _no_section(section: str) -> str:
     """Return that a scene has no section of this name, and how to add one."""
     return f": it has no [{section}]; load_scene adds one, as in load_scene(scene, {section}={{...}})"
+
+
+class HasParameters:
+    """A simulation with runtime parameters. They are no attributes: assigning one by mistake is refused."""
+
+    _params: Parameters
+
+    @property
+    def params(self) -> Parameters:
+        """The runtime parameters by name."""
+        return self._params
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set an attribute. Raises AttributeError for the name of a runtime parameter."""
+        if name in self.__dict__.get("_params", ()):
+            raise AttributeError(f"{name} is a runtime parameter: set params[{name!r}]")
+        super().__setattr__(name, value)

@@ -32,12 +32,12 @@ from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
 from .frame_contact import IntersectionGuard, move_colliders
 from .grabbing import Grab, all_grabbed
-from .parameter_values import Parameters, check_frames
+from .parameter_values import HasParameters, Parameters, check_frames
 
 Floats = NDArray[np.float64]
 
 
-class RunningCloth:
+class RunningCloth(HasParameters):
     """A simulation without events: its changes do not reach listeners."""
 
     def __init__(self, scene: Scene, layout: str | None, on_set: Callable[[str, float | bool], None]) -> None:
@@ -127,11 +127,6 @@ class RunningCloth:
     def scene(self) -> Scene:
         """The scene that runs: the last one switched to, with the solver and fabric switched to."""
         return self._scene
-
-    @property
-    def params(self) -> Parameters:
-        """The runtime parameters by name."""
-        return self._params
 
     # -- stepping ------------------------------------------------------------------------------------------------------
 

@@ -68,6 +68,8 @@ class ErrorProcess:
     def __init__(self) -> None:
         self.answer: Answer | None = None
         """The last measurement of the scene that runs."""
+        self.before_change: FrameError | None = None
+        """The last error of a frame before the cloth was changed otherwise than by a frame, in the same scene."""
         self._frames = 0
         self._scene: Scene | None = None
         self._is_busy = False  # with a job
@@ -82,6 +84,8 @@ class ErrorProcess:
         self._frames += 1
         if simulation.scene is not self._scene:
             self.forget()
+            if self._scene is None or simulation.scene.name != self._scene.name:
+                self.before_change = None
             self._scene = simulation.scene
         self.receive()
         if not self._is_free():
@@ -93,6 +97,7 @@ class ErrorProcess:
 
     def forget(self) -> None:
         """Drop the last measurement, and the one that is under way: the cloth has changed otherwise than by a frame."""
+        self.before_change = self.error or self.before_change
         self.answer, self._is_stale = None, True
 
     @property
@@ -162,7 +167,9 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
     if meter is None:
         return ["error of a frame: not measured (U)"]
     if meter.answer is None:
-        return [f"error of a frame: {meter.state}"]
+        before = meter.before_change
+        earlier = f"; before the change: {millimeters(before.error)}" if before else ""
+        return [f"error of a frame: {meter.state}{earlier}"]
     found, growth = meter.answer.error, meter.answer.growth
     if found is None or meter.answer.refusal:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]

@@ -9,6 +9,7 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import taichi as ti
@@ -16,11 +17,12 @@ import taichi as ti
 from ..geometry.topology import ClothMetrics
 from ..scene.overrides import with_solver
 from ..scene.parameters import Parameter, parameters_of
-from ..scene.schema import FRAME_SECONDS, Solver
+from ..scene.presets import load_preset
+from ..scene.schema import FRAME_SECONDS
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.builder import unsupported_by
 from ..simulation.copies import FeatureTimes
-from ..simulation.error_estimate import nearest_setting
+from ..simulation.error_estimate import faster_solver, unconverged
 from ..simulation.simulation import Simulation
 from . import charts
 from .error_process import error_lines
@@ -146,6 +148,7 @@ class Panel:
                 session.speed = name
             else:
                 session.choose(kind, name)
+        gui.text(textwrap.shorten(description(session, kind), LINE_LENGTH, placeholder=" …"))
         return bool(pressed)
 
     def _sliders_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
@@ -226,6 +229,17 @@ def own_fabric(session: Session) -> str:
     """Return the label of the scene's own fabric: with its preset if it has one, short enough for a button."""
     preset = session.simulation.original_scene.fabric.preset
     return f"own ({preset})" if preset else OWN_FABRIC
+
+
+fabric_title = cache(lambda name: load_preset(name).title)  # which reads a file
+
+
+def description(session: Session, kind: str) -> str:
+    """Return what the name in use of a list stands for: one line, or an empty one."""
+    scene = session.simulation.scene
+    if kind == "fabric":
+        return fabric_title(scene.fabric.preset) if scene.fabric.preset else ""
+    return {"scene": scene.title, "solver": SOLVER_CATALOG[scene.solver.name].summary}.get(kind, "")
 
 
 def apply_changes(gui: ti.ui.Gui, session: Session, switches: Switches = (), buttons: Buttons = ()) -> bool:
@@ -339,7 +353,7 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
         *intersection_lines(simulation, metrics),
         f"{simulation.method}: {' '.join(simulation.features)}",
         f"{topology.particle_count} particles, {topology.spring_count} springs, {topology.pinned.sum()} pins",
-        *filter(None, [simulation.warnings]),
+        *filter(None, [simulation.warnings, unfinished(simulation)]),
     )
     return "\n".join(lines)
 
@@ -352,28 +366,15 @@ def intersection_lines(simulation: Simulation, metrics: ClothMetrics) -> list[st
     return [f"self-intersections: {metrics.intersections} edges{note}"]
 
 
+def unfinished(simulation: Simulation) -> str:
+    """Return a line about iterations that end too early; empty if they do not."""
+    h = FRAME_SECONDS / simulation.substeps
+    return unconverged(simulation.scene, simulation.topology, h, int(simulation.params["iterations"]))
+
+
 def milliseconds(time: float) -> str:
     """Return a measured time [ms] as text: a number, or "-" if there is none yet."""
     return f"{time:.{int(time < 10)}f}" if time > 0 else "-"
-
-
-MIN_GAIN = 0.85  # part of the present frame time below which a solver that is still too slow is worth a change
-
-
-def faster_solver(cells: float, running: Solver, others: Sequence[Solver], ms: float, limit_ms: float) -> str:
-    """Return the most accurate of other solvers that takes at most `limit_ms`, or else the fastest; "" if none helps.
-
-    `cells` along a side. `running`: the present solver and setting, whose frame takes `ms` [ms]. Contact is taken to
-    slow all solvers by the same factor.
-    """
-    present = nearest_setting(cells, running.name, running.substeps, running.iterations)
-    rows = [nearest_setting(cells, other.name, other.substeps, other.iterations) for other in others]
-    rows = [replace(row, ms=ms * row.ms / present.ms) for row in rows]
-    fast = [row for row in rows if row.ms <= limit_ms]
-    if fast:
-        return min(fast, key=lambda row: row.error).solver
-    gains = [row for row in rows if row.ms < MIN_GAIN * ms]
-    return min(gains, key=lambda row: row.ms).solver if gains else ""
 
 
 def slow_line(session: Session) -> str:

@@ -76,13 +76,13 @@ def session_images(session: Session, plan: RenderPlan, show: AppendImage, on_fra
     return shown
 
 
-# Actions that do not change the cloth: they are allowed during replay.
-VIEW_KEYS = {"freeze", "step", "view", "errors", "first_view", "screenshot", "quit"}
-CAPTION_KEYS = {"freeze", "view", "quit"}  # of these, named over the picture
+# Actions that do not change the cloth, and the one that replays again: they are allowed during replay.
+VIEW_KEYS = {"freeze", "step", "reset", "view", "errors", "first_view", "screenshot", "quit"}
+CAPTION_KEYS = {"freeze", "reset", "view", "quit"}  # of these, named over the picture
 
 
 class ReplaySession(Session):
-    """A session that replays a recording. After the recording's last frame the user controls it.
+    """A session that replays a recording. After the recording's last frame the user controls it; a reset replays again.
 
     Its first image shows the start of the recording. Grabs that are active at the end of the recording are released.
     """
@@ -93,18 +93,22 @@ class ReplaySession(Session):
         Raises UsageError if the scene does not support a recorded event. So do all methods that simulate.
         """
         self.recording = recording
+        super().__init__(recording.scene, recording.layout, out, export)
+        try:
+            self._begin()
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self) -> None:
+        """Apply the events before the first frame to the scene, which was just opened."""
         self.frames_replayed = 0
         """Number of frames replayed."""
         self.is_equal: bool | None = None
         """Whether the final positions equal the recorded ones; None before the end."""
         self._next_row = 0  # of the recording
-        super().__init__(recording.scene, recording.layout, out, export)
-        self.hidden = True
-        try:
-            self._apply_due()
-        except BaseException:
-            self.close()
-            raise
+        self.hidden, self.frozen = True, False
+        self._apply_due()
         self.rewind_buffer = RewindBuffer(self.simulation)  # the recording may begin with another state than the scene
 
     @property
@@ -126,6 +130,17 @@ class ReplaySession(Session):
     def is_allowed(self, action: str) -> bool:
         """Return whether an action is allowed now: during replay only those that do not change the cloth."""
         return self.is_over or action in VIEW_KEYS
+
+    def request(self, action: str) -> None:
+        """Run an action. A reset replays the recording again, after displaying a frame whose note says so."""
+        if action == "reset":
+            self.defer("scene", "replay", self._replay_again)
+        else:
+            super().request(action)
+
+    def _replay_again(self) -> None:
+        self.open_scene(self.recording.scene.name)
+        self._begin()
 
     def on_pointer(
         self, cursor: tuple[float, float], buttons: frozenset[str], size: tuple[int, int], **more: bool
@@ -170,7 +185,7 @@ class ReplaySession(Session):
             self.is_equal = hash_of(self.simulation) == self.recording.positions_sha256
             for grab in self.simulation.grab_handles:  # none of them belongs to a dragger, which could release it
                 grab.release()
-            self.note, self.hidden = self.verdict, False
+            self.note, self.hidden = f"{self.verdict}; R replays them again", False
 
     def _apply(self, event: Event) -> None:
         match event.name:

@@ -16,6 +16,7 @@ from taichi_cloth.simulation import error_estimate
 from taichi_cloth.simulation.error_estimate import (
     MIN_STABLE_SUBSTEPS,
     cost_of,
+    faster_solver,
     measured,
     nearest_setting,
     settings_for_error,
@@ -23,7 +24,6 @@ from taichi_cloth.simulation.error_estimate import (
 )
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
-from taichi_cloth.viewer.panel import faster_solver
 
 
 def square(cells: int) -> Scene:

@@ -299,6 +299,26 @@ def test_a_change_of_the_last_bit_of_an_argument_is_detected(recorder: Recorder)
             assert ("DIFFER" in session.verdict) is not is_equal
 
 
+def test_a_reset_replays_again(recorder: Recorder) -> None:
+    """Also after a change of the solver by the recording, and within it."""
+    recorder.simulation.grab(LAST).move_to((0.3, 1.5, 0.3))
+    run(recorder.simulation, 2)
+    recorder.simulation.switch_solver("xpbd")
+    run(recorder.simulation, 2)
+    with closing(ReplaySession(Recording.of(recorder, SIZE))) as session:
+        for frames in (4, 3, 4):
+            session.advance(frames)
+            assert session.frames_replayed == frames
+            assert session.is_over is (frames == 4)
+            session.request("reset")
+            session.run_deferred()
+            assert (session.frames_replayed, session.simulation.frame, session.frozen) == (0, 0, False)
+            assert session.simulation.solver.name == SMALL.solver.name
+        session.advance(4)
+        assert session.is_equal
+        assert session.note == "4 frames replayed: final positions are bit-identical; R replays them again"
+
+
 def test_a_failed_switch_of_the_solver_is_replayed(tmp_path: Path) -> None:
     """A failed switch has read the cloth from its fields and written it back."""
     light = replace(

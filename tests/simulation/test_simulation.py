@@ -167,6 +167,15 @@ def test_scene_parameters_and_frame_cannot_be_assigned() -> None:
                 setattr(simulation, name, value)
 
 
+@pytest.mark.parametrize("name", ["gravity", "substeps", "wind_z"])
+def test_a_parameter_assigned_as_an_attribute_is_refused(name: str) -> None:
+    with tc.Simulation(replace(SMALL, wind=Wind())) as simulation:
+        with pytest.raises(AttributeError, match=rf"^{name} is a runtime parameter: set params\['{name}'\]$"):
+            setattr(simulation, name, 3)
+        simulation.params[name] = 3
+        assert simulation.params[name] == 3
+
+
 def test_parameters_are_printed_with_their_values() -> None:
     with tc.Simulation(SMALL) as simulation:
         assert repr(simulation.params) == repr(dict(simulation.params))

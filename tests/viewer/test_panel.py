@@ -13,6 +13,7 @@ import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
+from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer.charts import CHART_SECONDS, History
 from taichi_cloth.viewer.comparison import HEIGHT as COMPARISON_HEIGHT
@@ -40,6 +41,7 @@ from taichi_cloth.viewer.panel import (
     PANEL_WIDTH,
     Panel,
     acting_parameters,
+    description,
     slow_line,
     statistics,
 )
@@ -210,6 +212,28 @@ def test_every_page_shows_what_runs(drawn: Drawn) -> None:
     for page in PAGES:
         _, gui, _ = drawn("drape15", page)
         assert "drape15 · verlet 1×5 · own fabric · shaded" in gui.texts
+
+
+@pytest.mark.parametrize(
+    ("page", "line"),
+    [
+        ("Scenes", "a ball shot into a curtain at 24 m/s, caught in …"),
+        ("Solvers", "position-based dynamics with Verlet integration"),
+        ("Fabrics", ""),
+    ],
+)
+def test_lists_describe_what_is_in_use(drawn: Drawn, page: str, line: str) -> None:
+    session, gui, _ = drawn("fast-ball", page)
+    assert not line or line in gui.texts
+    session.change_fabric("denim")
+    assert description(session, "fabric") == load_preset("denim").title
+
+
+def test_statistics_tell_that_iterations_end_too_early(drawn: Drawn) -> None:
+    session, _, _ = drawn("curtain")
+    for iterations, told in ((1, True), (500, False)):
+        session.simulation.params["iterations"] = iterations
+        assert ("\nnot converged: about " in statistics(session, 1.0, 60.0)) is told
 
 
 def test_a_solver_that_does_not_iterate_has_no_slider_for_it(drawn: Drawn) -> None:
