@@ -30,6 +30,7 @@ def pytest_configure() -> None:
 
 
 DURATIONS = "taichi_cloth/seconds_by_module"  # key in pytest's cache
+LONGEST = 1e9  # [s] of modules that wait for windows, until their time is known
 _seconds: Counter[str] = Counter()
 
 
@@ -49,7 +50,8 @@ def cache_of(config: pytest.Config) -> pytest.Cache | None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     last = last_durations(config)
-    items.sort(key=lambda item: -last.get(module_of(item.nodeid), 0.0))
+    windows = dict.fromkeys((m for item in items if "/window/" in (m := module_of(item.nodeid))), LONGEST)
+    items.sort(key=lambda item: -(windows | last).get(module_of(item.nodeid), 0.0))
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
