@@ -174,7 +174,7 @@ def select_pairs(only: str | None, solver: str | None) -> list[tuple[Reference, 
 
 
 CORES = os.cpu_count() or 1
-start_worker = partial(runtime.start, "cpu")
+start_worker = partial(runtime.start, "cpu", cpu_max_num_threads=1)
 BY_NUMBER = {reference.number: reference for reference in REFERENCES}
 SLOWEST_FIRST = (
     "implicit",
