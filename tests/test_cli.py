@@ -442,5 +442,7 @@ def test_without_a_display_run_renders_images_and_states_the_reason(
     assert not (tmp_path / "out" / "drape15").exists()  # the images of `render` stay
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    assert cli.main(["run", "drape15", "--frames", "2"]) == 0  # also a second time
+    assert cli.main(["run", "drape15", "--frames", "2", "--size", "64x48"]) == 0  # also a second time
+    with Image.open(tmp_path / "out" / "run_drape15" / "frame_00001.png") as image:
+        assert image.size == (64, 48)
     assert "the images of an earlier run in" in capsys.readouterr().out

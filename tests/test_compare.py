@@ -80,6 +80,22 @@ def test_two_solvers_side_by_side(
     assert (tmp_path / "o" / "frame_00000.png").read_bytes() == before
 
 
+def test_the_view_error_shows_the_last_error_that_was_measured(tmp_path: Path) -> None:
+    sides = ("--a", "solver=verlet,iterations=1", "--b", "solver=explicit", "--view", "error")
+
+    def is_colored(image: str) -> bool:
+        """Whether the left half has pixels of the warm end of the scale; the cloth is gray before."""
+        left = np.asarray(Image.open(tmp_path / image))[:, :80]
+        red, blue = left[..., 0].astype(int), left[..., 2].astype(int)
+        return bool(((red - blue) > 60).mean() > 0.01)
+
+    run(tmp_path, *sides, "--frames", "16")
+    assert [is_colored(f"o/frame_0000{k}.png") for k in range(4)] == [False, False, False, True]  # frames 0, 4, 8, 12
+    report = run(tmp_path, *sides, "--frames", "16", "--no-errors", "--force")
+    assert report["a"]["frame_errors"] == []
+    assert not is_colored("o/frame_00003.png")
+
+
 def test_without_a_reference_frames_have_no_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stiff = ("--set", "warp=1e9", "--set", "weft=1e9", "--set", "width=0.4", "--set", "area_density=0.001")
     report = run(tmp_path, *stiff, "--a", "iterations=2", "--b", "iterations=3")

@@ -46,7 +46,9 @@ def add_commands(command: Command) -> None:
     """Add the commands `run`, `web` and `render`."""
     run = command("run", run_scene, "open a scene in a window, or render images if no window can open", "run table")
     scene_options(run, nargs="?")
-    run.add_argument("--size", type=size, default="1280x720", metavar="WxH", help="window size [pixels]")
+    run.add_argument(
+        "--size", type=size, metavar="WxH", help="size of window or images [pixels] (default: 1280x720 or 960x540)"
+    )
     run.add_argument(
         "--frames",
         type=count,
@@ -129,7 +131,7 @@ def run_scene(args: argparse.Namespace) -> int:
 
             window.run(
                 partial(open_session, scene, args, export_snapshot),
-                size=args.size,
+                size=args.size or (1280, 720),
                 frames=args.frames,
                 log=args.log,
                 announce=announce,
@@ -142,7 +144,8 @@ def run_scene(args: argparse.Namespace) -> int:
         f"no window ({obstacle}): rendering images instead; `taichi-cloth web` shows the scene in a browser", flush=True
     )
     # A folder of its own: each run replaces the images of the last one, never those of `render`.
-    plan = RenderPlan(Path("out") / f"run_{scene.name}", args.frames or DEFAULT_FRAMES, contact_sheet=True)
+    frames, (width, height) = args.frames or DEFAULT_FRAMES, args.size or (960, 540)
+    plan = RenderPlan(Path("out") / f"run_{scene.name}", frames, width, height, contact_sheet=True)
     if any(plan.out.glob("frame_*.png")):
         print(f"the images of an earlier run in {plan.out} are replaced; `taichi-cloth render --out` keeps its own")
     return render_images(scene, plan, args, force=True)

@@ -145,7 +145,9 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
         with sequence.claim_folder(plan, a, force=args.force, resume=False):
             reference = converged(scenes, plan.frames)
             with frames_progress(plan.frames) as advance:
-                left, right, distances = split_view.render_both(a, b, plan, advance, len(reference))
+                left, right, distances = split_view.render_both(
+                    a, b, plan, advance, len(reference), errors=not args.no_errors
+                )
             errors = [error(run, reference) for run in (left, right)]
             measured = {"horizon": len(reference), "rms_error": errors}
             split_view.write_report(plan, (left, right), distances, measured)
@@ -248,10 +250,12 @@ def explanations(frame_errors: list[list[float | None]], rms_errors: list[float 
 def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:
     """Return one line: the distance of the two sides at the end, and over which frames the error is."""
     from ..system.console import count_noun
+    from .bench import scene_error
 
     line = f"RMS distance after {count_noun(len(distances), 'frame')}: {distances[-1]:.2%} of the side"
     if not len(reference):
         return f"{line}; no error: the sides differ in more than the solver, or the scene has no reference solution"
     if len(reference) >= len(distances):
         return line
-    return f"{line}; RMS error: of the first {len(reference)} frames, beyond which the motion is chaotic"
+    why = "" if len(reference) == scene_error.FRAMES else ", beyond which the motion is chaotic"
+    return f"{line}; RMS error: of the first {len(reference)} frames{why}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -112,6 +113,9 @@ class Run:
     """Measurements of one side."""
 
     simulation: Simulation
+    draw_list: DrawList
+    measures: bool = True
+    """Whether errors of frames are measured."""
     ms: list[float] = field(default_factory=list)
     """Physics time of each frame [ms]."""
     strain: list[float] = field(default_factory=list)
@@ -122,18 +126,17 @@ class Run:
     """Error of every `MEASURED_EVERY`th frame; empty if its reference would take too long."""
 
     def __post_init__(self) -> None:
-        try:
-            self._meter: FrameErrorMeter | None = FrameErrorMeter(
-                self.simulation.scene, self.simulation.requested_layout
-            )
-        except UsageError:  # too many substeps
-            self._meter = None
+        self._meter: FrameErrorMeter | None = None
+        if self.measures:
+            with suppress(UsageError):  # too many substeps
+                self._meter = FrameErrorMeter(self.simulation.scene, self.simulation.requested_layout)
 
     def advance(self, kept: int) -> None:
         """Simulate and measure one frame. Positions are stored only for the first `kept` frames."""
         if self._meter and len(self.ms) % MEASURED_EVERY == MEASURED_EVERY - 1:
             found = self._meter.measure_frame(self.simulation, self._step)
             self.frame_errors.append(found)
+            self.draw_list.errors, self.draw_list.error_frame = found.by_particle, found.frame
             if found.seconds > MAX_SECONDS:
                 self.close()
         else:
@@ -156,19 +159,21 @@ class Run:
 
 
 def render_both(
-    a: Simulation, b: Simulation, plan: RenderPlan, on_frame: Callable[[int], None], kept: int = 0
+    a: Simulation, b: Simulation, plan: RenderPlan, on_frame: Callable[[int], None], kept: int = 0, errors: bool = True
 ) -> tuple[Run, Run, list[float]]:
     """Run both scenes and write their images. Return both measurements and the RMS distance after each frame.
 
     The camera is that of a. Both scenes are reset after a first frame, so that the times contain no compilation. The
-    positions of the first `kept` frames are stored. Raises Diverged if a simulation diverges, and OSError if a file
-    cannot be written; no PNG file is partial then.
+    positions of the first `kept` frames are stored. `errors`: whether to measure errors of frames, of which the view
+    `error` shows the last. Raises Diverged if a simulation diverges, and OSError if a file cannot be written; no PNG
+    file is partial then.
     """
-    runs, distances = (Run(a), Run(b)), []
+    distances: list[float] = []
     for simulation in (a, b):
         simulation.step()
         simulation.reset()
     draw_lists = DrawList(a), DrawList(b)
+    runs = Run(a, draw_lists[0], errors), Run(b, draw_lists[1], errors)
     try:
         renderer = SplitRenderer(plan.width, plan.height, plan.samples)
         partner = nearest_vertex_map(a, b)

@@ -96,7 +96,7 @@ class RewindBuffer:
     """States of the last seconds, and those before changes that can be undone.
 
     Going back releases all grabs; later states remain until the simulation moves on. Call `add` after every frame. A
-    new scene, solver or fabric clears it.
+    new scene, solver or fabric, and a feature that is switched, clear it: an earlier state may not fit.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -111,6 +111,10 @@ class RewindBuffer:
         self._requested = 0.0, 0.0  # how far back `go_back` was to go, and went [s]
         self.mark(can_undo=False)
 
+    def _clear_if_changed(self) -> None:
+        if self._simulation.scene is not self._scene:
+            self._clear()
+
     @property
     def seconds(self) -> float:
         """How far back it can go from the newest state [s]."""
@@ -124,8 +128,7 @@ class RewindBuffer:
 
     def add(self) -> None:
         """Store the state after a frame if it is due."""
-        if self._simulation.scene is not self._scene:
-            self._clear()
+        self._clear_if_changed()
         self._drop_later()
         self._clock += FRAME_SECONDS
         if round(self._clock / FRAME_SECONDS) % REWIND_EVERY == 0:
@@ -133,8 +136,7 @@ class RewindBuffer:
 
     def mark(self, *, can_undo: bool = True) -> None:
         """Store the present state, before a change that the user can undo."""
-        if self._simulation.scene is not self._scene:
-            self._clear()
+        self._clear_if_changed()
         self._drop_later()
         state = RewindState(self._clock, state_arrays(self._simulation), can_undo)
         oldest = self._clock - REWIND_SECONDS
@@ -145,6 +147,7 @@ class RewindBuffer:
 
     def go_back(self, seconds: float) -> bool:
         """Restore the state that is nearest to `seconds` [s] before the newest. Return True."""
+        self._clear_if_changed()
         time = self._states[-1].seconds - min(seconds, self.seconds)
         gaps = [abs(state.seconds - time) for state in self._states]
         self._restore(len(gaps) - 1 - gaps.index(min(gaps)))
@@ -161,6 +164,7 @@ class RewindBuffer:
 
     def undo(self) -> bool:
         """Restore the state before the last change that can be undone. Return False if there is none."""
+        self._clear_if_changed()
         for back, state in enumerate(reversed(self._states)):
             if state.can_undo and back >= self._back:
                 self._restore(back)

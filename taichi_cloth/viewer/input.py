@@ -380,7 +380,9 @@ class Progress(str):
 
 
 UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
-NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or the last change of scene, solver or fabric"
+NOTHING_TO_UNDO = (
+    "nothing to undo: no grab or pin since the start or the last change of scene, solver, fabric or features"
+)
 
 
 def display_name(section: str) -> str:

@@ -116,11 +116,16 @@ def test_time_and_memory_are_limited(simulation: Simulation, monkeypatch: pytest
     assert len(rewind._states) == 1  # the present one
 
 
-def test_another_solver_clears_it(simulation: Simulation) -> None:
+@pytest.mark.parametrize("frames", [0, 1])
+def test_another_solver_clears_it(simulation: Simulation, frames: int) -> None:
+    """Also while the cloth is frozen."""
     rewind = RewindBuffer(simulation)
     run(simulation, rewind, 30)
     rewind.mark()
     simulation.switch_solver("xpbd")
-    run(simulation, rewind, 1)
-    assert rewind.seconds < 2 * FRAME
+    run(simulation, rewind, frames)
     assert not rewind.undo()
+    rewind.go_back(0.5)
+    assert simulation.solver.name == "xpbd"
+    assert simulation.frame == 30 + frames
+    assert rewind.seconds < 2 * FRAME

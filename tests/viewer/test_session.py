@@ -708,6 +708,19 @@ def test_the_error_before_a_change_is_shown_until_the_next_is_measured(session: 
     assert error_lines(session.meter) == ["error of a frame: not measured yet"]
 
 
+def test_a_frozen_cloth_goes_back_to_no_state_with_another_feature(session: Session) -> None:
+    session.advance(30)
+    session.pin(PARTICLE)
+    session.act("freeze")
+    session.set_features({"spheres": False})
+    frame = session.simulation.frame
+    session.act("undo")
+    assert session.note.startswith("nothing to undo")
+    session.go_back(0.3)
+    assert session.simulation.frame == frame
+    assert not session.features["spheres"]
+
+
 def test_undo_says_how_to_go_on_and_the_panel_that_the_cloth_is_frozen(session: Session) -> None:
     session.pin(PARTICLE)
     session.advance(3)

@@ -142,6 +142,15 @@ def test_the_right_button_orbits_over_the_cloth_too(page: Browser) -> None:
     page.value("camera.reset()")
 
 
+def test_the_middle_button_zooms(page: Browser) -> None:
+    azimuth, distance = page.value("[camera.azimuth, camera.orbitDistance]")
+    page.mouse("Pressed", 700, 300, button="middle", clickCount=1)
+    page.mouse("Moved", 700, 100, button="middle", buttons=4)
+    page.mouse("Released", 700, 100, button="middle", clickCount=1)
+    page.until(f"camera.orbitDistance < 0.7 * {distance} && camera.azimuth === {azimuth}")
+    page.value("camera.reset()")
+
+
 def test_a_slider_changes_gravity_on_every_page(page: Browser, second: Browser) -> None:
     second.value("find('input[name=gravity]').scrollIntoView()")
     x, y = middle_of(second, "input[name=gravity]")

@@ -162,16 +162,17 @@ def origin_lines(store: Store) -> list[str]:
     """Return lines that say how many units ran, when, for how long, on which machines, and with which version."""
     results = store.ordered()
     missing = len(store.planned) - len(results)
-    lines = [f"{missing} of {len(store.planned)} units not run."] if missing else []
+    combinations = f"{len(store.planned)} combinations of variant and setting"
+    lines = [f"{missing} of {combinations} were not run."] if missing else []
     if store.older:
         lines.append(
-            f"{store.older} of {len(results)} results are older: this version of the program has neither produced"
-            " nor confirmed them."
+            f"{store.older} of {len(results)} results are of earlier versions of the program, and the present one has"
+            " not confirmed them."
         )
     if repeated := sum(bool(result.repeated) for result in results):
         lines.append(
-            f"{repeated} results were produced by an earlier version and confirmed later: the last start of each was"
-            " repeated bit by bit."
+            f"{repeated} results were confirmed once by a later version than the one that produced them: it repeated"
+            " the last start of each bit by bit."
         )
     if fewest := {result.starts for result in results}:
         starts = f"{min(fewest)} to {max(fewest)}" if len(fewest) > 1 else f"{min(fewest)}"

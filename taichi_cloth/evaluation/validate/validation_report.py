@@ -33,6 +33,9 @@ class Measured(NamedTuple):
     """Commit of the program, or the version of the package if it is not a clone."""
 
 
+TIME_LIMIT_REACHED = "a setup was stopped at its time limit"
+
+
 def cells(result: Result) -> tuple[str, ...]:
     """Return one row of the table."""
     row = result.row
@@ -46,7 +49,7 @@ def reason(result: Result) -> str:
     """Return why a row does not pass, or an empty string if it passes."""
     row = result.row
     if result.verdict == TOO_SLOW:
-        return "its set-ups take too long"
+        return TIME_LIMIT_REACHED
     if result.verdict != FAIL:
         return ""
     if row.limit is None:
@@ -63,7 +66,11 @@ def reasons(results: Sequence[Result]) -> list[str]:
             solvers = groups.setdefault((result.reference, cause), [])
             if result.solver not in solvers:
                 solvers.append(result.solver)
-    return [f"{reference} falls short with {', '.join(names)}: {cause}" for (reference, cause), names in groups.items()]
+    lines = []
+    for (reference, cause), names in groups.items():
+        verdict = "is too slow" if cause == TIME_LIMIT_REACHED else "falls short"
+        lines.append(f"{reference} {verdict} with {', '.join(names)}: {cause}")
+    return lines
 
 
 def tally(results: Sequence[Result]) -> dict[str, float]:
@@ -87,9 +94,11 @@ def summary_line(results: Sequence[Result]) -> str:
     """Return the last line of the report."""
     n = tally(results)
     explained = sum(result.row.explained for result in results)
+    other = n["falls short"] - explained - n["broken"]
     return (
         f"{n['rows']} rows: {n['excellent']} excellent, {n['pass']} pass, {n['falls short']} fall short"
-        f" ({explained} by as much as theory predicts, {n['broken']} by more), {n['too slow']} too slow"
+        f" ({explained} by as much as theory predicts, {n['broken']} by more, {other} without a theory),"
+        f" {n['too slow']} too slow"
     )
 
 
@@ -205,7 +214,12 @@ def main_page(run: Measured, rows: str) -> list[str]:
         " · ".join([*run.machine.values(), *filter(None, (run.date, run.commit))]),
         "",
     ]
-    lines += ["## Largest errors", "", "*Excellent* · pass · **falls short or too slow**", ""]
+    lines += [
+        "## Largest errors",
+        "",
+        "*Excellent* · pass · **falls short or too slow**. Errors are relative unless the row names a unit.",
+        "",
+    ]
     lines += markdown_table(matrix(results))
     return [*lines, "", "## Why", "", *(f"- {line}" for line in reasons(results))]
 
