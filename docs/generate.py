@@ -29,7 +29,7 @@ from taichi_cloth.evaluation.stress.setup import ROBUST
 from taichi_cloth.geometry.topology import Topology
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import key_table, schema
-from taichi_cloth.scene.keys import KEYS_TITLE
+from taichi_cloth.scene.keys import KEYS_TITLE, keys_of
 from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.scene.schema import PRESET_NAMES
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
@@ -565,17 +565,25 @@ def elbow() -> str:
 def keys() -> str:
     blocks = []
     docs = {"": "These keys come before all sections."}
+    sliders: dict[tuple[str, str], str] = {}
     for part in schema.sections().values():
         name = f"[[{part.name}]]" if part.is_array else f"[{part.name}]"
         docs[name] = described(part.cls)
+        sliders |= {
+            (name, key): "{:g} to {:g}".format(*about.slider)
+            for key, about in keys_of(part.cls).items()
+            if about.slider
+        }
     for section in dict.fromkeys(row[0] for row in key_table()):
         title = f"## {section}" if section else "## Top level"
         rows = [
-            [f"`{key}`", f"`{default}`", unit, bounds.removesuffix(f" {unit}"), text]
+            [f"`{key}`", f"`{default}`", unit, bounds.removesuffix(f" {unit}"), sliders.get((at, key), ""), text]
             for at, key, default, unit, bounds, text in key_table()
             if at == section
         ]
-        blocks.append(f"{title}\n\n{docs[section]}\n\n" + table(["key", "default", "unit", "range", "meaning"], rows))
+        blocks.append(
+            f"{title}\n\n{docs[section]}\n\n" + table(["key", "default", "unit", "range", "slider", "meaning"], rows)
+        )
     return "\n\n".join(blocks)
 
 
