@@ -139,6 +139,8 @@ class Comparison:
     def request(self, action: str) -> None:
         """Run an action. If it may compile for seconds, first display a frame whose note says so (`run_deferred`)."""
         sides = self.sides if action in SHARED_ACTIONS else (self._active,) if action in SIDE_ACTIONS else ()
+        for side in self.sides if sides else ():
+            side.note = ""  # one line is shown, the one about this action
         for side in sides:
             side.request(action)
         if not sides:
@@ -184,8 +186,11 @@ class Comparison:
 
     def advance(self, frames: int) -> None:
         """Advance both sides by a number of frames, unless they are frozen. If one diverges, both freeze."""
-        for side in self.sides:
+        for side, other in (self.sides, self.sides[::-1]):
+            was_frozen = side.frozen
             side.advance(frames)
+            if side.frozen and not was_frozen:  # its note says why
+                other.note = ""
         for side in self.sides:
             side.frozen = self.left.frozen or self.right.frozen
 
@@ -226,7 +231,7 @@ def loop(
 ) -> None:
     """Process input, simulate and draw, once for every displayed frame."""
     canvas, gui, clock = window.get_canvas(), window.get_gui(), FrameClock(time.perf_counter())
-    rendered_size, renderer = (0, 0), None  # the size that the renderer was made for
+    rendered_size, renderer = ((0, 0), 0), None  # of the window and the panel's column, that the renderer was made for
     lines: list[str] = []
     displayed, updated, draw_ms = 0, 0.0, 0.0
     while window.running and comparison.running and displayed != frames:
@@ -247,8 +252,8 @@ def loop(
         comparison.advance(due)
 
         start = time.perf_counter()
-        if renderer is None or image_size != rendered_size:
-            renderer, rendered_size = SplitRenderer(*image_size, samples=1), image_size
+        if renderer is None or (size, band) != rendered_size:
+            renderer, rendered_size = SplitRenderer(*image_size, samples=1), (size, band)
             image = np.full((*size, 3), BAND_COLOR, np.uint8)  # the toolkit's origin is the bottom left
         image[band:] = renderer.draw(comparison.draw_lists, comparison.view, comparison.left.camera).transpose(1, 0, 2)[
             :, ::-1

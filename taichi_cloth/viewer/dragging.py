@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..collision.colliders import ray_cast
 from ..render.camera import OrbitCamera
 from ..simulation.events import GrabHandle
+from ..simulation.parameter_values import MAX_COORDINATE
 from ..simulation.simulation import Simulation
 
 OVERLAP = 1e-9  # in barycentric coordinates: neighboring triangles overlap, so that rounding opens no gap between them
@@ -199,7 +200,10 @@ class Dragger:
     def follow(self, camera: OrbitCamera, cursor: Cursor, size: Size) -> None:
         """Move the grab, if there is one, to the cursor."""
         if self.drag is not None:
-            self.drag.grab.move_to(self.drag.plane.move(camera, cursor, size[0] / size[1]))
+            plane = self.drag.plane
+            # A ray that is nearly parallel to the plane meets it at any distance.
+            plane.target = np.clip(plane.move(camera, cursor, size[0] / size[1]), -MAX_COORDINATE, MAX_COORDINATE)
+            self.drag.grab.move_to(plane.target)
 
     def interpolate(self, fraction: float) -> None:
         """Move the grab by a fraction, 0…1, of the cursor's motion since the last displayed frame.

@@ -69,11 +69,12 @@ class ErrorProcess:
         self.answer: Answer | None = None
         """The last measurement of the scene that runs."""
         self.before_change: FrameError | None = None
-        """The last error of a frame before the cloth was changed otherwise than by a frame, in the same scene."""
+        """The last error before the cloth was changed otherwise than by a frame; None after another scene."""
         self._frames = 0
         self._scene: Scene | None = None
         self._is_busy = False  # with a job
         self._is_stale = False  # whether the answer to that job will be dropped
+        self._is_starting = False  # whether the process is not ready for a job
         self._sent = 0.0  # wall time of that job [s]
         self._next = 0.0  # wall time of the next job [s]
         self._process: SpawnProcess | None = None
@@ -84,8 +85,6 @@ class ErrorProcess:
         self._frames += 1
         if simulation.scene is not self._scene:
             self.forget()
-            if self._scene is None or simulation.scene.name != self._scene.name:
-                self.before_change = None
             self._scene = simulation.scene
         self.receive()
         if not self._is_free():
@@ -106,6 +105,8 @@ class ErrorProcess:
         if not self._is_busy:
             return "not measured yet"
         seconds = f"{time.perf_counter() - self._sent:.0f} s"
+        if self._is_starting:
+            return f"not measured yet: starting ({seconds})"
         if self._is_stale:
             return f"not measured yet: busy with a frame before the change ({seconds})"
         return f"being measured ({seconds})"
@@ -125,9 +126,10 @@ class ErrorProcess:
         try:
             if self._pipe is None:
                 self._start()
-            assert self._pipe is not None
-            self._pipe.send(job)
-            self._is_busy, self._is_stale, self._sent = True, False, time.perf_counter()
+            else:
+                self._pipe.send(job)
+                self._is_stale = False
+            self._is_busy, self._sent = True, time.perf_counter()
         except OSError as error:
             self.answer = Answer(refusal=f"the process that measures it has ended ({error})", is_final=True)
 
@@ -137,6 +139,8 @@ class ErrorProcess:
         self._process = context.Process(target=serve, args=(other,), daemon=True, name="taichi_cloth errors")
         self._process.start()
         other.close()
+        # Its first answer, which is dropped, says that it is ready. Before, a large job would block until it is.
+        self._is_starting = self._is_stale = True
 
     def receive(self) -> None:
         """Take over the answer to the last job, if it has come."""
@@ -150,7 +154,7 @@ class ErrorProcess:
             answer = Answer(refusal="the process that measures it has ended", is_final=True)
         if not self._is_stale:
             self.answer = answer
-        self._is_busy = False
+        self._is_busy = self._is_starting = False
         self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
 
     def close(self) -> None:
@@ -204,6 +208,7 @@ def serve(pipe: connection.Connection) -> None:
     runtime.start("cpu", cpu_max_num_threads=1)
     measurer = Measurer()
     with suppress(EOFError, OSError):
+        pipe.send(Answer())
         while True:
             pipe.send(measurer.answer(pipe.recv()))
 

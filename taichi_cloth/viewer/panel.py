@@ -122,7 +122,8 @@ class Panel:
         return changed
 
     def draw_caption(self, gui: ti.ui.Gui, lines: Sequence[str]) -> None:
-        """Draw lines about a replay where the panel would be."""
+        """Draw lines where the panel would be: about a replay, or the note."""
+        lines = wrapped_lines(lines)
         width, height = self.window_size
         size = (PANEL_WIDTH / width, (CAPTION_HEIGHT + len(lines) * LINE_HEIGHT) / height)
         with gui.sub_window("replay", PANEL_MARGIN / width, PANEL_MARGIN / height, *size):

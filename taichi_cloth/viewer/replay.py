@@ -24,7 +24,7 @@ from ..simulation.simulation import Simulation
 from ..system.errors import UsageError, choose_from
 from .capture import Exporter
 from .error_process import ErrorProcess, Job, Measurer, error_lines
-from .input import SHORTCUTS, Refusal
+from .input import PAGES, SHORTCUTS, Refusal
 from .session import Session
 
 
@@ -107,7 +107,7 @@ class ReplaySession(Session):
         self.is_equal: bool | None = None
         """Whether the final positions equal the recorded ones; None before the end."""
         self._next_row = 0  # of the recording
-        self.hidden, self.frozen = True, False
+        self.hidden, self.frozen, self.page = True, False, PAGES[0]
         self._apply_due()
         self.rewind_buffer = RewindBuffer(self.simulation)  # the recording may begin with another state than the scene
 
@@ -167,8 +167,8 @@ class ReplaySession(Session):
     def replay_frame(self) -> None:
         """Replay one frame and the events after it. Raises UsageError if the scene does not support one of them."""
         self.meter.run_frame(self.simulation) if self.meter else self.simulation.step()
-        self._guard.check_and_snapshot()  # takes the snapshot for a recorded roll-back
-        self.rewind_buffer.add()
+        if self._guard.check_and_snapshot():  # takes the snapshot for a recorded roll-back
+            self.rewind_buffer.add()
         self.frames_replayed += 1
         self._apply_due()
 

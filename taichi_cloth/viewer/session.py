@@ -28,7 +28,7 @@ from ..simulation.simulation import Simulation
 from ..system.errors import UsageError
 from .capture import Capture, Exporter
 from .charts import History
-from .dragging import GRAB_RADII, Dragger, Mouse, Pointer, pick_under_cursor
+from .dragging import GRAB_RADII, Cursor, Dragger, Mouse, Pointer, Size, pick_under_cursor
 from .error_process import ErrorProcess
 from .input import (
     ACTIONS,
@@ -61,11 +61,10 @@ class Session:
         Raises SceneError and UsageError as `Simulation` does.
         """
         self.running = True  # until the user quits
-        self.frozen = self.hidden = False  # `hidden`: the panel
+        self.frozen = self.hidden = self.charts = False  # `hidden`: the panel; `charts`: whether they are shown
         self.view = VIEWS[0]
         self.speed = "1"  # simulated time per wall time, by its name in `SPEEDS`
         self.page = PAGES[0]  # of the panel
-        self.charts = False  # whether the charts are shown
         self.physics_ms = 0.0  # of one frame, mean over those of the last displayed frame; 0 before the first
         self.measuring_ms = 0.0  # of the last measurement
         self.note = ""  # one line for the user: of success, a `Progress`, or a `Refusal`
@@ -80,19 +79,20 @@ class Session:
     @property
     def caption(self) -> list[str]:
         """Lines over the picture, where the panel is not shown."""
-        return []
+        return [self.note] if self.hidden and self.note else []
 
     def _open(self, scene: Scene) -> None:
         self.simulation = Simulation(scene, self.layout)
         self.simulation.listeners.append(self._on_event)
         self.recorder = Recorder(self.simulation)
         self._full_scene = scene  # with all its features
-        self.fabric = ""
-        """Name of the fabric that was chosen, or an empty string for the scene's own."""
+        self.fabric = ""  # name of the fabric that was chosen; empty for the scene's own
         self.history = History(self.simulation.topology)
         self.rewind_buffer = RewindBuffer(self.simulation)
         self.forget_measurements()
-        self._cursor: tuple[tuple[float, float], tuple[int, int]] | None = None
+        if self.meter is not None:
+            self.meter.before_change = None
+        self._cursor: tuple[Cursor, Size] | None = None
         try:
             self.draw_list = DrawList(self.simulation)
         except BaseException:
@@ -214,13 +214,19 @@ class Session:
         return tuple(dict.fromkeys([*scene_names(), self._initial_scene.name]))
 
     def open_scene(self, name: str) -> None:
-        """Close the scene and open a shipped scene, or the session's initial scene, by name."""
-        scene = self._initial_scene if name == self._initial_scene.name else load_scene(name)
-        self.release_all()
-        self.end_clip()
-        self.draw_list.close()
-        self.simulation.close()
-        self._open(scene)
+        """Replace the scene by a shipped one, or the session's initial one, by name. On failure the note says why."""
+        before = self.simulation.scene
+        try:
+            scene = self._initial_scene if name == self._initial_scene.name else load_scene(name)
+            self.release_all()
+            self.end_clip()
+            self.draw_list.close()
+            self.simulation.close()
+            self._open(scene)
+        except (UsageError, SceneError) as error:  # the requested layout does not support it, or a file has changed
+            if self.simulation.closed:
+                self._open(before)
+            self.note = Refusal(error)
 
     def restart_recording(self) -> None:
         """Forget what was recorded. The recording begins with the present state."""
@@ -264,13 +270,7 @@ class Session:
     # -- mouse ---------------------------------------------------------------------------------------------------------
 
     def on_pointer(
-        self,
-        cursor: tuple[float, float],
-        buttons: frozenset[str],
-        size: tuple[int, int],
-        *,
-        on_panel: bool,
-        widget_changed: bool,
+        self, cursor: Cursor, buttons: frozenset[str], size: Size, *, on_panel: bool, widget_changed: bool
     ) -> None:
         """Process the mouse of one displayed frame.
 

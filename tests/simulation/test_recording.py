@@ -319,6 +319,19 @@ def test_a_reset_replays_again(recorder: Recorder) -> None:
         assert session.note == "4 frames replayed: final positions are bit-identical; R replays them again"
 
 
+def test_a_replay_keeps_no_diverged_state_to_go_back_to(recorder: Recorder) -> None:
+    run(recorder.simulation, 30)
+    with closing(ReplaySession(Recording.of(recorder, SIZE))) as session:
+        session.advance(11)
+        session.simulation.cloth.x[LAST] = [np.nan] * 3
+        session.advance(1)  # the twelfth frame, which would be kept
+        session.frozen = False
+        session.advance(18)
+        for seconds in np.linspace(0.0, 0.5, 9):
+            session.rewind_buffer.go_back(seconds)
+            assert np.isfinite(session.simulation.positions()).all()
+
+
 def test_a_failed_switch_of_the_solver_is_replayed(tmp_path: Path) -> None:
     """A failed switch has read the cloth from its fields and written it back."""
     light = replace(

@@ -101,6 +101,18 @@ def test_divergence_on_one_side_freezes_both(comparison: Comparison) -> None:
     assert "blew up" in comparison.note
 
 
+def test_the_note_is_about_what_happened_last(comparison: Comparison) -> None:
+    left, right = comparison.sides
+    left.note = "wind off: G turns it on"
+    right.simulation.cloth.x[0] = [np.nan] * 3
+    comparison.advance(1)
+    assert comparison.note.startswith("the cloth blew up")
+    left.note = "an old note"
+    comparison._active = right
+    comparison.request("pin")
+    assert comparison.note == "nothing to pin: no cloth under the cursor"
+
+
 def test_other_grids_are_grabbed_at_the_same_point_of_the_sheet(tmp_path: Path) -> None:
     comparison = Comparison(
         load_scene("drape15", **SMALL), load_scene("drape15", rows=19, columns=21), ASPECT, tmp_path

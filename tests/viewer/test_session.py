@@ -694,6 +694,35 @@ class ReadyPipe:
         pass
 
 
+def test_a_scene_that_the_layout_does_not_support_is_refused_and_the_next_follows() -> None:
+    with closing(Session(load_scene("drape15"), layout="simd")) as session:
+        session.choose("scene", "round")
+        session.run_deferred()
+        assert session.simulation.scene.name == "drape15"
+        assert isinstance(session.note, Refusal)
+        assert session.note.startswith("layout simd is not supported: ")
+        session.advance(1)
+        assert session.simulation.frame == 1
+
+
+def test_a_hidden_panel_hides_no_note(session: Session) -> None:
+    session.act("hide")
+    assert session.caption == []
+    session.act("undo")
+    assert session.caption == [session.note]
+    assert session.note.startswith("nothing to undo")
+
+
+def test_a_drag_to_a_point_beyond_all_coordinates_ends_at_the_last_one(session: Session) -> None:
+    u, v = session.camera.to_screen(session.simulation.positions()[PARTICLE], ASPECT)[0][0]
+    size = (round(100 * ASPECT), 100)
+    assert session.dragger.begin(session.camera, (float(u), float(v)), size, 0.0)
+    session.camera.target = session.camera.target + np.array([3e6, 0.0, 0.0])
+    session.dragger.follow(session.camera, (float(u), float(v)), size)
+    target = session.simulation.grabs[0].target
+    assert np.abs(target).max() == 1e6
+
+
 def test_the_error_before_a_change_is_shown_until_the_next_is_measured(session: Session) -> None:
     session.act("errors")
     session.advance(1)
@@ -703,6 +732,7 @@ def test_the_error_before_a_change_is_shown_until_the_next_is_measured(session: 
         change()
         session.advance(1)
         assert error_lines(session.meter) == ["error of a frame: not measured yet; before the change: 2 mm"]
+    session.frozen = True
     session.open_scene("drape15")
     session.advance(1)
     assert error_lines(session.meter) == ["error of a frame: not measured yet"]

@@ -44,3 +44,15 @@ def test_a_drag_acts_on_both_sides(open_window: Callable[..., Any]) -> None:
     assert corner.mean() > 120, "the panel's column is still visible"
     app.press_key("Escape")
     assert app.exit_code() == 0
+
+
+def test_a_narrow_window_can_be_made_narrower(open_window: Callable[..., Any]) -> None:
+    """Below 612 pixels the panel's column shrinks instead of the images."""
+    app = open_window(
+        "drape15", "--b", "iterations=20", "--size", "500x400", "--no-errors", command="compare",
+    )  # fmt: skip
+    app.xdotool("windowsize", "--sync", app.window_id, "420", "400")
+    entry = app.latest_entry()
+    app.wait_until(lambda line: line["displayed"] > entry["displayed"] + 10, "frames of the narrower window")
+    app.press_key("Escape")
+    assert app.exit_code() == 0
