@@ -131,12 +131,12 @@ class ReplaySession(Session):
         """Return whether an action is allowed now: during replay only those that do not change the cloth."""
         return self.is_over or action in VIEW_KEYS
 
-    def request(self, action: str) -> None:
+    def act(self, action: str) -> None:
         """Run an action. A reset replays the recording again, after displaying a frame whose note says so."""
         if action == "reset":
             self.defer("scene", "replay", self._replay_again)
         else:
-            super().request(action)
+            super().act(action)
 
     def _replay_again(self) -> None:
         self.open_scene(self.recording.scene.name)
