@@ -27,10 +27,12 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.tearing import TearState
 from ..scene import Scene
 from ..scene.overrides import removable_sections, scene_without
 from ..solvers import FrameInput
 from .grabbing import Grab
+from .parameter_values import check_vectors
 from .running_cloth import RunningCloth, time_frames
 from .simulation import Simulation
 
@@ -48,7 +50,8 @@ class FrameStart:
     params: dict[str, float]
     wind_on: bool
     pinned: Flags
-    torn: Flags
+    torn: NDArray[np.int32]
+    """Ends of the torn springs, (K, 2): a copy with another solver may have other springs."""
     grabs: dict[int, Grab]
     depenetration: Floats
     """Depths from which colliders let the cloth out slowly (`Depenetration.reduction`)."""
@@ -57,6 +60,7 @@ class FrameStart:
     def of(cls, running: RunningCloth) -> FrameStart:
         """Return the start of the next frame of a running cloth."""
         grabs = {k: Grab(g.particles, g.rest_positions, g.start, g.target, g.history) for k, g in running.grabs.items()}
+        torn = np.flatnonzero(running.torn)
         return cls(
             frame=running.frame,
             positions=running.positions(),
@@ -64,7 +68,7 @@ class FrameStart:
             params={name: float(running.params[name]) for name in running.params.known()},
             wind_on=running.params.wind_on,
             pinned=running.topology.pinned.copy(),
-            torn=running.torn,
+            torn=running.built.topology.ends[torn],
             grabs=grabs,
             depenetration=running.depenetration.reduction.copy(),
         )
@@ -88,21 +92,30 @@ class Copy(Simulation):
 
     def start_from(self, start: FrameStart, but: frozenset[str] = frozenset()) -> None:
         """Take over a state with its parameters, those that this scene has, `but` some."""
-        for index in np.flatnonzero(self.topology.pinned != start.pinned):
-            (self.pin if start.pinned[index] else self.unpin)(int(index))
+        self.set_pins(start.pinned)  # all at once: each change builds the cloth again
         known = self.params.known()
         for name in start.params.keys() & known.keys() - but:
             self.params[name] = int(start.params[name]) if known[name].is_int else start.params[name]
         if self.scene.wind is not None:
             self.params["wind"] = start.wind_on
-        self.set_torn(start.torn)
+        self.set_torn(TearState(self.built.topology, start.torn).torn if len(start.torn) else False)
         self.set_frame(start.frame)
-        self.set_state(start.positions, start.velocities)
+        self._move_to(start.positions, start.velocities)
         self.set_grabs(
             {k: Grab(g.particles, g.rest_positions, g.start, g.target, g.history) for k, g in start.grabs.items()}
         )
         if len(start.depenetration) == len(self.depenetration.reduction):  # else a collider was removed
             self.depenetration.reduction = start.depenetration.copy()
+
+    def _move_to(self, positions: Floats, velocities: Floats) -> None:
+        """Set all positions and velocities, also if the cloth intersects itself, which `set_state` may refuse."""
+        shape = self.topology.start.shape
+        x, v = check_vectors(positions, "positions", shape), check_vectors(velocities, "velocities", shape)
+        v[self.topology.pinned] = 0.0
+        self.grabs = {}
+        self.place(x)
+        self.solver.set_velocities(v, self.h)
+        self.depenetration.invalidate()
 
     def end_of_frame(self, start: FrameStart, but: frozenset[str] = frozenset()) -> Floats:
         """Run one frame, and return the positions after it, (N, 3) [m]. Arguments as for `start_from`."""

@@ -5,15 +5,16 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from taichi_cloth.scene.collider_schema import Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver, Wind
+from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver, Tearing, VerletSprings, Wind
 from taichi_cloth.simulation import copies
-from taichi_cloth.simulation.copies import FrameErrorMeter
+from taichi_cloth.simulation.copies import Copy, FrameErrorMeter, FrameStart
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -211,3 +212,44 @@ def test_the_start_of_a_frame_does_not_change_with_the_cloth(monkeypatch: pytest
         again = meter.measure(pickle.loads(pickle.dumps(start)), after.positions)
     assert again.error == pytest.approx(found.error, rel=1e-6)
     np.testing.assert_array_equal(again.by_particle, found.by_particle)
+
+
+def test_a_copy_with_other_springs_has_the_same_torn_ones() -> None:
+    torn_scene = scene("verlet", 5, verlet=VerletSprings(bend=0.0, structural=0.0), tearing=Tearing(strain=0.5))
+    other = replace(torn_scene, solver=Solver(name="explicit", substeps=1, iterations=1))
+    with Simulation(torn_scene) as simulation, Copy(other) as copy:
+        torn = np.zeros(len(simulation.torn), bool)
+        torn[[3, 40, -1]] = True
+        simulation.set_torn(torn)
+        assert len(copy.torn) != len(torn)
+        copy.start_from(FrameStart.of(simulation))
+        ends = [one.built.topology.ends[one.torn].tolist() for one in (simulation, copy)]
+        assert {frozenset(pair) for pair in ends[0]} == {frozenset(pair) for pair in ends[1]}
+        assert len(ends[0]) == 3
+        simulation.untear()
+        copy.start_from(FrameStart.of(simulation))
+        assert not copy.torn.any()
+
+
+def test_a_copy_takes_over_cloth_that_intersects_itself_although_its_scene_forbids_it() -> None:
+    contact = SelfCollision(thickness=0.02, penetration_free=True)
+    with Simulation(scene("xpbd", 5)) as simulation, Copy(scene("xpbd", 5, self_collision=contact)) as copy:
+        x = simulation.positions()
+        x[30:] += np.random.default_rng(1).normal(0.0, 0.1, x[30:].shape)
+        simulation.set_state(x)
+        assert simulation.intersections()
+        copy.start_from(FrameStart.of(simulation))
+        np.testing.assert_array_equal(copy.positions(), simulation.positions())
+        assert copy.penetration_free_since is None
+
+
+def test_a_copy_takes_over_all_pins_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    built = []
+    rebuild = Copy.rebuild
+    monkeypatch.setattr(Copy, "rebuild", lambda self, *arguments: built.append(1) or rebuild(self, *arguments))
+    with Simulation(scene("explicit", 5)) as simulation, Copy(scene("explicit", 5)) as copy:
+        simulation.pin(40, radius=0.3)
+        simulation.unpin(0)
+        copy.start_from(FrameStart.of(simulation))
+        np.testing.assert_array_equal(copy.topology.pinned, simulation.topology.pinned)
+        assert len(built) == 1
