@@ -139,10 +139,14 @@ def targets_of(key: str) -> list[KeyTarget]:
 
 
 def with_solver(scene: Scene, name: str, original: Scene) -> Scene:
-    """Return the scene with a solver at its default substeps and iterations; the solver of `original` has its own."""
+    """Return the scene with a solver at its default substeps and iterations; the solver of `original` has its own.
+
+    Damping and stiffness stay: they may come from a scene that was switched to.
+    """
     substeps, iterations = SOLVER_CATALOG[name].defaults
-    other = replace(original.solver, name=name, substeps=substeps, iterations=iterations)
-    return replace(scene, solver=original.solver if name == original.solver.name else other)
+    if name == original.solver.name:
+        substeps, iterations = original.solver.substeps, original.solver.iterations
+    return replace(scene, solver=replace(scene.solver, name=name, substeps=substeps, iterations=iterations))
 
 
 NOT_REMOVABLE = ("attachments", "regions", "maps")  # optional sections that stay: they may pin the cloth

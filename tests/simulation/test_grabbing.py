@@ -13,6 +13,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene.collider_schema import Attachment, Ground, Sphere
 from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, StrainLimit, Tethers
+from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.events import Event
 from taichi_cloth.simulation.grabbing import Grab, vertices_in_radius
 from taichi_cloth.simulation.simulation import Simulation
@@ -288,6 +289,15 @@ def test_switch_scene_keeps_positions_and_changed_parameters() -> None:
         simulation.switch_scene(replace(whole, forces=Forces(gravity=2.0)))
         assert (simulation.params["gravity"], simulation.params["strain_limit"]) == (2.0, 0.1)
         assert simulation.frame == 13
+
+
+def test_another_solver_keeps_the_damping_and_stiffness_of_the_scene_that_was_switched_to(hanging: Simulation) -> None:
+    first = hanging.scene.solver
+    hanging.switch_scene(replace(hanging.scene, solver=replace(first, damping=0.1, stiffness=0.5, substeps=7)))
+    for name, substeps in (("xpbd", SOLVER_CATALOG["xpbd"].substeps), (first.name, first.substeps)):
+        hanging.switch_solver(name)
+        assert (hanging.params["damping"], hanging.params["stiffness"]) == (0.1, 0.5)
+        assert hanging.params["substeps"] == substeps
 
 
 def test_a_scene_with_another_grid_is_refused_and_nothing_changes(hanging: Simulation) -> None:
