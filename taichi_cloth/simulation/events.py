@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from base64 import b64decode
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
@@ -13,11 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from ..collision.colliders import colliders_of
 from ..geometry.scene_loader import check_geometry
 from ..kernels.step_params import MAX_GRABS
+from ..scene import Scene, scene_to_toml
+from ..scene.collider_schema import Mesh
 from ..scene.overrides import with_solver
-from ..scene.presets import with_fabric
-from ..scene.reader import scene_from_toml
-from ..scene.schema import COLLIDERS, PRESET_NAMES
+from ..scene.presets import is_file_name, is_map_name, with_fabric
+from ..scene.reader import scene_from, scene_from_toml
+from ..scene.schema import COLLIDERS, MAP_NAMES, PRESET_NAMES, Cloth
 from ..scene.solver_catalog import SOLVER_CATALOG
+from ..scene.toml_io import parse_toml
 from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint
 from .frame_contact import describe_intersections
@@ -98,8 +102,13 @@ def switch_fabric(simulation: Simulation, name: str) -> None:
     simulation.rebuild(scene, simulation.built.pin_changes)
 
 
-def switch_scene(simulation: Simulation, text: str) -> None:
-    scene = scene_from_toml(text, simulation.scene)
+def switch_scene(simulation: Simulation, text: str, folder: str = "") -> None:
+    """`folder`: of the scene's mesh and map files; if it is "", that of the running scene."""
+    if folder:
+        scene = scene_from(parse_toml(text), "scene", Path(folder) / "scene.toml")
+        scene = replace(scene, name=simulation.scene.name)
+    else:
+        scene = scene_from_toml(text, simulation.scene)
     check_geometry(scene, scene.name)
     for name in ("file", "rows", "columns", "layers"):
         ours, theirs = getattr(simulation.scene.cloth, name), getattr(scene.cloth, name)
@@ -171,13 +180,15 @@ class EventKind(NamedTuple):
     """Carries out the event: called with the simulation and the event's arguments."""
     argument_types: tuple[tuple[type, ...], ...] = ()
     """Types that each argument may have in a recording; `list` is one or more positions."""
+    optional: int = 0
+    """How many of the last arguments may be left out."""
 
 
 EVENTS: dict[str, EventKind] = {
     "set_param": EventKind(set_param, ((str,), (bool, int, float))),
     "switch_solver": EventKind(switch_solver, ((str,),)),
     "switch_fabric": EventKind(switch_fabric, ((str,),)),
-    "switch_scene": EventKind(switch_scene, ((str,),)),  # as TOML
+    "switch_scene": EventKind(switch_scene, ((str,), (str,)), optional=1),  # as TOML, folder of its files
     "grab": EventKind(grab, ((int,), (float,), (int,))),  # particle, radius [m], number of the grab
     "move_grab": EventKind(move_grab, ((int,), (float,), (float,), (float,))),  # number, target [m]
     "release": EventKind(release, ((int,),)),
@@ -197,8 +208,9 @@ def check_event(event: object) -> None:
         raise ValueError(f"an event must be a tc.Event, such as tc.Event('reset'), not {short_repr(event)}")
     if event.name not in EVENTS:
         raise ValueError(f"unknown event {event.name!r}{choose_from(event.name, EVENTS)}")
-    needed = len(EVENTS[event.name].argument_types)
-    if len(event.arguments) != needed:
+    needed, optional = len(EVENTS[event.name].argument_types), EVENTS[event.name].optional
+    if not needed - optional <= len(event.arguments) <= needed:
+        needed -= optional
         raise ValueError(f"event {event.name} needs {needed} arguments, got {short_repr(event.arguments)}")
 
 
@@ -234,6 +246,25 @@ class EventQueue:
             self._events.clear()
         if failures:
             raise failures[0]
+
+
+def scene_event(scene: Scene) -> Event:
+    """Return the event that switches to a scene. It has a folder only if the scene has files that are not shipped."""
+    folder = file_folder(scene)
+    return Event("switch_scene", (scene_to_toml(scene), *[folder] * bool(folder)))
+
+
+def file_folder(scene: Scene) -> str:
+    """Return the folder of meshes and maps that are not shipped, or "". Of a scene made in Python, the working folder.
+
+    It is absolute: the folder that a program works in may change.
+    """
+    meshes: list[Mesh | Cloth] = [*scene.meshes, scene.cloth]
+    folders = {mesh.folder for mesh in meshes if is_file_name(mesh.file)}
+    maps = scene.maps
+    if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
+        folders.add(maps.folder)
+    return str(Path(max(folders)).absolute()) if folders else ""
 
 
 def pin_event(simulation: Simulation, particle: SupportsIndex, radius: float, on: bool) -> Event:

@@ -13,17 +13,14 @@ from typing import Any
 import taichi as ti
 
 from ..scene import Scene, scene_to_toml
-from ..scene.collider_schema import Mesh
-from ..scene.presets import is_file_name, is_map_name
 from ..scene.reader import scene_from
-from ..scene.schema import MAP_NAMES, Cloth
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..scene.toml_io import parse_toml, toml_value
 from ..system.errors import UsageError, short_repr
 from ..system.files import atomic_file
 from ..system.taichi_runtime import cpu_model, machine
 from .checkpoint import checkpoint_bytes
-from .events import EVENTS, Event
+from .events import EVENTS, Event, file_folder, scene_event
 from .parameter_values import MAX_SIDE, check_image_size
 from .rollback import DivergenceGuard
 from .running_cloth import check_simulation
@@ -60,7 +57,8 @@ class Recorder:
     def __init__(self, simulation: Simulation) -> None:
         check_simulation(simulation)
         self.simulation = simulation
-        self.scene = simulation.scene
+        # Replay opens this one, as here: solvers and fabrics that are switched to later return to its settings.
+        self.scene = simulation.original_scene
         self._begin()
         if simulation.has_changed or simulation.frames_stepped:
             self.restart()
@@ -77,7 +75,7 @@ class Recorder:
         self.simulation.check_between_frames()
         self._begin()
         if self.simulation.scene != self.scene:
-            self._add(Event("switch_scene", (scene_to_toml(self.simulation.scene),)))
+            self._add(scene_event(self.simulation.scene))
         self._add(Event("load", (b64encode(checkpoint_bytes(self.simulation)).decode(),)))
 
     @property
@@ -158,13 +156,8 @@ class Recording:
 
     @property
     def folder(self) -> str:
-        """The folder of meshes and maps that are not shipped, or "". Of a scene made in Python, the working folder."""
-        meshes: list[Mesh | Cloth] = [*self.scene.meshes, self.scene.cloth]
-        folders = {mesh.folder for mesh in meshes if is_file_name(mesh.file)}
-        maps = self.scene.maps
-        if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
-            folders.add(maps.folder)
-        return str(Path(max(folders)).absolute()) if folders else ""
+        """The folder of meshes and maps that are not shipped, or ""."""
+        return file_folder(self.scene)
 
     def _toml(self) -> str:
         head: dict[str, Any] = {
@@ -263,6 +256,8 @@ def _rows(rows: list[object], frames: int) -> tuple[Row, ...]:
             raise _Invalid(f"rows[{k}] comes after {frame} frames, which is not in {before}..{frames}")
         before = frame
         kinds = known[name]
+        if name in EVENTS and len(kinds) - EVENTS[name].optional <= len(arguments):
+            kinds = kinds[: len(arguments)]
         fits = len(arguments) == len(kinds) and all(type(a) in kind for a, kind in zip(arguments, kinds, strict=True))
         if not fits or not all(abs(a) <= MAX_NUMBER for a in arguments if type(a) in (int, float)):
             raise _Invalid(f"rows[{k}]: invalid arguments of {name}: {short_repr(arguments)}")

@@ -18,12 +18,12 @@ from ..collision.untangling import count_intersections
 from ..geometry.scene_loader import check_scene
 from ..geometry.topology import ClothMetrics, energies, spring_strains
 from ..kernels.step_params import MAX_GRABS
-from ..scene import Scene, scene_to_toml
+from ..scene import Scene
 from ..state.contact_data import attach_self_contact
 from ..system.errors import UsageError
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
-from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, EventQueue, GrabHandle, check_event, pin_event
+from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, EventQueue, GrabHandle, check_event, pin_event, scene_event
 from .frame_contact import penetration
 from .parameter_values import check_radius, check_vectors
 from .running_cloth import RunningCloth
@@ -131,7 +131,7 @@ class Simulation(RunningCloth):
         differ in it. New combinations of features are compiled, which takes seconds. Raises SceneError, and UsageError
         for a sheet with other particles and for too many substeps; nothing has changed then.
         """
-        self.apply(Event("switch_scene", (scene_to_toml(check_scene(scene)),)))
+        self.apply(scene_event(check_scene(scene)))
 
     def grab(self, particle: SupportsIndex, radius: float = 0.0) -> GrabHandle:
         """Grab a particle, with all that are within `radius` [m] on the sheet and neither pinned nor grabbed.

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import taichi_cloth as tc
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene import Scene, SceneError
+from taichi_cloth.scene import Scene, SceneError, scene_to_toml
 from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import Cloth, Fabric, Maps, Solver, Tearing, Wind
 from taichi_cloth.simulation.events import Event, GrabHandle
@@ -276,6 +276,59 @@ def test_a_recording_of_a_simulation_that_has_changed_begins_with_its_state(
     late = Recorder(simulation)
     run(simulation, 6)
     check_replay(late, tmp_path / "late.toml")
+
+
+@pytest.mark.parametrize("change", [{"wind": None}, {"solver": Solver("xpbd", 7, 3, damping=0.2)}])
+def test_a_recording_that_begins_after_a_switch_returns_to_the_settings_of_the_opened_scene(
+    simulation: Simulation, tmp_path: Path, change: dict[str, Any]
+) -> None:
+    simulation.switch_fabric("denim")
+    simulation.switch_scene(replace(simulation.scene, **change))
+    run(simulation, 2)
+    late = Recorder(simulation)
+    assert [event.name for _, event in late.rows] == ["switch_scene", "load"]
+    simulation.switch_fabric("")
+    run(simulation, 3)
+    simulation.switch_solver(SMALL.solver.name)
+    assert simulation.params["substeps"] == SMALL.solver.substeps
+    run(simulation, 3)
+    late.save(tmp_path / "late.toml", SIZE)
+    replayed = tc.replay(tmp_path / "late.toml")
+    np.testing.assert_array_equal(replayed.positions(), simulation.positions())
+    replayed.close()
+
+
+def test_files_of_a_scene_that_is_switched_to_are_found_in_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "half.csv").write_text("0\n" * 10 + "1\n" * 10)
+    opened = tmp_path / "opened"
+    opened.mkdir()
+    (opened / "half.csv").write_text("1\n" * 10 + "0\n" * 10)
+    own = Maps(pin="half.csv", folder=str(opened))
+    for scene in (SMALL, replace(SMALL, maps=own)):
+        with Simulation(scene) as simulation:
+            recorder = Recorder(simulation)
+            run(simulation, 1)
+            simulation.switch_scene(replace(SMALL, maps=Maps(pin="half.csv", folder=str(tmp_path))))
+            assert simulation.topology.pinned[LAST]
+            run(simulation, 2)
+            check_replay(recorder, tmp_path / "switched.toml")
+            recorder.restart()
+            run(simulation, 2)
+            check_replay(recorder, tmp_path / "late.toml")
+
+
+def test_a_recorded_switch_without_a_folder_takes_that_of_the_running_scene(tmp_path: Path) -> None:
+    """Recordings of earlier versions have none."""
+    (tmp_path / "half.csv").write_text("0\n" * 10 + "1\n" * 10)
+    mapped = replace(SMALL, maps=Maps(pin="half.csv", folder=str(tmp_path)))
+    with Simulation(mapped) as simulation:
+        recorder = Recorder(simulation)
+        simulation.apply(Event("switch_scene", (scene_to_toml(replace(mapped, wind=None)),)))
+        run(simulation, 1)
+        check_replay(recorder, tmp_path / "old.toml")
+        for arguments in ((), ("", "", "")):
+            with pytest.raises(ValueError, match="switch_scene needs 1 arguments"):
+                simulation.apply(Event("switch_scene", arguments))
 
 
 def test_a_recording_of_a_simulation_at_its_start_has_no_checkpoint(recorder: Recorder) -> None:
