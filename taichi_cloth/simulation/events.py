@@ -49,11 +49,11 @@ def reset(simulation: Simulation) -> None:
     start = simulation.topology.start
     simulation.grabs = {}
     simulation.set_pins(simulation.topology.pinned ^ simulation.built.pin_changes)
+    simulation.set_frame(0)  # before placing, which tells penetration-free contact the frame
     simulation.place(start)
     simulation.solver.set_velocities(np.zeros_like(start), simulation.h)
     simulation.depenetration.invalidate()
     simulation.set_torn(False)
-    simulation.set_frame(0)
 
 
 def set_state(simulation: Simulation, positions: Vectors, velocities: Vectors | list[float]) -> None:

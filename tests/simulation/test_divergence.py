@@ -9,7 +9,7 @@ import pytest
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver
+from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver
 from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers.explicit import Explicit
@@ -105,6 +105,25 @@ def test_the_advice_names_a_parameter_that_differs_from_the_scene() -> None:
         simulation.params["wind_z"] = 90.0
         assert guard.roll_back().endswith(": wind z is 90 m/s, the scene's value is 0.9")
         assert len(simulation.grabbed) == 0
+
+
+def test_penetration_free_contact_continues_from_where_a_reset_or_roll_back_puts_the_cloth() -> None:
+    contact = SelfCollision(thickness=0.02, penetration_free=True)
+    cloth = Cloth(rows=5, columns=5, width=0.4, height=0.4)
+    scene = Scene(cloth=cloth, solver=Solver("xpbd", 4, 4), self_collision=contact)
+    with Simulation(scene, "serial") as simulation:
+        simulation.step(3)
+        simulation.reset()
+        assert simulation.penetration_free_since == 0
+        simulation.step(2)
+        guard = DivergenceGuard(simulation)
+        simulation.step(2)
+        guard.roll_back()
+        assert (simulation.frame, simulation.penetration_free_since) == (2, 2)
+        data = simulation.solver.layout.pair_data
+        assert data is not None
+        verified = data.verified.to_numpy()[data.particle.to_numpy()[: data.particle_count[None]]]
+        np.testing.assert_array_equal(verified, simulation.cloth.x.to_numpy()[: len(verified)])
 
 
 def test_the_guard_changes_nothing() -> None:
