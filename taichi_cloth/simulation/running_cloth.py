@@ -49,7 +49,7 @@ class RunningCloth(HasParameters):
         self.grabs: dict[int, Grab] = {}
         self._frame = 0
         self.frames_stepped = 0  # since the simulation was opened; a reset does not change it
-        self._is_within_frame = False
+        self.is_within_frame = False
         self._tear: TearState | None = None
         self._build(scene, None)
 
@@ -75,18 +75,26 @@ class RunningCloth(HasParameters):
 
     def rebuild(self, scene: Scene, pin_changes: NDArray[np.bool_], **values: float) -> None:
         """Continue with another scene of the same sheet. Raises UsageError, and changes nothing, if it cannot."""
-        x, velocities = self.positions(), self.velocities()
+        x, v, params, tear = self.positions(), self.velocities(), self.params.values_by_name, self._tear
         before = self.scene, self.built.pin_changes
-        self._release()
         try:
-            self._build(scene, pin_changes, **values)
-        except UsageError:
-            self._build(*before)
+            self._build_at(x, v, scene, pin_changes, **values)
+        except BaseException:  # also Ctrl-C: what was released belongs to the next simulation
+            try:
+                self._tear = tear
+                self.params.replace_known(parameters_of(before[0]), **params)
+                self._build_at(x, v, *before)
+            except BaseException:
+                self.close()
+                raise
             raise
-        finally:
-            self.place(x)
-            velocities[self.topology.pinned] = 0.0
-            self.solver.set_velocities(velocities, self.h)
+
+    def _build_at(self, x: Floats, v: Floats, scene: Scene, pins: NDArray[np.bool_], **values: float) -> None:
+        """Release the cloth, and build one at these positions [m] and velocities [m/s], (N, 3). Others as `_build`."""
+        self._release()
+        self._build(scene, pins, **values)
+        self.place(x)
+        self.solver.set_velocities(np.where(self.topology.pinned[:, None], 0.0, v), self.h)
 
     def close(self) -> None:
         """Release the fields for the next simulation. Closing twice does no harm."""
@@ -168,19 +176,19 @@ class RunningCloth(HasParameters):
         """
         self.check_between_frames()
         parts = self._frame_input().by_substep()
-        self._is_within_frame = True
+        self.is_within_frame = True
         try:
             for part in parts:
                 self.solver.step(part)
                 callback(part.last / part.substeps)
         finally:
-            self._is_within_frame = False
+            self.is_within_frame = False
             for part in parts:
                 self.solver.step(part)
             self._end_frame()
 
     def check_between_frames(self) -> None:
-        if self._is_within_frame:
+        if self.is_within_frame:
             raise UsageError("a callback of step_by_substep may only read: change, step and save between two frames")
 
     def _frame_input(self) -> FrameInput:
@@ -268,8 +276,7 @@ class RunningCloth(HasParameters):
 
     def set_pins(self, pinned: NDArray[np.bool_]) -> None:
         """Set which particles are pinned, (N,), and rebuild what depends on it."""
-        changes = self.topology.pinned ^ pinned
-        if changes.any():
+        if (changes := self.topology.pinned ^ pinned).any():
             self.rebuild(self.scene, self.built.pin_changes ^ changes)
 
     def check_particle(self, particle: SupportsIndex) -> int:
@@ -296,8 +303,7 @@ class RunningCloth(HasParameters):
         force = model.elastic_force(x) + model.weight()
         if self.solver.features.spring_damping:
             force += model.damper_force(model.dampers(x), v)
-        wind = wind_of(scene, model)
-        if wind is not None:
+        if (wind := wind_of(scene, model)) is not None:
             force += wind.force(x, v, self.seconds)
         return np.ascontiguousarray(force.T)
 

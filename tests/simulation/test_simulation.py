@@ -11,8 +11,10 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.scene.collider_schema import Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, Scene, Solver, Wind
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, Tearing, Wind
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
+from taichi_cloth.simulation import running_cloth
+from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
 SMALL = Scene(
@@ -332,3 +334,57 @@ def test_springs_too_stiff_for_their_particles_are_refused_and_nothing_changes()
         assert simulation.velocities() == pytest.approx(v, abs=1e-3)  # verlet stores positions only
         simulation.step()
         assert simulation.metrics().finite
+
+
+# -- a rebuild that fails ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("failure", [KeyboardInterrupt, ValueError])
+@pytest.mark.parametrize("where", ["build", "parameters_of", "StepRow", "upload_all"])
+def test_a_rebuild_that_is_interrupted_leaves_the_earlier_cloth(
+    monkeypatch: pytest.MonkeyPatch, failure: type[BaseException], where: str
+) -> None:
+    scene = Scene(cloth=Cloth(rows=5, columns=5), tearing=Tearing(strain=0.9), solver=Solver("xpbd", 4, 4))
+    with Simulation(scene) as simulation:
+        torn = np.arange(len(simulation.torn)) == 30
+        simulation.set_torn(torn)
+        simulation.params["gravity"] = 3.0
+        simulation.step(3)
+        x, params, v = simulation.positions(), dict(simulation.params), simulation.velocities()
+        with monkeypatch.context() as patch:
+            fail_once(patch, where, failure)
+            with pytest.raises(failure):
+                simulation.switch_scene(replace(scene, tearing=None, forces=Forces(gravity=1.0)))
+        with Simulation(scene) as other:  # takes what was released
+            other.step()
+            np.testing.assert_array_equal(simulation.positions(), x)
+            np.testing.assert_array_equal(simulation.torn, torn)
+            assert simulation.velocities() == pytest.approx(v, abs=1e-3)
+            assert (simulation.scene, dict(simulation.params)) == (scene, params)
+            simulation.step()
+
+
+def fail_once(patch: pytest.MonkeyPatch, where: str, failure: type[BaseException], times: int = 1) -> None:
+    """Let the first calls of a function of `running_cloth` raise."""
+    real, calls = getattr(running_cloth, where), []
+
+    def failing(*arguments: Any, **named: Any) -> Any:
+        calls.append(where)
+        if len(calls) <= times:
+            raise failure
+        return real(*arguments, **named)
+
+    patch.setattr(running_cloth, where, failing)
+
+
+def test_a_simulation_that_cannot_be_built_again_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(cloth=Cloth(rows=5, columns=5), solver=Solver("xpbd", 4, 4))
+    with Simulation(scene) as simulation:
+        fail_once(monkeypatch, "build", KeyboardInterrupt, 2)
+        with pytest.raises(KeyboardInterrupt):
+            simulation.switch_fabric("denim")
+        assert simulation.closed
+        with Simulation(scene) as other:
+            other.step()
+        with pytest.raises(RuntimeError, match="closed"):
+            simulation.step()
