@@ -5,19 +5,20 @@ Also what a running cloth reports of contact: how deep it is in colliders, and w
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..collision.colliders import collider_table, is_deforming, max_penetration, pose_colliders
-from ..collision.deforming_meshes import greatest_depth, upload_frame
+from ..collision.deforming_meshes import begin_frame, greatest_depth, upload_frame
 from ..collision.truncation import start_from
 from ..geometry.intersections import find_intersections
 from ..geometry.topology import Topology
 from ..scene.collider_schema import Mesh
 from ..solvers import Solver
-from ..state.field_pool import layout_index, upload
+from ..state.field_pool import layout_index, upload, upload_all
+from ..state.surface_data import DeformingSurfaces
 
 if TYPE_CHECKING:
     from .running_cloth import RunningCloth
@@ -43,10 +44,24 @@ def penetration(simulation: RunningCloth) -> float:
     rigid = [one for one in posed if not is_deforming(one.collider)]
     depth, surfaces = max_penetration(rigid, simulation.positions()), simulation.solver.features.surfaces
     if surfaces is not None:
+        is_parallel = simulation.solver.layout.is_parallel
+        of_frame = []
+        if simulation.is_within_frame:
+            of_frame = [(field, field.to_numpy()) for field in _fields_of_frame(surfaces)]
+        reach = surfaces.reach[None]
         none = np.zeros(len(posed) - len(rigid))
         _move_surfaces(simulation, simulation.seconds, simulation.seconds, (none, none))
-        depth = max(depth, greatest_depth(simulation.cloth, surfaces, simulation.solver.layout.is_parallel))
+        depth = max(depth, greatest_depth(simulation.cloth, surfaces, is_parallel))
+        if of_frame:  # the remaining substeps need the surfaces of the frame
+            upload_all(*of_frame)
+            surfaces.reach[None] = reach
+            begin_frame(surfaces, is_parallel)
     return depth
+
+
+def _fields_of_frame(surfaces: DeformingSurfaces) -> list[Any]:
+    """Return the fields that `upload_frame` sets."""
+    return [surfaces.start, surfaces.end, surfaces.margin_start, surfaces.margin_end, surfaces.friction]
 
 
 def _move_surfaces(simulation: RunningCloth, start: float, end: float, margin_reduction: tuple[Floats, Floats]) -> None:
