@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from walks import CELLS, SETTING, STATIC, Walk, breaks, small, walk
 
+from taichi_cloth.collision.colliders import pose
 from taichi_cloth.evaluation.stress import case_catalog, changes, contact, extremes, layered_cloth, loads, refresh_rates
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.loads import alternation
@@ -811,3 +812,17 @@ def test_the_stretch_by_a_heavy_corner_is_recorded() -> None:
     assert [(f.what, f.value) for f in walk(partial(extremes.mass_ratio, times=10.0), strains=[0.3]).figures] == [
         ("strain", 0.3)
     ]
+
+
+@pytest.mark.parametrize("speed", [5.0, 20.0, 50.0, 100.0])
+def test_a_ball_flies_at_its_full_speed_in_each_frame_until_it_stops(speed: float) -> None:
+    """A collider moves straight between its poses at the ends of a frame, so the path must not end within one."""
+    ball = contact.shot(speed, 0.1)
+    positions = [pose(ball, k * FRAME_SECONDS)[0][2] for k in range(30)]
+    assert positions[0] == -contact.BEFORE
+    moved = np.diff(positions)
+    flying = int((moved > 0).sum())
+    assert flying == round(contact.shot_seconds(speed) / FRAME_SECONDS)
+    assert moved[:flying] == pytest.approx(speed * FRAME_SECONDS)
+    assert moved[flying:] == pytest.approx(0.0, abs=1e-9)
+    assert positions[flying] >= contact.BEHIND

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import cos, radians, sin
+from math import ceil, cos, radians, sin
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from .setup import CELLS, DAMPING, DENSITY, FLAT, SIDE, sheet, triangle_self_col
 from .trial import CALM_SPEED, SHAKE, SHIFT, Trial
 
 MARGIN = 0.01  # [m] of colliders
-BEFORE, BEHIND = 1.0, 0.4  # [m] distances from the sheet at which a ball starts and stops
+BEFORE, BEHIND = 1.0, 0.4  # [m] distances from the sheet at which a ball starts, and that it at least reaches behind it
 
 
 def hung() -> Scene:
@@ -24,9 +24,19 @@ def hung() -> Scene:
     return sheet(CELLS, pins=("top",))
 
 
+def shot_seconds(speed: float) -> float:
+    """Return how long a ball shot at `speed` [m/s] flies [s]: a whole number of frames.
+
+    A collider moves straight between its poses at the ends of a frame, so a path that ends within a frame would hit the
+    sheet more slowly.
+    """
+    return ceil((BEFORE + BEHIND) / speed / FRAME_SECONDS) * FRAME_SECONDS
+
+
 def shot(speed: float, radius: float, against: str = "particles") -> Sphere:
     """Return a ball shot through the sheet at `speed` [m/s]. It stops behind it for 0.5 s, and moves back slowly."""
-    distance, duration = BEFORE + BEHIND, (BEFORE + BEHIND) / speed
+    duration = shot_seconds(speed)
+    distance = speed * duration
     path: Keyframes = (
         (0.0, 0, 0, 0),
         (duration, 0, 0, distance),
@@ -74,7 +84,7 @@ def fast_ball(trial: Trial, speed: float) -> None:
     """Shoot a ball of 0.1 m at the sheet at `speed` [m/s]."""
     trial.open(replace(hung(), spheres=(shot(speed, 0.1),)), far=1.0, rest=hung())
     trial.start()
-    run_past(trial, (BEFORE + BEHIND) / speed + 2.6)
+    run_past(trial, shot_seconds(speed) + 2.6)
     trial.settle()
 
 
@@ -83,7 +93,7 @@ def small_ball(trial: Trial, against: str) -> None:
     x = trial.open(replace(hung(), spheres=(shot(20.0, 0.01, against),)), far=1.0, rest=hung())
     near = np.linalg.norm(x[:, :2], axis=1) < 2 / CELLS
     trial.start()
-    trial.run((BEFORE + BEHIND) / 20 + 0.05)
+    trial.run(shot_seconds(20.0) + 0.05)
     behind = float(trial.simulation.positions()[near, 2].max()) < trial.simulation.colliders()[0].center[2]
     trial.record("whether the ball went through", float(behind))
     trial.run(2.6)
