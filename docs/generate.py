@@ -14,6 +14,7 @@ import runpy
 import sys
 import textwrap
 from collections.abc import Callable
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from goals import GOALS
 
 import taichi_cloth as tc
 from taichi_cloth.evaluation.bench import gpu_report, scene_error
+from taichi_cloth.evaluation.bench.bench_report import NOT_FINITE
 from taichi_cloth.evaluation.bench.scene_error import SceneErrors, ScenePoint
 from taichi_cloth.evaluation.stress.setup import ROBUST
 from taichi_cloth.geometry.topology import Topology
@@ -278,10 +280,13 @@ def scene_summary() -> str:
         cells = []
         for name in SOLVER_CATALOG:
             points = [point for point in found.points if point.setting.split()[0] == name]
-            best = min(points, key=lambda point: point.rms_error, default=None)
+            finite = [point for point in points if isfinite(point.rms_error)]  # NaN may be the smallest for `min`
+            best = min(finite, key=lambda point: point.rms_error, default=None)
             row = next((row for row in by_solver[name].get(found.scene, []) if best and row[0] == best.setting), None)
             cells.append(
-                "" if row is None else f"{row[2]} ({row[0].removeprefix(name).strip()}: {row[1]}\N{NO-BREAK SPACE}ms)"
+                NOT_FINITE * (len(points) > 0)
+                if row is None
+                else f"{row[2]} ({row[0].removeprefix(name).strip()}: {row[1]}\N{NO-BREAK SPACE}ms)"
             )
         rows.append([f"`{found.scene}`", f"{found.horizon}", *cells])
     reasons = [f"- `{name}`: {reason}." for name, reason in words["left_out"].items()]
@@ -413,8 +418,7 @@ def solvers() -> str:
     rows = []
     for name, what in METHODS.items():
         points = stored.errors(64, name)
-        best = min(points, key=lambda row: float(row["max_error"]))
-        cells = [at(stored.fastest(points, 0.01)), f"{at(best)}, {stored.per_cent(best['max_error'])}"]
+        cells = [at(stored.fastest(points, 0.01)), most_accurate(points)]
         rows.append([f"[`{name}`](docs/solvers/{name}.md)", what, *cells])
     header = ["`--solver`", "method", "fastest with a max error of 1 %", "most accurate, with its max error"]
     return with_runs(table(header, rows), "bench --error")
@@ -434,6 +438,12 @@ METHODS = {
 def at(row: stored.Words | None) -> str:
     """Return a setting of assets/error.csv with its time."""
     return "none" if row is None else f"{stored.setting_of(row)}: {stored.milliseconds(row['median_ms'])}"
+
+
+def most_accurate(rows: list[stored.Words]) -> str:
+    """Return the most accurate of some settings of assets/error.csv, with its time and largest error."""
+    best = stored.most_accurate(rows)
+    return "none" if best is None else f"{at(best)}, {stored.per_cent(best['max_error'])}"
 
 
 def goals() -> str:
@@ -553,11 +563,8 @@ def elbow() -> str:
         for name in SOLVER_CATALOG:
             points = stored.errors(cells, name)
             if points:
-                best = min(points, key=lambda row: float(row["max_error"]))
                 found = [at(stored.fastest(points, error)) for error in (1e-2, 1e-3, 1e-5)]
-                rows.append(
-                    [f"{cells}×{cells}", f"`{name}`", *found, f"{at(best)}, {stored.per_cent(best['max_error'])}"]
-                )
+                rows.append([f"{cells}×{cells}", f"`{name}`", *found, most_accurate(points)])
     header = ["cells", "solver", "1 %", "0.1 %", "0.001 %", "most accurate, with its max error"]
     return with_runs(table(header, rows), "bench --error")
 

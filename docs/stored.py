@@ -11,6 +11,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -110,10 +111,18 @@ def per_cent(share: float) -> str:
 
 
 def fastest(rows: list[Words], error: float) -> Words | None:
-    """Return the fastest setting whose largest error is at most `error`."""
+    """Return the fastest setting whose largest error is at most `error`. Cloth that is not finite is none."""
     return min(
-        (row for row in rows if row["max_error"] <= error), key=lambda row: float(row["median_ms"]), default=None
+        (row for row in rows if row["max_error"] <= error and isfinite(row["rms_error"])),
+        key=lambda row: float(row["median_ms"]),
+        default=None,
     )
+
+
+def most_accurate(rows: list[Words]) -> Words | None:
+    """Return the setting with the smallest largest error, of those whose cloth is finite."""
+    finite = [row for row in rows if isfinite(row["max_error"]) and isfinite(row["rms_error"])]
+    return min(finite, key=lambda row: float(row["max_error"]), default=None)
 
 
 # -- stress ------------------------------------------------------------------------------------------------------------

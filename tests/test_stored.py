@@ -291,3 +291,26 @@ def test_errors_have_two_significant_digits(share: float, text: str, results: Pa
     import stored
 
     assert stored.per_cent(share) == f"{text}\N{NO-BREAK SPACE}%"
+
+
+def test_cloth_that_is_not_finite_is_never_chosen(results: Path, generate: ModuleType) -> None:
+    """NaN compares as neither larger nor smaller: `min` would return the first of the rows."""
+    import stored
+
+    fast: Words = {"solver": "xpbd", "substeps": 1, "iterations": 1, "median_ms": 0.1}
+    nan = float("nan")
+    broken = [fast | {"max_error": largest, "rms_error": nan} for largest in (nan, 1e-9)]
+    good = fast | {"median_ms": 2.0, "max_error": 0.01, "rms_error": 0.001}
+    assert stored.most_accurate([*broken, good]) == stored.fastest([*broken, good], 0.1) == good
+    assert stored.most_accurate(broken) is None
+    assert generate.most_accurate(broken) == "none"
+
+    point: Words = {"scene": "s", "p95_ms": 1.0, "max_strain": 0.1, "median_ms": 1.0, "max_error": 0.02}
+    points = [point | {"setting": f"xpbd {n}×1", "rms_error": error} for n, error in ((1, nan), (2, 0.01))]
+    points += [point | {"setting": "lines 5×1", "rms_error": nan}]
+    scene: Words = {"scene": "s", "horizon": 9, "rms_uncertainty": 1e-6, "max_uncertainty": 1e-6, "points": points}
+    write(results, "scene_errors", {"machine": {"cpu": "one"}, "scenes": [scene], "left_out": {}})
+    [row] = [line for line in generate.scene_summary().splitlines() if line.startswith("| `s`")]
+    cells = dict(zip(generate.SOLVER_CATALOG, row.strip("| ").split(" | ")[2:], strict=False))
+    assert cells["xpbd"].startswith("1% (2×1: ")
+    assert cells["lines"] == "not finite"

@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -63,6 +64,33 @@ def test_a_wrong_weight_increases_the_error(monkeypatch: pytest.MonkeyPatch) -> 
 def test_the_front_has_the_points_that_no_other_point_dominates() -> None:
     found = points((1.0, 0.5), (2.0, 0.6), (3.0, 0.1), (0.5, 0.9), (3.5, float("nan")), (4.0, 0.1))
     assert [(p.median_ms, p.max_error) for p in pareto(found)] == [(0.5, 0.9), (1.0, 0.5), (3.0, 0.1)]
+
+
+def test_cloth_that_is_not_finite_is_not_on_the_front(capsys: pytest.CaptureFixture[str]) -> None:
+    broken = replace(POINT, median_ms=0.01, rms_error=float("nan"), max_error=1e-9)  # in files of earlier versions
+    assert pareto([broken, POINT]) == [POINT]
+    error_sweep.print_report([broken, POINT])
+    assert "not finite" in capsys.readouterr().out
+    assert error_sweep.summary_lines([broken]) == ["8 cells: no setting is finite"]
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), 0.02])
+def test_the_error_is_that_of_all_frames_and_directions(wrong: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one frame of the swing a particle is elsewhere along the top edge, or nowhere."""
+    curtain, frames = Curtain(4), iter(range(1000))
+    correct = measure(curtain, "explicit", 1, 1).max_error
+    plain = Simulation.positions
+
+    def positions(simulation: Simulation) -> np.ndarray:
+        x = plain(simulation)
+        if len(x) == 25 and next(frames) == 10:  # not the spring whose amplitude is measured too
+            x[12, 0] += wrong
+        return x
+
+    monkeypatch.setattr(Simulation, "positions", positions)
+    found = measure(curtain, "explicit", 1, 1).max_error
+    assert correct < 1e-3
+    assert found == pytest.approx(wrong, rel=1e-2, nan_ok=True)
 
 
 def test_the_knee_is_where_the_front_bends() -> None:

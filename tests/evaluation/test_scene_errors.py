@@ -153,6 +153,23 @@ def test_an_error_below_the_uncertainty_is_reported_as_a_bound() -> None:
     assert scene_error.share(9e-6, 1e-5) == "< 0.001%"
 
 
+def test_cloth_that_ends_in_nan_is_not_finite(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figure of its error, strain and depth may look like that of accurate cloth."""
+    truth = scene_error.Solution(np.zeros((2, 81, 3)), np.zeros((2, 81, 3)), 1.0)
+
+    def broken(simulation: Simulation) -> float:
+        x = simulation.positions()
+        x[40] = np.nan
+        monkeypatch.setattr(simulation, "positions", lambda: x)
+        return 1.0
+
+    monkeypatch.setattr(scene_error, "timed_frame", broken)
+    point = scene_error.measure(HANGING, "xpbd", 5, 12, truth)
+    shown = scene_error.lines(scene_error.SceneErrors("s", 2, 1e-5, 1e-5, [point]))
+    assert shown[1][-4:] == ["not finite"] * 4
+    assert scene_error.share(float("inf"), 1e-5) == "not finite"
+
+
 def test_the_page_matches_the_stored_run() -> None:
     root = Path(__file__).parents[2]
     [stored] = root.glob("benchmarks/results/*/scene_errors.json")

@@ -33,6 +33,7 @@ from taichi_cloth.evaluation.validate.check import (
 from taichi_cloth.geometry.cloth_builder import build_topology, spring_stiffness
 from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
+from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.console import commit_of
 from taichi_cloth.system.errors import UsageError
 
@@ -123,13 +124,29 @@ def test_the_middle_of_the_bottom_is_at_the_same_position_on_every_grid() -> Non
 def test_every_row_of_the_curtain_is_checked() -> None:
     """A displaced particle in the middle changes the row of all particles, and not the row of the bottom."""
     every = curtain_solution(Curtain(16))[[14, 29, 59]]
-    seen = np.repeat(every[:, :, None], 17, axis=2)
+    seen = np.pad(np.repeat(every[:, :, None], 17, axis=2), ((0, 0), (0, 0), (0, 0), (0, 1)))
     seen[1, 8, 3, 0] += 0.02
     bottom = np.array(swing.CURTAIN[16])[:, None]
     assert swing.curtain_error("", lambda: seen, bottom).verdict == EXCELLENT
     row = swing.curtain_error("", lambda: seen, every)
     assert row.error == pytest.approx(0.02)
     assert row.what.endswith("after 0.5 s")
+
+
+def test_a_curtain_that_moves_along_its_top_edge_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wave that moves particles along x only: by 2 cm, above the bound of 1 % of the side."""
+
+    def advance(simulation: Simulation, seconds: float) -> None:
+        x = simulation.topology.start.copy()
+        x[8, 0] += 0.02
+        simulation.set_state(x)
+
+    monkeypatch.setattr(swing, "advance", advance)
+    rows = swing.curtain_rows("explicit", 4)
+    start = np.repeat(Curtain(4).start[None], 3, axis=0)
+    row = swing.curtain_error("", lambda: rows, start)
+    assert row.error == pytest.approx(0.02, rel=1e-4)
+    assert row.verdict == FAIL
 
 
 def pairs_of(*solvers: str) -> pytest.MarkDecorator:

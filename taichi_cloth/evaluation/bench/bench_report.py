@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from math import isfinite
 from pathlib import Path
 
 from rich import box
@@ -14,6 +15,13 @@ from rich.table import Table
 from ...system.console import LOG_WIDTH, commit_of, machine, milliseconds, number, wide_console
 from ...system.files import atomic_file
 from .cases import Case
+
+NOT_FINITE = "not finite"  # instead of a figure of a cloth that ended in NaN or infinity
+
+
+def finite(value: float, form: str) -> str:
+    """Return a value in a format such as ".1e", or `NOT_FINITE`."""
+    return f"{value:{form}}" if isfinite(value) else NOT_FINITE
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from ...solvers import SOLVERS
 from ...system.console import machine, printed_table, wide_console
 from ...system.errors import UsageError, install_command
 from ...system.files import atomic_file, cached
-from .bench_report import run_info
+from .bench_report import finite, run_info
 from .cases import FRAME_RATES
 
 Floats = NDArray[np.float64]
@@ -213,14 +213,15 @@ def measure(curtain: Curtain, solver: str, substeps: int, iterations: int) -> Po
         simulation.step()  # compiles
         simulation.reset()
         ms, squares, largest = [], [], 0.0
+        across = simulation.topology.start[:, 0].reshape(curtain.cells + 1, -1)  # nothing should move along x
         for frame in range(FRAMES):
             ms.append(timed_frame(simulation))
-            x = simulation.positions()
-            difference = x.reshape(curtain.cells + 1, -1, 3)[:, :, [2, 1]] - exact[frame][:, None]
-            distance = np.hypot(difference[..., 0], difference[..., 1])
+            x = simulation.positions().reshape(*across.shape, 3)
+            difference = np.dstack([x[:, :, [2, 1]] - exact[frame][:, None], x[:, :, 0] - across])
+            distance = np.linalg.norm(difference, axis=2)
             squares.append(float((distance**2).mean()))
-            largest = max(largest, float(distance.max()))
-        column = x.reshape(curtain.cells + 1, -1, 3)[:, curtain.cells // 2]
+            largest = float(np.maximum(largest, distance.max()))  # `max` would drop NaN
+        column = x[:, curtain.cells // 2]
         length, exact_length = (float(np.linalg.norm(np.diff(c, axis=0), axis=1).sum()) for c in (column, exact[-1]))
         return Point(
             solver=solver,
@@ -278,10 +279,10 @@ def without_duplicates(found: list[Point]) -> list[Point]:
 
 
 def pareto(found: list[Point]) -> list[Point]:
-    """Return the Pareto front, from fast to accurate: no other point is both faster and more accurate."""
+    """Return the Pareto front, from fast to accurate: finite, and no other point is both faster and more accurate."""
     front: list[Point] = []
     for point in sorted(found, key=lambda p: (p.median_ms, p.max_error)):
-        if np.isfinite(point.max_error) and (not front or point.max_error < front[-1].max_error):
+        if np.isfinite(point.max_error + point.rms_error) and (not front or point.max_error < front[-1].max_error):
             front.append(point)
     return front
 
@@ -317,7 +318,9 @@ def summary_lines(points: Sequence[Point]) -> list[str]:
     """Return lines of text: the elbow of each grid's front, and the most accurate setting for each frame rate."""
     lines = []
     for cells, on_grid in grids(points).items():
-        front = pareto(on_grid)
+        if not (front := pareto(on_grid)):
+            lines.append(f"{cells} cells: no setting is finite")
+            continue
         best = elbow(front)
         lines.append(
             f"{cells} cells: {best.setting} is the elbow of the Pareto front, {best.median_ms:.2f} ms a frame, largest"
@@ -337,11 +340,10 @@ def print_report(points: Sequence[Point]) -> None:
     for on_grid in grids(points).values():
         front = pareto(on_grid)
         for p in on_grid:
-            numbers = (f"{p.rms_error:.1e}", f"{p.max_error:.1e}", f"{p.stretch:+.2%}", f"{p.max_strain:.2%}")
-            amplitude = "-" if p.remaining_amplitude is None else f"{p.remaining_amplitude:.4f}"
-            mark = "←" if p in front else ""
+            numbers = map(finite, (p.rms_error, p.max_error, p.stretch, p.max_strain), (".1e", ".1e", "+.2%", ".2%"))
+            amplitude = "-" if p.remaining_amplitude is None else finite(p.remaining_amplitude, ".4f")
             times = (f"{p.median_ms:.3f}", f"{p.p95_ms:.3f}")
-            lines.append((p.setting, str(p.cells), *times, *numbers, amplitude, mark))
+            lines.append((p.setting, str(p.cells), *times, *numbers, amplitude, "←" if p in front else ""))
     console.print(printed_table(lines))
     for line in (LEGEND, *summary_lines(points), " · ".join(machine().values())):
         console.print(line, soft_wrap=True)

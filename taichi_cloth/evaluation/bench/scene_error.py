@@ -34,7 +34,7 @@ from ...system.errors import UsageError
 from ...system.files import atomic_file, cached
 from .. import reference
 from ..reference.solution import Solution, distances, reason_unsupported, solve
-from .bench_report import run_info
+from .bench_report import NOT_FINITE, finite, run_info
 from .cases import FRAME_RATES
 
 Floats = NDArray[np.float64]
@@ -118,7 +118,8 @@ def timed_run(simulation: Simulation, frames: int) -> tuple[list[float], Floats,
     for _ in range(frames):
         ms.append(timed_frame(simulation))
         positions.append(simulation.positions())
-        depth = max(depth, penetration(simulation))
+        # Penetration is a largest depth, in which a particle without a position does not count.
+        depth = max(depth, penetration(simulation)) if np.isfinite(positions[-1]).all() else np.nan
     return ms, np.array(positions), depth
 
 
@@ -164,6 +165,8 @@ HEADINGS = ["setting", "ms", "p95", "frames/s", "RMS error", "max error", "strai
 
 def share(error: float, uncertainty: float) -> str:
     """Return an error in % of the side, to two digits; for one below the uncertainty of the reference, that bound."""
+    if not np.isfinite(error):  # neither comparison with NaN is true
+        return NOT_FINITE
     return f"{100 * error:.2g}%" if error >= uncertainty else f"< {100 * uncertainty:.2g}%"
 
 
@@ -174,8 +177,8 @@ def lines(found: SceneErrors) -> list[list[str]]:
         rate = next((f"{rate}" for rate in FRAME_RATES if p.p95_ms <= 1000 / rate), "-")
         shares = share(p.rms_error, found.rms_uncertainty), share(p.max_error, found.max_uncertainty)
         times = f"{p.median_ms:.2f}", f"{p.p95_ms:.2f}"
-        depth = "-" if p.max_penetration is None else f"{1e3 * p.max_penetration:.1f}"
-        rows.append([p.setting, *times, rate, *shares, f"{p.max_strain:.1%}", depth])
+        depth = "-" if p.max_penetration is None else finite(1e3 * p.max_penetration, ".1f")
+        rows.append([p.setting, *times, rate, *shares, finite(p.max_strain, ".1%"), depth])
     return rows
 
 

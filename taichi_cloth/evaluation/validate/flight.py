@@ -12,6 +12,7 @@ from math import exp, pi
 
 import numpy as np
 
+from ...geometry.topology import spring_strains
 from ...scene.collider_schema import Ground, Sphere
 from ...scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, SelfCollision, StrainLimit, Tethers, Wind
 from ...simulation.error_estimate import unconverged_fraction
@@ -59,7 +60,12 @@ def free_fall(solver: str) -> Iterator[Check]:
         yield relative(
             "drop after 1 s [m]", expected_drop(solver, 1.0, substep(simulation)), -center(simulation)[1], *FALL
         )
-        yield at_most("strain after 1 s of free fall", simulation.metrics().max_strain, *STRAIN)
+        yield at_most("strain after 1 s of free fall", largest_strain(simulation), *STRAIN)
+
+
+def largest_strain(simulation: Simulation) -> float:
+    """Return the largest strain of any spring, stretched or compressed; that of `metrics` is of stretched threads."""
+    return float(np.abs(spring_strains(simulation.topology, simulation.positions())).max())
 
 
 def fall_with_all_features(solver: str) -> Iterator[Check]:
@@ -82,7 +88,7 @@ def fall_with_all_features(solver: str) -> Iterator[Check]:
         advance(simulation, 1.0)
         exact = expected_drop(solver, 1.0, substep(simulation))
         yield relative("drop after 1 s, every stage on [m]", exact, -center(simulation)[1], *FALL)
-        yield at_most("strain after 1 s, every stage on", simulation.metrics().max_strain, *STRAIN)
+        yield at_most("strain after 1 s, every stage on", largest_strain(simulation), *STRAIN)
 
 
 def fall_from_heights(solver: str) -> Iterator[Check]:

@@ -1,0 +1,58 @@
+"""What rows measure: hand-made cloth in a margin and compressed cloth fall short."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from taichi_cloth.evaluation.validate import check, flight, friction
+from taichi_cloth.evaluation.validate.check import EXCELLENT, FAIL, PASS, Check
+from taichi_cloth.simulation.simulation import Simulation
+
+pytestmark = pytest.mark.usefixtures("serial_layout")
+
+
+@pytest.mark.parametrize(
+    ("depth", "verdict"), [(-1e-6, EXCELLENT), (0.0015, PASS), (0.003, FAIL), (0.03, FAIL), (np.nan, FAIL)]
+)
+def test_cloth_in_the_margin_of_a_ball_is_in_its_thickness(
+    depth: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The ball reaches up to y = −0.05 m and its margin of 0.02 m to −0.03 m: cloth may be 2 mm below that."""
+
+    def advance(simulation: Simulation, seconds: float) -> None:
+        x = simulation.topology.start.copy()
+        x[:, 1] = -0.03 - depth
+        simulation.set_state(x) if np.isfinite(depth) else monkeypatch.setattr(simulation, "positions", lambda: x)
+
+    monkeypatch.setattr(friction, "advance", advance)
+    monkeypatch.setattr(friction, "still", lambda simulation, on: iter(()))
+    *_, row = friction.resting("explicit")
+    assert row.what == "depth in a ball, of the thickness"
+    assert row.error == pytest.approx(max(depth, 0.0) / 0.02, abs=1e-5, nan_ok=True)
+    assert row.verdict == verdict
+
+
+@pytest.mark.parametrize("fall", [flight.free_fall, flight.fall_with_all_features])
+def test_compressed_cloth_is_strained(fall: Callable[[str], Iterator[Check]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """By ten times the strain that passes, without a stretched spring."""
+
+    def advance(simulation: Simulation, seconds: float) -> None:
+        simulation.set_state(simulation.topology.start * 0.999)
+
+    monkeypatch.setattr(flight, "advance", advance)
+    *_, row = fall("xpbd")
+    assert row.what.startswith("strain")
+    assert row.error == pytest.approx(1e-3, rel=0.01)
+    assert row.verdict == FAIL
+
+
+def test_sheared_cloth_is_strained() -> None:
+    """Threads keep their lengths, and only diagonals are strained."""
+    with Simulation(check.base("xpbd")) as simulation:
+        x = simulation.topology.start.copy()
+        assert flight.largest_strain(simulation) < 1e-6
+        x[:, 0] += 1e-3 * x[:, 1]
+        simulation.set_state(x)
+        assert simulation.metrics().max_strain < 1e-5
+        assert flight.largest_strain(simulation) == pytest.approx(5e-4, rel=0.01)
