@@ -774,6 +774,35 @@ def test_a_velocity_may_jump_by_float32_rounding(times: float, broken: list[str]
     assert violated_by(accelerate) == broken
 
 
+@pytest.mark.parametrize(("times", "broken"), [(0.99, False), (1.01, True), (float("nan"), True)])
+def test_an_ejection_in_the_frame_after_a_ball_is_toggled_is_bounded(times: float, broken: bool) -> None:
+    """By 2 m/s and a frame of free fall, for a sheet that was still."""
+    far = times * (2.0 + 9.81 / 60) / 60
+
+    class Thrown(Walk):
+        def one_frame(self, **how: object) -> None:
+            super().one_frame(**how)
+            x = self.simulation.positions()
+            x[40, 2] += far
+            self.simulation.positions = lambda: x  # type: ignore[method-assign]
+
+    trial = Thrown()
+    try:
+        trial.open(sheet(CELLS, pins=("top",)))
+        trial.start(shake=0.0)
+        changes.without_an_ejection(trial, lambda: None)
+        assert trial.broken == (["way in the frame after, of what an ejection may add"] if broken else [])
+    finally:
+        close()
+
+
+def test_the_frame_after_each_toggle_of_a_ball_is_looked_at() -> None:
+    what = "way in the frame after, of what an ejection may add"
+    one = walk(VARIANTS[31, "ball toggled"])
+    assert [figure.bound for figure in one.figures if figure.what == what] == [1]
+    assert one.frames == 60 * (1 + 3 + 5)
+
+
 @pytest.mark.parametrize("name", ["one point", "1 µm", "1 mm"])
 def test_a_collapsed_sheet_must_end_alike_in_the_second_run(name: str) -> None:
     run = VARIANTS[9, name]

@@ -48,7 +48,12 @@ def test_a_partly_run_case_is_not_alive() -> None:
 def test_the_cells_of_a_row() -> None:
     one = replace(
         result(energy=0.5, strain=0.25, speed=1.5, penetration=0.002, frames=7, ms=1.234),
-        figures=[Measurement("distance [m]", 3.0, 4.0), Measurement("sag", 0.1, None)],
+        figures=[
+            Measurement("distance [m]", 3.0, 4.0),
+            Measurement("strain 5 s after", 0.02, 0.03),  # not shown, as nearly every variant has it
+            Measurement("speed 5 s after [m/s]", 0.05, 0.1),
+            Measurement("sag", 0.1, None),
+        ],
         notes=["a note"],
     )
     assert report.row(one) == (
@@ -59,7 +64,7 @@ def test_the_cells_of_a_row() -> None:
 
 
 def test_a_failure_line_says_how_to_repeat_it() -> None:
-    assert report.failure_line(failed(picture="p.png"), "") == (
+    assert report.failure_line(failed(picture="p.png"), "unexplained") == (
         "1 test, a, fails with xpbd: something 2, bound 1, in frame 6 of start 0 (seed 17); unexplained; p.png"
     )
     assert report.slow_line(slow()) == "1 test, a, is too slow with xpbd: 250 ms per frame"
@@ -97,11 +102,11 @@ def test_the_pages_have_counts_failures_and_notes(tmp_path: Path) -> None:
         slow(setting="xpbd", case=2, variant="b"),
         slow(setting="robust", case=3),
     )
-    some.causes = {(1, "a", "xpbd"): CAUSE}
+    some.causes = {(1, "a", "xpbd"): CAUSE, (2, "a", "robust"): Cause("something", 2.0, "", origin="abc")}
     report.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
-    assert "| setting | cases | alive | failed | too slow | failures unexplained |" in text
-    assert "| `robust` | 3 | 1 | 1 | 1 | 1 |\n| `xpbd` | 2 | 0 | 1 | 1 | 1 |" in text
+    assert "| setting | cases | alive | failed | too slow | failures unexplained | failures not examined |" in text
+    assert "| `robust` | 3 | 1 | 1 | 1 | 1 | 0 |\n| `xpbd` | 2 | 0 | 1 | 1 | 0 | 1 |" in text
     assert "With `robust` or" not in text
     assert "| 1 test | nothing | 1/1 | **0/2** |" in text
     line = "- 2 test, a, fails with robust: something 2, bound 1, in frame 6 of start 0 (seed 17); unexplained\n"
@@ -114,8 +119,26 @@ def test_the_pages_have_counts_failures_and_notes(tmp_path: Path) -> None:
     assert (
         "- 1 test, a, fails with xpbd: something 2, bound 1, in frame 6 of start 0 (seed 17); it is made to\n" in rows
     )
-    assert "- 1 test, b, fails with xpbd: something 5, bound 1, in frame 6 of start 0 (seed 17); unexplained\n" in rows
+    assert "- 1 test, b, fails with xpbd: something 5, bound 1, in frame 6 of start 0 (seed 17); not examined\n" in rows
     assert "- 1 test: it is small." in rows
+
+
+def test_failures_are_unexplained_only_if_experiments_were_made(capsys: pytest.CaptureFixture[str]) -> None:
+    some = store_of(*(failed(variant=name) for name in ("explained", "examined", "left")))
+    causes = {"explained": "it is made to", "examined": ""}
+    some.causes = {(1, name, "xpbd"): Cause("something", 2.0, why, 7, "abc") for name, why in causes.items()}
+    assert [report.explanation(some, one) for one in some.ordered()] == ["it is made to", "unexplained", "not examined"]
+    report.print_report(some, some.ordered())
+    assert "of 3 failures, 1 unexplained, 1 not examined" in capsys.readouterr().out
+    assert len(some.unexplained(some.ordered())) == 2  # both give exit code 1
+
+
+def test_the_page_of_a_store_without_causes_says_that_nothing_was_examined(tmp_path: Path) -> None:
+    report.write_pages(tmp_path / "o.md", store_of(failed(setting="robust")))
+    text = (tmp_path / "o.md").read_text(encoding="utf-8")
+    assert "; not examined\n" in text
+    assert "; unexplained\n" not in text
+    assert "A failure without experiments is not examined." in text.replace("\n", " ")
 
 
 def test_the_page_counts_the_cases_alive_with_either_recommended_setting(tmp_path: Path) -> None:
@@ -128,7 +151,7 @@ def test_the_page_counts_the_cases_alive_with_either_recommended_setting(tmp_pat
     )
     report.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
-    assert "| `robust` | 3 | 1 | 2 | 0 | 2 |\n| `robust-slack` | 2 | 1 | 1 | 0 | 1 |" in text
+    assert "| `robust` | 3 | 1 | 2 | 0 | 0 | 2 |\n| `robust-slack` | 2 | 1 | 1 | 0 | 0 | 1 |" in text
     line = "With `robust` or `robust-slack`: 2 of 3 cases alive, 1 of them only with the other material"
     assert f"{line} of `robust-slack`.\n" in text
 

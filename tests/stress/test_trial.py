@@ -46,6 +46,19 @@ def test_the_strain_at_rest_is_at_most_one_percent_above_the_static_strain(stret
             trial.settle()
 
 
+def test_the_strain_and_speed_at_rest_are_recorded() -> None:
+    """So the digest of a start and the stored figures have them."""
+    trial = Trial(SMALL, 0)
+    trial.open(sheet(4))
+    trial.start()
+    trial.settle()
+    found = {figure.what: figure for figure in trial.figures}
+    assert found["strain 5 s after"].bound == trial.max_rest_strain
+    assert found["speed 5 s after [m/s]"].bound == module.CALM_SPEED
+    assert 0 < found["strain 5 s after"].value < trial.max_rest_strain
+    assert 0 < found["speed 5 s after [m/s]"].value < module.CALM_SPEED
+
+
 def test_a_case_runs_for_ten_seconds_and_the_cloth_stays_at_rest() -> None:
     trial = Trial(SMALL, 0)
     trial.open(sheet(4))

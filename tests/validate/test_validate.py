@@ -290,6 +290,20 @@ def test_the_reasons_and_the_summary_line() -> None:
     }
 
 
+def test_the_largest_error_is_shown_with_the_worst_verdict() -> None:
+    """A row with a tight bound falls short by a small error, and another passes with a larger one."""
+    rows = {
+        "xpbd": [at_most("", 1e-4, 1e-6, 0.0), at_most("", 0.5, 1.0, 0.0)],
+        "rk4": [at_most("", 2e-4, 1.0, 0.0), at_most("", 0.1, 1.0, 0.2)],
+        "lines": [at_most("", 0.3, 1.0, 0.0), Check("", nan, nan, nan, 0.1, 0.01, seconds=20.4)],
+        "verlet": [Check("", nan, nan, nan, 0.1, 0.01, seconds=20.4)],
+        "explicit": [at_most("", 0.3, 1.0, 0.0), at_most("", nan, 1.0, 0.0)],
+    }
+    found = [Result("A0", "test", "nobody", solver, row) for solver, some in rows.items() for row in some]
+    cells = ["**5.0e-01**", "1.0e-01", "**3.0e-01, too slow**", "**too slow**", "**not finite**"]
+    assert report.matrix(found) == [["reference", *rows], ["A0 test", *cells]]
+
+
 def test_the_pages_are_made_from_the_rows(tmp_path: Path) -> None:
     run = report.this_machine(results())
     text = "\n".join([*report.main_page(run, "rows.md"), *report.rows_page(run, "main.md")])

@@ -215,7 +215,7 @@ class Store:
         return cause.shown if cause else ""
 
     def unexplained(self, results: Iterable[Result]) -> list[Result]:
-        """Return the failed results without a cause."""
+        """Return the failed results without a cause, examined or not."""
         return [result for result in results if result.failure and not self.reason(result)]
 
     def untried(self, units: Iterable[Unit]) -> list[tuple[Unit, Failure]]:

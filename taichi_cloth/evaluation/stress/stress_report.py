@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +15,12 @@ from .extremes import HANGING_FRAMES, LONG_HANGING, LONG_SWINGING
 from .layered_cloth import LAYER_CELLS, LOOK_EVERY, MANY_CELLS, MANY_LAYERS, MANY_SIDE
 from .setup import CELLS, ROBUST, ROBUST_SLACK, SIDE, THICKNESS
 from .store import Store
-from .trial import SLOW_MS, TIMED_EVERY
+from .trial import REST_SPEED, REST_STRAIN, SLOW_MS, TIMED_EVERY
 from .unit import ALIVE, FAILED, SLOW, Key, Result
 
 NOT_RUN = "not run"
-UNEXPLAINED = "unexplained"
+UNEXPLAINED = "unexplained"  # by all experiments
+NOT_EXAMINED = "not examined"  # by any experiment
 HEADINGS = (
     "case", "variant", "setting", "state", "starts", "energy", "strain", "speed", "depth", "frames", "ms", "other",
 )  # fmt: skip
@@ -97,9 +99,13 @@ def count_line(cells: Cells) -> str:
 
 
 def besides(result: Result) -> str:
-    """Return the values that the case recorded, with their bounds, and its notes."""
-    bounds = ("" if figure.bound is None else f" (≤ {figure.bound:.2g})" for figure in result.figures)
-    values = [f"{figure.what} {figure.value:.2g}{bound}" for figure, bound in zip(result.figures, bounds, strict=True)]
+    """Return the values that the case recorded, with their bounds, and its notes.
+
+    Strain and speed at rest are left out: nearly every variant has them, with the same bounds.
+    """
+    own = [figure for figure in result.figures if figure.what not in (REST_STRAIN, REST_SPEED)]
+    bounds = ("" if figure.bound is None else f" (≤ {figure.bound:.2g})" for figure in own)
+    values = [f"{figure.what} {figure.value:.2g}{bound}" for figure, bound in zip(own, bounds, strict=True)]
     return "; ".join(values + result.notes)
 
 
@@ -127,6 +133,11 @@ def frame_time(result: Result) -> str:
     return f"{ms:.2f}" if ms else "-"
 
 
+def explanation(store: Store, result: Result) -> str:
+    """Return the cause of a failure in words; otherwise whether experiments looked for it."""
+    return NOT_EXAMINED if store.cause(result) is None else store.reason(result) or UNEXPLAINED
+
+
 def failure_line(result: Result, reason: str, *, picture: bool = True) -> str:
     """Return one line: which start violated which bound, its seed, the cause, and the path of its image."""
     failure = result.failure
@@ -134,8 +145,7 @@ def failure_line(result: Result, reason: str, *, picture: bool = True) -> str:
     return (
         f"{result.case} {result.name}, {result.variant}, fails with {result.setting}: {failure.what}"
         f" {failure.value:.4g}, bound {failure.bound:.4g}, in frame {failure.frame} of start {failure.start}"
-        f" (seed {failure.seed}); {reason or UNEXPLAINED}"
-        + (f"; {result.picture}" if result.picture and picture else "")
+        f" (seed {failure.seed}); {reason}" + (f"; {result.picture}" if result.picture and picture else "")
     )
 
 
@@ -147,13 +157,14 @@ def slow_line(result: Result) -> str:
 
 def print_report(store: Store, results: Sequence[Result]) -> None:
     """Print the table of these results, their failures, and the counts."""
-    unexplained = store.unexplained(results)
     notes = [
         LEGEND,
-        *(failure_line(r, store.reason(r)) for r in results if r.failure),
+        *(failure_line(r, explanation(store, r)) for r in results if r.failure),
         *(slow_line(r) for r in results if r.state == SLOW),
     ]
-    notes += [f"{len(unexplained)} of {sum(r.state == FAILED for r in results)} failures are unexplained"]
+    failed = [result for result in results if result.state == FAILED]
+    number = Counter(explanation(store, result) for result in failed)
+    notes += [f"of {len(failed)} failures, {number[UNEXPLAINED]} {UNEXPLAINED}, {number[NOT_EXAMINED]} {NOT_EXAMINED}"]
     notes += [store.machine, count_line(cells_of(store, [result.key for result in results]))]
     print_table(HEADINGS, map(row, results), slice(4, -1), notes)
 
@@ -222,7 +233,9 @@ def main_page(store: Store, rows: str) -> list[str]:
     lines += ["", "## Variants alive", "", *markdown_table(matrix(store, cells)), ""]
     lines += [f"## Failures of `{ROBUST.name}`, and causes", ""]
     found = [result for result in store.ordered() if result.setting == ROBUST.name]
-    failures = [f"- {failure_line(result, store.reason(result), picture=False)}" for result in found if result.failure]
+    failures = [
+        f"- {failure_line(result, explanation(store, result), picture=False)}" for result in found if result.failure
+    ]
     failures += [f"- {slow_line(result)}" for result in found if result.state == SLOW]
     return [*lines, *(failures or ["None."])]
 
@@ -242,12 +255,12 @@ def summary(store: Store, cells: Cells) -> list[str]:
     found = counts(cells)
     states = [ALIVE, FAILED, SLOW]
     states += [NOT_RUN] if any(number[NOT_RUN] for number in found.values()) else []
-    unexplained = store.unexplained(store.ordered())
-    lines = [["setting", "cases", *states, "failures unexplained"]]
+    number = Counter((one.setting, explanation(store, one)) for one in store.ordered() if one.failure)
+    lines = [["setting", "cases", *states, f"failures {UNEXPLAINED}", f"failures {NOT_EXAMINED}"]]
     for setting in sorted(found, key=lambda name: name not in RECOMMENDED):
-        count = sum(result.setting == setting for result in unexplained)
         numbers = [found[setting][state] for state in states]
-        lines.append([f"`{setting}`", *map(str, [sum(found[setting].values()), *numbers, count])])
+        numbers += [number[setting, why] for why in (UNEXPLAINED, NOT_EXAMINED)]
+        lines.append([f"`{setting}`", *map(str, [sum(found[setting].values()), *numbers])])
     return markdown_table(lines)
 
 
@@ -274,7 +287,7 @@ def rows_page(store: Store, main: str) -> list[str]:
         "",
     ]
     lines += markdown_table([HEADINGS, *(row(result) for result in results)])
-    failures = [f"- {failure_line(r, store.reason(r), picture=False)}" for r in results if r.failure]
+    failures = [f"- {failure_line(r, explanation(store, r), picture=False)}" for r in results if r.failure]
     notes = dict.fromkeys(f"- {r.case} {r.name}: {r.about}." for r in results if r.about)
     lines += ["", "## Failures", "", *(failures or ["None."])]
     return [*lines, "", "## Differences from the specification", "", *notes]
@@ -351,12 +364,13 @@ the median of the frames of a scene after compilation, checked after 5 frames an
 run units at once, so a frame takes longer than on an idle machine. Frames that the judge watches substep by substep are
 not timed. A variant that is too slow counts neither as alive nor as failed.
 
-**Causes** are found by experiments on the start that failed. Three continue from the state in which it failed: Newton's
-method in float64, five more seconds of the same run, and the same substeps in float64. The others repeat this start and
-two more with one change: continuous collision detection, {finer} times the iterations, {finer} times the substeps, or
-both. The first experiment that succeeds gives the cause. An experiment whose frames take more than {experiment:g} s for
-one start is stopped and gives none. A failure without a cause is unexplained. So is a failure that later violates
-another bound, or the same bound by more.
+**Causes** are looked for by experiments on the start that failed, with `--explain`. Three continue from the state in
+which it failed: Newton's method in float64, five more seconds of the same run, and the same substeps in float64. The
+others repeat this start and two more with one change: continuous collision detection, {finer} times the iterations,
+{finer} times the substeps, or both. The first experiment that succeeds gives the cause. An experiment whose frames take
+more than {experiment:g} s for one start is stopped and gives none. A failure that no experiment explains is
+unexplained. A failure without experiments is not examined. So is a failure that later violates another bound, or the
+same bound by more.
 
 `taichi-cloth stress --tear 0.5` runs the cases with cloth that tears at that strain. It has no bending stiffness, which
 does not support tearing, and omits `lines`, which needs complete grid rows. The criteria are the same, but torn cloth

@@ -13,6 +13,8 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...system.console import commit_of, machine, markdown_table, print_table
 from ...system.errors import UsageError, error_text
 from ...system.files import atomic_file
@@ -240,7 +242,7 @@ def summary(results: Sequence[Result]) -> list[list[str]]:
 
 
 def matrix(results: Sequence[Result]) -> list[list[str]]:
-    """Return a table of the largest error of each reference with each solver, in bold where it falls short."""
+    """Return a table of the largest measured error of each reference with each solver, marked by the worst verdict."""
     solvers = list(dict.fromkeys(result.solver for result in results))
     order = (EXCELLENT, PASS, TOO_SLOW, FAIL)
     lines = [["reference", *solvers]]
@@ -248,11 +250,11 @@ def matrix(results: Sequence[Result]) -> list[list[str]]:
         line = [reference]
         for solver in solvers:
             rows = [result for result in results if (result.reference, result.solver) == (reference, solver)]
-            worst = max(rows, key=lambda r: (order.index(r.verdict), r.row.error), default=None)
-            if worst is None:
-                line.append("")
-            else:
-                mark = MARKS[worst.verdict]
-                line.append(f"{mark}{'too slow' if worst.verdict == TOO_SLOW else f'{worst.row.error:.1e}'}{mark}")
+            worst = max((result.verdict for result in rows), key=order.index, default=PASS)
+            measured = [result.row.error for result in rows if result.verdict != TOO_SLOW]
+            largest = float(np.max(measured, initial=0.0))  # NaN is the largest
+            texts = [f"{largest:.1e}" if isfinite(largest) else "not finite"] if measured else []
+            texts += ["too slow"] if worst == TOO_SLOW else []
+            line.append(f"{MARKS[worst]}{', '.join(texts)}{MARKS[worst]}")
         lines.append(line)
     return lines
