@@ -1,7 +1,8 @@
 """Error of every solver on complete scenes, with contact, wind and folds (`taichi-cloth bench --error --scene`).
 
-Such scenes have no closed-form solution. All solvers are compared with the float64 reference solution (`reference/`),
-which shares no code with them. It comes with an uncertainty and a horizon: the frame from which the motion is chaotic.
+Such scenes have no closed-form solution. All solvers are compared with the float64 reference solution (`reference/`).
+It shares with them the construction of the cloth (masses, rest lengths, constants, bending links, tethers); forces,
+steps and contact are its own. It comes with an uncertainty and a horizon: the frame from which the motion is chaotic.
 A scene without a reference solution is listed with the reason. It is not compared with a solver's own finer steps: an
 error in a force would be in both.
 
@@ -226,8 +227,9 @@ def page(stored: dict[str, Any]) -> str:
         "",
         " · ".join([*stored["machine"].values(), stored["date"]]),
         "",
-        "Errors are distances from the float64 reference solution (`taichi_cloth/evaluation/reference/`), which shares",
-        "no code with the solvers: root mean square, and the largest of any particle in any frame. Frames are compared",
+        "Errors are distances from the float64 reference solution (`taichi_cloth/evaluation/reference/`), whose forces,",
+        "steps and contact are its own: root mean square, and the largest of any particle in any frame. It shares the",
+        "construction of the cloth with the solvers (masses, rest lengths, constants). Frames are compared",
         "until a perturbation of the start by 1e-9 of the side has grown to 1e-7, a strain limit acts, or a spring",
         "tears. `<` means below the uncertainty of the reference: its distance from one with twice the time step.",
         VERLET_NOTE,
