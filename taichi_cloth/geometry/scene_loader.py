@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..scene.keys import GROUP, REGION, keys_of
-from ..scene.reader import check_keys, pins_by_key, read_scene, read_with_mistakes
+from ..scene.reader import check_keys, pins_by_key, read_scene, read_with_mistakes, with_folders
 from ..scene.schema import MAP_NAMES, Cloth, Scene
 from ..system.errors import Mistakes
 from .cloth_builder import attached_particles, build_particles, check_mesh, weight_map
@@ -49,13 +49,15 @@ def load_with_mistakes(name_or_path: str | Path) -> tuple[Scene | None, Mistakes
 def check_scene(scene: Scene | str | Path | dict[str, Any]) -> Scene:
     """Return a scene made in Python after checking it as a file is checked; load a scene by name, path or dict.
 
+    Folders of mesh and map files become absolute: relative ones are in the present working folder.
+
     Raises SceneError: one line with the name of the scene, key and reason.
     """
     if not isinstance(scene, Scene):
         return load_scene(scene)
     check_keys(scene)
     check_geometry(scene, scene.name)
-    return scene
+    return with_folders(scene)
 
 
 def check_geometry(scene: Scene, file: str) -> None:

@@ -12,12 +12,12 @@ from .collider_schema import PROJECTION, RESPONSES, ContactProperties, Mesh, Rou
 from .keys import check_table, check_value, given_table, keys_of, types_of
 from .overrides import apply_override, is_section, plain_tables, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
-from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Scene, sections
+from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Maps, Scene, sections
 from .toml_io import parse_toml, scene_to_toml
 
 MAX_BYTES = 1_000_000  # of a scene file
 SOLVER_DEFAULT_KEYS = ("substeps", "iterations")  # keys of [solver] with defaults per solver
-MeshOrCloth = TypeVar("MeshOrCloth", Mesh, Cloth)
+Located = TypeVar("Located", Mesh, Cloth, Maps)
 
 
 def read_scene(source: Scene | str | Path | dict[str, Any], overrides: dict[str, Any]) -> tuple[Scene, str]:
@@ -139,7 +139,7 @@ def scene_from(data: dict[str, Any], file: str, path: Path) -> Scene:
 def _scene_from(data: dict[str, Any], path: Path, mistakes: Mistakes) -> Scene:
     """Return the scene of parsed TOML, read from `path`. Keys with a mistake have their defaults."""
     scene = _with_preset(_sections(data, path.stem, mistakes), data, mistakes)
-    scene = _with_folders(scene, path.parent)
+    scene = with_folders(scene, path.parent)
     _check_consistency(scene, mistakes)
     return scene
 
@@ -194,19 +194,21 @@ def _with_preset(scene: Scene, data: dict[str, Any], mistakes: Mistakes) -> Scen
     return replace(scene, **filled)
 
 
-def _with_folders(scene: Scene, folder: Path) -> Scene:
-    """Return the scene with the folders of its mesh and map files."""
-    meshes = tuple(_located(mesh, folder) for mesh in scene.meshes)
-    cloth = _located(scene.cloth, folder)
+def with_folders(scene: Scene, folder: Path | None = None) -> Scene:
+    """Return the scene with the folders of its mesh and map files: `folder`, or by default those it has.
+
+    They are absolute, because the window works in another folder, as do processes that it starts.
+    """
+
+    def located(part: Located) -> Located:
+        return replace(part, folder=str(Path(part.folder if folder is None else folder).absolute()))
+
+    meshes = tuple(located(mesh) if is_file_name(mesh.file) else mesh for mesh in scene.meshes)
+    cloth = located(scene.cloth) if is_file_name(scene.cloth.file) else scene.cloth
     maps = scene.maps
     if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
-        maps = replace(maps, folder=str(folder))
+        maps = located(maps)
     return replace(scene, meshes=meshes, cloth=cloth, maps=maps)
-
-
-def _located(mesh: MeshOrCloth, folder: Path) -> MeshOrCloth:
-    """Return a mesh with the folder of its file."""
-    return replace(mesh, folder=str(folder)) if is_file_name(mesh.file) else mesh
 
 
 def _check_mesh_names(scene: Scene, mistakes: Mistakes) -> None:

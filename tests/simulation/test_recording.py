@@ -518,6 +518,33 @@ def test_a_file_has_all_parameters_at_the_end(recorder: Recorder, tmp_path: Path
     assert line.startswith("recorded with taichi 1.0, replayed with ")
 
 
+@pytest.mark.parametrize("source", ["file", "dict", "python"])
+def test_files_given_by_relative_paths_are_found_after_a_change_of_folder(
+    source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in the window, which works in a temporary folder."""
+    for name in ("here", "elsewhere"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "here" / "flag.obj").write_text("v 0 0 0\nv 2 0 0\nv 2 0 1\nv 0 0 1\nf 4 3 2 1\n")
+    (tmp_path / "here" / "half.csv").write_text("1\n1\n0\n0.2\n")
+    keys = '[cloth]\nfile = "flag.obj"\npins = [0]\n[maps]\npin = "half.csv"\n[solver]\nsubsteps = 2\n'
+    (tmp_path / "here" / "own.toml").write_text(keys)
+    monkeypatch.chdir(tmp_path if source == "file" else tmp_path / "here")
+    scene: Scene | dict[str, Any] = {
+        "file": lambda: load_scene("here/own.toml"),
+        "dict": lambda: {"cloth": {"file": "./flag.obj", "pins": [0]}, "maps": {"pin": "half.csv"}},
+        "python": lambda: Scene(cloth=Cloth(file="flag.obj", pins=(0,)), maps=Maps(pin="half.csv")),
+    }[source]()
+    with Simulation(scene) as simulation:
+        recorder = Recorder(simulation)
+        monkeypatch.chdir(tmp_path / "elsewhere")
+        assert Path(Recording.of(recorder, SIZE).folder) == tmp_path / "here"
+        simulation.pin(1)
+        simulation.switch_solver("explicit")
+        run(simulation, 1)
+        check_replay(recorder, tmp_path / "own.toml")
+
+
 def test_a_mesh_of_the_user_is_found_from_another_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from taichi_cloth.scene.presets import asset_folder
 
