@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..scene.collider_schema import Mesh
 from ..scene.presets import mesh_path
+from ..system.files import Version, file_version
 from .obj_reader import FARTHEST, MAX_POINTS, ObjError, read_obj
 
 Floats = NDArray[np.float64]
@@ -51,16 +52,21 @@ class MeshClip:
 
 
 def clip_of(mesh: Mesh, points: int) -> MeshClip:
-    """Return the clip of a deforming mesh whose file has this number of points. It is cached for the process.
+    """Return the clip of a deforming mesh whose file has this number of points. It is cached (`file_version`).
 
     Raises ValueError with a one-line message if the clip cannot be used.
     """
-    path = mesh_path(mesh.file, mesh.folder).parent / mesh.clip
-    return MeshClip(*_cached(path, points, mesh.clip_rate), mesh.clip_loop)
+    path = clip_path(mesh)
+    return MeshClip(*_cached(path, file_version(path), points, mesh.clip_rate), mesh.clip_loop)
+
+
+def clip_path(mesh: Mesh) -> Path:
+    """Return the absolute path of the clip of a mesh, with a `*` for a sequence of files."""
+    return mesh_path(mesh.file, mesh.folder).absolute().parent / mesh.clip
 
 
 @lru_cache(maxsize=16)
-def _cached(path: Path, points: int, rate: float) -> tuple[NDArray[np.float32], float]:
+def _cached(path: Path, version: Version, points: int, rate: float) -> tuple[NDArray[np.float32], float]:
     """Return the samples of a clip and their number per second."""
     if "*" in path.name:
         samples = _read_sequence(path)

@@ -3,21 +3,24 @@
 Nodes near the surface get the exact distance. From there on, each node takes the nearest of its neighbors' nearest
 faces, and moves on to adjacent faces while these are nearer.
 
-Surfaces and distance grids of mesh colliders are cached for the life of the process.
+Surfaces and distance grids of mesh colliders are cached. `check_solid`, which every scene that is loaded calls, looks
+for changed files.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.collider_schema import Mesh
 from ..scene.presets import mesh_path
+from ..system.files import Version, file_version, new_versions
 from .closed_surface import Faces, Surface, closed_surface, closest_point_on_triangle, feature_normals
-from .mesh_clip import clip_of
+from .mesh_clip import clip_of, clip_path
 from .obj_reader import ObjError, read_obj
 from .topology import adjacency
 
@@ -245,10 +248,19 @@ CACHE_SIZE = 64  # meshes of a few megabytes each
 
 
 def check_solid(mesh: Mesh) -> None:
-    """Raise ValueError with a one-line message if a mesh cannot be used as a collider."""
-    surface = collider_surface(mesh)
-    if not mesh.clip:
-        check_size(surface, mesh.resolution, mesh.margin)
+    """Raise ValueError with a one-line message if a mesh cannot be used as a collider.
+
+    Files that have changed are read again.
+    """
+    with new_versions(_path(mesh), *[clip_path(mesh)] * bool(mesh.clip)):
+        surface = collider_surface(mesh)
+        if not mesh.clip:
+            check_size(surface, mesh.resolution, mesh.margin)
+
+
+def _path(mesh: Mesh) -> Path:
+    """Return the absolute path of the file of a mesh."""
+    return mesh_path(mesh.file, mesh.folder).absolute()
 
 
 def collider_surface(mesh: Mesh) -> Surface:
@@ -257,7 +269,8 @@ def collider_surface(mesh: Mesh) -> Surface:
     Raises ValueError with a one-line message if the file is not a valid mesh, the mesh is not closed, or its clip
     cannot be used.
     """
-    surface, center = _cached_surface(mesh.file, mesh.folder)
+    path = _path(mesh)
+    surface, center = _cached_surface(path, file_version(path))
     if mesh.clip:
         points = clip_of(mesh, len(surface.vertices)).at(mesh.clip_time)
         surface = Surface(points - center, surface.faces, surface.half)
@@ -269,13 +282,13 @@ def collider_sdf(mesh: Mesh) -> DistanceGrid:
 
     Raises ValueError with a one-line message if the mesh cannot be used as a collider.
     """
-    return _cached_distances(mesh.file, mesh.folder, mesh.scale, mesh.resolution, mesh.margin)
+    path = _path(mesh)
+    return _cached_distances(path, file_version(path), mesh.scale, mesh.resolution, mesh.margin)
 
 
 @lru_cache(maxsize=CACHE_SIZE)
-def _cached_surface(file: str, folder: str) -> tuple[Surface, Floats]:
+def _cached_surface(path: Path, version: Version) -> tuple[Surface, Floats]:
     """Return the surface of a file, and the center of its bounding box, (3,), in the unit of the file."""
-    path = mesh_path(file, folder)
     points, faces = read_obj(path)
     try:
         surface = closed_surface(points, faces)
@@ -285,5 +298,5 @@ def _cached_surface(file: str, folder: str) -> tuple[Surface, Floats]:
 
 
 @lru_cache(maxsize=CACHE_SIZE)
-def _cached_distances(file: str, folder: str, scale: float, resolution: int, margin: float) -> DistanceGrid:
-    return distance_grid(_cached_surface(file, folder)[0].scaled(scale), resolution, margin)
+def _cached_distances(path: Path, version: Version, scale: float, resolution: int, margin: float) -> DistanceGrid:
+    return distance_grid(_cached_surface(path, version)[0].scaled(scale), resolution, margin)

@@ -1,4 +1,4 @@
-"""Files written atomically, numbered names of new files, a cache of arrays, and a lock on a folder."""
+"""Files written atomically, numbered names of new files, caches of arrays and of files, and a lock on a folder."""
 
 from __future__ import annotations
 
@@ -92,6 +92,39 @@ def cached(what: str, code: Path, make: Callable[[], NDArray[np.float64]]) -> ND
     except OSError:
         pass
     return result
+
+
+# -- versions of files, for caches of what they contain ----------------------------------------------------------------
+
+Version = tuple[tuple[str, int, int], ...]  # name, time of modification [ns] and size of each file
+
+_versions: dict[Path, Version] = {}
+
+
+def file_version(path: Path) -> Version:
+    """Return the version of a file, or of all files that match a name with `*`, as it was when first asked for.
+
+    So a cache keeps what a running simulation has read, even while the file is edited. Empty if there is no file.
+    """
+    if path not in _versions:
+        try:
+            files = sorted(path.parent.glob(path.name)) if "*" in path.name else [path]
+            status = [(file.name, file.stat()) for file in files]
+        except (OSError, ValueError):  # whoever reads the file reports it
+            return ()
+        _versions[path] = tuple((name, one.st_mtime_ns, one.st_size) for name, one in status)
+    return _versions[path]
+
+
+@contextmanager
+def new_versions(*paths: Path) -> Iterator[None]:
+    """Let `file_version` look at these files again. If the block fails, the earlier versions remain in use."""
+    earlier = {path: _versions.pop(path) for path in paths if path in _versions}
+    try:
+        yield
+    except BaseException:
+        _versions.update(earlier)
+        raise
 
 
 # -- lock on a folder --------------------------------------------------------------------------------------------------

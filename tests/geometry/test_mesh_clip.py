@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from taichi_cloth.geometry.mesh_clip import clip_of
-from taichi_cloth.geometry.signed_distance import collider_surface, distances_to_surface
+from taichi_cloth.geometry.signed_distance import check_solid, collider_sdf, collider_surface, distances_to_surface
 from taichi_cloth.scene.collider_schema import Mesh
 
 TETRAHEDRON = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -81,6 +82,43 @@ def test_obj_files_and_usd_files_give_the_same_clip(mesh: Mesh, tmp_path: Path) 
 def test_the_surface_keeps_the_center_of_the_file_and_its_scale(mesh: Mesh) -> None:
     surface = collider_surface(replace(mesh, scale=2.0, clip_time=0.5))
     assert surface.vertices == pytest.approx(2.0 * (SAMPLES[1] - 0.5))
+
+
+def later(path: Path) -> None:
+    """Let a file be newer than it is, since the clock of a file system may be coarse."""
+    os.utime(path, ns=(0, path.stat().st_mtime_ns + 10**9))
+
+
+def test_an_edited_mesh_is_read_again_when_a_scene_is_loaded(mesh: Mesh, tmp_path: Path) -> None:
+    solid = replace(mesh, clip="")
+    check_solid(solid)
+    before = collider_surface(solid).vertices
+    cells = collider_sdf(solid).values.shape
+    write_obj(tmp_path / "body.obj", TETRAHEDRON * [1.0, 2.0, 1.0])  # a file of the same size
+    later(tmp_path / "body.obj")
+    assert collider_surface(solid).vertices == pytest.approx(before)  # a running simulation keeps what it has read
+    check_solid(solid)
+    assert collider_surface(solid).vertices == pytest.approx(before * [1.0, 2.0, 1.0])
+    assert collider_sdf(solid).values.shape != cells
+    (tmp_path / "body.obj").write_text("v 0 0 0\nf 1", encoding="utf-8")  # half written
+    with pytest.raises(ValueError, match=r"body\.obj"):
+        check_solid(solid)
+    assert collider_surface(solid).vertices == pytest.approx(before * [1.0, 2.0, 1.0])
+
+
+@pytest.mark.parametrize("name", ["walk.pc2", "step_*.obj"])
+def test_an_edited_clip_is_read_again_when_a_scene_is_loaded(mesh: Mesh, tmp_path: Path, name: str) -> None:
+    moving = replace(mesh, clip=name)
+    for shift in (0.0, 1.0):
+        (tmp_path / "walk.pc2").write_bytes(pc2(SAMPLES + shift))
+        for k, sample in enumerate(SAMPLES):
+            write_obj(tmp_path / f"step_{k}.obj", sample + shift)
+        for path in tmp_path.glob("[ws]*"):
+            if shift:
+                assert clip_of(moving, 4).at(0.0) == pytest.approx(SAMPLES[0])
+                later(path)
+        check_solid(moving)
+        assert clip_of(moving, 4).at(0.0) == pytest.approx(SAMPLES[0] + shift)
 
 
 @pytest.mark.parametrize(
