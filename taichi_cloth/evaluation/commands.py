@@ -91,7 +91,7 @@ def add_commands(command: Command) -> None:
         metavar="DIR",
         help="images of failed frames",
     )
-    stress.add_argument("--force", action="store_true", help="replace FILE if it exists")
+    stress.add_argument("--force", action="store_true", help="replace FILE if it exists, drop results of removed cases")
 
     ablation = command("ablate", run_ablate, "measure what each feature of a scene costs and changes", "ablate curtain")
     ablation.add_argument("scenes", nargs="+", metavar="SCENE", help="shipped scenes or TOML files")
@@ -245,9 +245,7 @@ def run_validate(args: argparse.Namespace) -> int:
         check_output_file(path, force=args.force)
     if args.read:
         if args.filter or args.solver:
-            raise UsageError(
-                "--from reads the results of an earlier run: it cannot be combined with --filter or --solver"
-            )
+            raise UsageError("--from reads earlier results: it cannot be combined with --filter or --solver")
         run = report.read_json(args.read)
     else:
         pairs = select_pairs(args.filter, args.solver)
@@ -307,7 +305,7 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     planned = units if args.soak or args.tear is not None else select_units()
     stored = store.Store.new(args.json, planned)
     if args.resume and args.json.is_file():
-        stored = stored.continued(store.load(args.json))
+        stored = stored.continued(store.load(args.json), drop=args.force and planned is not units)
     needed = units if args.solver else [unit for unit in units if stored.is_needed(unit.key)]
     if args.recheck:
         recheck(stored, needed)

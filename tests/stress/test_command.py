@@ -107,6 +107,34 @@ def test_a_resumed_run_equals_an_uninterrupted_one(
     assert "xpbd 0 alive, 1 failed" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("more", [["--filter", "32", "--soak"], ["--tear", "0.5"]])
+def test_a_resumed_run_of_other_units_does_not_delete_results(
+    ran: list[Unit], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], more: list[str]
+) -> None:
+    assert main(["stress", "--quick", "--json", "o.json"]) == 1
+    before = Path("o.json").read_bytes()
+    long = replace(CASE, number=32, variants=CASE.variants[:1])
+    monkeypatch.setattr(case_catalog, "CASES", (CASE, long))
+    monkeypatch.setattr(case_catalog, "LONG", long)
+    ran.clear()
+    capsys.readouterr()
+    for force in ([], ["--force"]):
+        assert main(["stress", "--quick", *more, "--json", "o.json", "--resume", *force]) == 2
+        line = "o.json has 2 results that this run does not include (1 test, swings, xpbd): use another file"
+        assert capsys.readouterr().err == f"taichi-cloth: {line}\n"
+        assert (ran, Path("o.json").read_bytes()) == ([], before)
+
+
+def test_force_drops_results_of_variants_that_are_gone(ran: list[Unit], monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["stress", "--quick", "--json", "o.json", "--resume"]
+    assert main(words) == 1
+    monkeypatch.setattr(case_catalog, "CASES", (replace(CASE, variants=CASE.variants[:1]),))
+    assert main(words) == 2
+    assert len(without_times("o.json")) == 2
+    assert main([*words, "--force"]) == 0
+    assert Path("o.json").exists()
+
+
 def test_a_recheck_runs_the_last_start_alone_and_all_starts_if_it_differs(
     ran: list[Unit], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -83,7 +83,7 @@ def test_older_results_stay_until_they_are_replaced(tmp_path: Path) -> None:
     older = Store.new(None, [SWINGS])
     older.results[SWINGS.key] = result(variant="swings", origin="older")
     older.results[7, "gone", "xpbd"] = result(7, "gone")
-    kept = Store.new(None, [SWINGS, BREAKS]).continued(older)
+    kept = Store.new(None, [SWINGS, BREAKS]).continued(older, drop=True)
     assert [r.origin for r in kept.ordered()] == ["older"]
     assert kept.left([SWINGS, BREAKS], 10) == [SWINGS, BREAKS]
     kept.path = tmp_path / "o.json"

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scene.schema import SOLVER_NAMES
-from ...system.console import machine
+from ...system.console import count_noun, machine
 from ...system.errors import UsageError
 from ...system.files import atomic_file
 from .causes import EXPERIMENTS, Cause
@@ -193,8 +193,16 @@ class Store:
     def _is_new(self, result: Result) -> bool:
         return result.origin == self.origins[result.key]
 
-    def continued(self, older: Store) -> Store:
-        """Return this store with the results and causes of another, whatever their fingerprints."""
+    def continued(self, older: Store, *, drop: bool = False) -> Store:
+        """Return this store with the results and causes of another, whatever their fingerprints.
+
+        The file is written without results that are not planned: raises UsageError if there are any, unless `drop`.
+        """
+        others = [result for key, result in older.results.items() if key not in self.origins]
+        if others and not drop:
+            one, count = others[0], count_noun(len(others), "result")
+            example = f"{one.case} {one.name}, {one.variant}, {one.setting}"
+            raise UsageError(f"{older.path} has {count} that this run does not include ({example}): use another file")
         results = {key: older.results[key] for key in self.planned if key in older.results}
         count = sum(not self._is_new(result) for result in results.values())
         return replace(self, results=results, causes=older.causes, older=count)
