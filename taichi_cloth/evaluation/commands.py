@@ -237,11 +237,11 @@ def run_scene_errors(args: argparse.Namespace) -> int:
 
 def run_validate(args: argparse.Namespace) -> int:
     """Run `validate`. The exit code is 1 if a result falls short and theory does not explain by how much."""
-    from ..system.console import check_output_file, steps_progress
+    from ..system.console import check_output_file, page_files, steps_progress
     from .validate import validation_report as report
     from .validate.references import measure_all, select_pairs
 
-    for path in filter(None, (args.json, args.markdown)):
+    for path in filter(None, (args.json, *page_files(args.markdown))):
         check_output_file(path, force=args.force)
     if args.read:
         if args.filter or args.solver:
@@ -264,12 +264,12 @@ def run_validate(args: argparse.Namespace) -> int:
 
 def run_stress(args: argparse.Namespace) -> int:
     """Run `stress`. The exit code is 1 if a failure has no known cause."""
-    from ..system.console import check_output_file
+    from ..system.console import check_output_file, page_files
     from .stress import store
     from .stress import stress_report as report
 
-    if args.markdown:
-        check_output_file(args.markdown, force=args.force)
+    for path in page_files(args.markdown):
+        check_output_file(path, force=args.force)
     if args.tear is not None and args.markdown:
         raise UsageError("--markdown cannot be combined with --tear: it writes the report of sheets that do not tear")
     if args.source:

@@ -202,6 +202,14 @@ def check_output_file(path: Path, *, force: bool) -> None:
         raise UsageError(f"cannot write {path.name}: no permission to write in {path.parent}")
 
 
+ROWS = "_rows"  # suffix of the name of a second page, with all rows
+
+
+def page_files(path: Path | None) -> list[Path]:
+    """Return the files that `--markdown PATH` writes: the page, and next to it the page of all rows."""
+    return [path, path.with_name(f"{path.stem}{ROWS}{path.suffix}")] if path else []
+
+
 def write_csv(path: Path, rows: Sequence[Any], kind: type) -> None:
     """Write dataclasses of one type as CSV, a line each; None is an empty cell. Raises OSError."""
     text = io.StringIO()

@@ -201,6 +201,10 @@ def test_the_page_is_written_from_a_file_without_a_run(ran: list[Unit], capsys: 
     assert (Path("page.md").read_bytes(), Path("page_rows.md").read_bytes()) == first
     assert main(["stress", "--from", "o.json", "--markdown", "page.md"]) == 2
     assert "page.md already exists; use --force" in capsys.readouterr().err
+    Path("page.md").unlink()
+    assert main(["stress", "--from", "o.json", "--markdown", "page.md"]) == 2  # the second page is there
+    assert "page_rows.md already exists; use --force" in capsys.readouterr().err
+    assert (Path("page.md").exists(), Path("page_rows.md").read_bytes()) == (False, first[1])
 
 
 def test_the_page_says_how_many_units_were_not_run(ran: list[Unit]) -> None:

@@ -368,6 +368,10 @@ def test_the_command_prints_writes_and_reads_results(
     assert main(["validate", "--from", "o.json", "--markdown", "again.md"]) == 0
     assert Path("again.md").read_bytes() == Path("o.md").read_bytes().replace(b"o_rows.md", b"again_rows.md")
     assert "| A2.2 one spring | explicit |" in Path("again_rows.md").read_text(encoding="utf-8")
+    Path("mine_rows.md").write_text("mine", encoding="utf-8")
+    assert main(["validate", "--from", "o.json", "--markdown", "mine.md"]) == 2
+    assert "mine_rows.md already exists; use --force" in capsys.readouterr().err
+    assert Path("mine_rows.md").read_text(encoding="utf-8") == "mine"
     short = Check("", 1.0, 2.0, 1.0, 0.1, 0.01)
     for row, status in ((short, 1), (short.by_law("x²", 0.5), 1), (short.by_law("x²", 0.95), 0)):
         broken = replace(BY_NUMBER["A2.2"], run=lambda solver, row=row: iter([row]))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...scene.schema import FRAME_SECONDS
-from ...system.console import markdown_table, print_table
+from ...system.console import markdown_table, page_files, print_table
 from ...system.files import atomic_file
 from .causes import EXPERIMENT_SECONDS, FINER
 from .extremes import HANGING_FRAMES, LONG_HANGING, LONG_SWINGING
@@ -196,13 +196,12 @@ def origin_lines(store: Store) -> list[str]:
 
 
 USUAL_SECONDS = 10.0  # that a case must run at least
-ROWS = "_rows"  # suffix of the name of the second page
 RECOMMENDED = (ROBUST.name, ROBUST_SLACK.name)
 
 
 def write_pages(path: Path, store: Store) -> None:
     """Write the summary to `path` and the table of variants next to it, from stored results alone. Raises OSError."""
-    rows = path.with_name(f"{path.stem}{ROWS}{path.suffix}")
+    path, rows = page_files(path)
     for target, lines in ((path, main_page(store, rows.name)), (rows, rows_page(store, path.name))):
         with atomic_file(target) as file:
             file.write("\n".join([*lines, ""]).encode())
