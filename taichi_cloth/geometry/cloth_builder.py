@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..scene.keys import CORNERS, EDGES, GROUP, REGION
 from ..scene.presets import map_path
 from ..scene.schema import Cloth, Scene
-from ..system.errors import PinError, UsageError, install_command, short_repr
+from ..system.errors import PinError, UsageError, install_command, short_repr, shown_path
 from ..system.taichi_runtime import memory_bytes
 from . import grid
 from .cloth_mesh import ClothMesh, load_cloth_mesh
@@ -163,7 +163,7 @@ def weight_map(scene: Scene, name: str) -> NDArray[np.float64]:
     Raises ValueError with a one-line message if the map's file cannot be used.
     """
     assert scene.maps is not None
-    path = map_path(getattr(scene.maps, name), scene.maps.folder)
+    path = shown_path(map_path(getattr(scene.maps, name), scene.maps.folder))  # errors name it
     cloth = scene.cloth
     if cloth.file:
         file = _mesh_of(cloth)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.errors import one_line, short_repr
+from ..system.errors import one_line, short_repr, shown_path
 
 MAX_BYTES = 64_000_000
 MAX_POINTS, MAX_TRIANGLES = 500_000, 1_000_000
@@ -33,7 +33,7 @@ class ObjError(ValueError):
     def __init__(self, path: Path, line: int, reason: str) -> None:
         """`line` is 0 if the error concerns the whole file."""
         self.path, self.line, self.reason = path, line, reason
-        super().__init__(one_line(": ".join([str(path), *([f"line {line}"] if line else []), reason])))
+        super().__init__(one_line(": ".join([str(shown_path(path)), *([f"line {line}"] if line else []), reason])))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.path, self.line, self.reason)

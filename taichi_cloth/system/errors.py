@@ -6,7 +6,8 @@ import json
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -36,6 +37,14 @@ def error_text(error: BaseException) -> str:
 def one_line(text: str) -> str:
     """Return a text with line ends and control characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def shown_path(path: Path) -> Path:
+    """Return a path for a message of one line: relative to the working folder if it is in it."""
+    with suppress(OSError):  # the working folder may be gone
+        if path.is_relative_to(Path.cwd()):
+            return path.relative_to(Path.cwd())
+    return path
 
 
 def install_command(extra: str) -> str:
