@@ -273,8 +273,10 @@ def run_stress(args: argparse.Namespace) -> int:
     if args.tear is not None and args.markdown:
         raise UsageError("--markdown cannot be combined with --tear: it writes the report of sheets that do not tear")
     if args.source:
-        if args.json or args.resume or args.explain:
-            raise UsageError("--from runs nothing: it cannot be combined with --json, --resume or --explain")
+        which = ("filter", "variant", "solver", "tear", "seed", "soak", "json", "resume", "recheck", "explain")
+        # 0 equals False, but is a seed
+        if given := [f"--{name}" for name in which if not any(getattr(args, name) is one for one in (None, False))]:
+            raise UsageError(f"--from runs nothing, and reports all results: leave out {', '.join(given)}")
         stored = store.load(args.source)
         results = stored.ordered()
     else:

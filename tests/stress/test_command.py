@@ -210,7 +210,7 @@ def test_the_page_is_written_from_a_file_without_a_run(ran: list[Unit], capsys: 
 def test_the_page_says_how_many_units_were_not_run(ran: list[Unit]) -> None:
     assert main(["stress", "--filter", "1", "--variant", "swings", "--quick", "--markdown", "o.md"]) == 0
     page = Path("o.md").read_text(encoding="utf-8")
-    assert "1 of 2 units not run." in page
+    assert "1 of 2 combinations of variant and setting were not run." in page
     assert "\n1 starts per variant; run " in page
 
 
@@ -224,7 +224,11 @@ def test_the_page_says_how_many_units_were_not_run(ran: list[Unit]) -> None:
         (["--resume"], "--resume needs --json"),
         (["--explain"], "--explain needs --json"),
         (["--from", "none.json"], "none.json: No such file"),
-        (["--from", "o.json", "--json", "p.json"], "--from runs nothing"),
+        (["--from", "o.json", "--json", "p.json"], "--from runs nothing, and reports all results: leave out --json"),
+        (["--from", "o.json", "--filter", "yank", "--solver", "lines"], "leave out --filter, --solver"),
+        (["--from", "o.json", "--variant", "10 m", "--tear", "0.5"], "leave out --variant, --tear"),
+        (["--from", "o.json", "--soak", "--seed", "0"], "leave out --seed, --soak"),
+        (["--from", "o.json", "--resume", "--recheck", "--explain"], "leave out --resume, --recheck, --explain"),
         (["--markdown", "no/where.md"], "cannot write where.md: no is not a folder"),
         (["--markdown", "o.md", "--tear", "0.5"], "--markdown cannot be combined with --tear"),
         (["--solver", "lines", "--tear", "0.5"], "lines needs complete grid rows"),
