@@ -46,7 +46,7 @@ def penetration(simulation: RunningCloth) -> float:
     if surfaces is not None:
         is_parallel = simulation.solver.layout.is_parallel
         of_frame = []
-        if simulation.is_within_frame:
+        if simulation._is_within_frame:
             of_frame = [(field, field.to_numpy()) for field in _fields_of_frame(surfaces)]
         reach = surfaces.reach[None]
         none = np.zeros(len(posed) - len(rigid))

@@ -49,7 +49,7 @@ class RunningCloth(HasParameters):
         self.grabs: dict[int, Grab] = {}
         self._frame = 0
         self.frames_stepped = 0  # since the simulation was opened; a reset does not change it
-        self.is_within_frame = False
+        self._is_within_frame = False
         self._tear: TearState | None = None
         self._build(scene, None)
 
@@ -176,19 +176,19 @@ class RunningCloth(HasParameters):
         """
         self.check_between_frames()
         parts = self._frame_input().by_substep()
-        self.is_within_frame = True
+        self._is_within_frame = True
         try:
             for part in parts:
                 self.solver.step(part)
                 callback(part.last / part.substeps)
         finally:
-            self.is_within_frame = False
+            self._is_within_frame = False
             for part in parts:
                 self.solver.step(part)
             self._end_frame()
 
     def check_between_frames(self) -> None:
-        if self.is_within_frame:
+        if self._is_within_frame:
             raise UsageError("a callback of step_by_substep may only read: change, step and save between two frames")
 
     def _frame_input(self) -> FrameInput:

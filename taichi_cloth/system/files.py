@@ -102,7 +102,7 @@ _versions: dict[Path, Version] = {}
 
 
 def file_version(path: Path) -> Version:
-    """Return the version of a file, or of all files that match a name with `*`, as it was when first asked for.
+    """Return the version of a file, or of all files that match a name with `*`, as it was at the first request.
 
     So a cache keeps what a running simulation has read, even while the file is edited. Empty if there is no file.
     """
