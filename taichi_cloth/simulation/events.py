@@ -26,7 +26,7 @@ from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint
 from .frame_contact import describe_intersections
 from .grabbing import Grab, vertices_in_radius
-from .parameter_values import check_radius, check_target, check_vectors
+from .parameter_values import check_numbers, check_radius, check_target, check_vectors
 
 
 @dataclass(frozen=True)
@@ -202,8 +202,15 @@ EVENTS: dict[str, EventKind] = {
 }
 
 
-def check_event(event: object) -> None:
-    """Raise ValueError unless it is an event with a known name and as many arguments as it needs."""
+MAX_EXACT = 1 << 53  # up to which a float has the value of every integer
+
+
+def check_event(event: object) -> Event:
+    """Return an event with arguments of the types that a recording may have.
+
+    Raises ValueError unless it is an event with a known name, as many arguments as it needs, and numbers where it needs
+    numbers.
+    """
     if not isinstance(event, Event):
         raise ValueError(f"an event must be a tc.Event, such as tc.Event('reset'), not {short_repr(event)}")
     if event.name not in EVENTS:
@@ -212,6 +219,26 @@ def check_event(event: object) -> None:
     if not needed - optional <= len(event.arguments) <= needed:
         needed -= optional
         raise ValueError(f"event {event.name} needs {needed} arguments, got {short_repr(event.arguments)}")
+    kinds = EVENTS[event.name].argument_types
+    arguments = tuple(_as_recorded(one, of) for one, of in zip(event.arguments, kinds, strict=False))
+    for number, (argument, of) in enumerate(zip(arguments, kinds, strict=False), 1):
+        # What takes the place of text or a list, the handler refuses; of numbers it may accept some: 0.0 is a grab 0.
+        if type(argument) not in of and (isinstance(argument, bytes) or of[0] in (bool, int, float)):
+            names = " or ".join(kind.__name__ for kind in of)
+            raise ValueError(f"argument {number} of event {event.name} must be {names}, not {short_repr(argument)}")
+    return Event(event.name, arguments)
+
+
+def _as_recorded(argument: Any, kinds: tuple[type, ...]) -> Any:
+    """Return an argument as one of these types if it has the same value: numbers of NumPy, and integers for floats."""
+    if list in kinds:
+        numbers = check_numbers(argument)
+        return numbers.tolist() if numbers.ndim and numbers.size else argument
+    if isinstance(argument, (np.generic, np.ndarray)) and argument.ndim == 0:
+        argument = argument.item()
+    if type(argument) is int and int not in kinds and float in kinds and abs(argument) <= MAX_EXACT:
+        return float(argument)
+    return argument
 
 
 MAX_CHANGES = 1000  # by listeners in answer to one event: more will not end

@@ -79,7 +79,7 @@ class Simulation(RunningCloth):
         """
         self._check_usable()
         self.check_between_frames()
-        check_event(event)
+        event = check_event(event)
         try:
             EVENTS[event.name].handler(self, *event.arguments)
         except UsageError:

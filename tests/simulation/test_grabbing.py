@@ -176,7 +176,7 @@ def test_the_number_of_grabs_is_limited(hanging: Simulation) -> None:
 def test_an_event_with_an_invalid_grab_number_is_refused(hanging: Simulation, number: object) -> None:
     with pytest.raises(ValueError, match="grab"):
         hanging.apply(Event("grab", (70, 0.0, number)))
-    with pytest.raises(ValueError, match=f"there is no grab {number}"):
+    with pytest.raises(ValueError, match=rf"there is no grab {number}|argument 1 of event move_grab must be int"):
         hanging.apply(Event("move_grab", (number, 0.0, 1.0, 0.0)))
     assert len(hanging.grabbed) == 0
 

@@ -331,6 +331,42 @@ def test_a_recorded_switch_without_a_folder_takes_that_of_the_running_scene(tmp_
                 simulation.apply(Event("switch_scene", arguments))
 
 
+def test_arguments_of_numpy_and_integers_for_floats_are_recorded_as_toml(recorder: Recorder, tmp_path: Path) -> None:
+    simulation = recorder.simulation
+    x = simulation.positions()
+    for event in (
+        Event("set_param", (np.str_("wind_z"), np.float64(6))),
+        Event("set_param", ("iterations", np.int64(5))),
+        Event("set_param", ("wind", np.True_)),
+        Event("set_state", (x, [np.float32(0), 1, 0])),
+        Event("grab", (np.int32(LAST), 0, np.uint8(1))),
+        Event("move_grab", (np.int64(1), 0, np.float32(1.5), np.array(0.5))),
+        Event("pin_within", (7, 1, np.False_)),
+    ):
+        simulation.apply(event)
+        run(simulation, 1)
+    check_replay(recorder, tmp_path / "numbers.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "refusal"),
+    [
+        ("move_grab", (0.0, 0.0, 1.0, 0.0), "argument 1 of event move_grab must be int, not 0.0"),
+        ("move_grab", (0, 0.0, True, 0.0), "argument 3 of event move_grab must be float, not true"),
+        ("release", (False,), "argument 1 of event release must be int, not false"),
+        ("pin", (7, 1), "argument 2 of event pin must be bool, not 1"),
+        ("load", (b"abc",), "argument 1 of event load must be str, not b'abc'"),
+    ],
+)
+def test_arguments_that_no_recording_can_have_are_refused(
+    recorder: Recorder, name: str, arguments: tuple[object, ...], refusal: str
+) -> None:
+    recorder.simulation.grab(LAST)
+    with pytest.raises(ValueError, match=f"^{refusal}$"):
+        recorder.simulation.apply(Event(name, arguments))
+    assert len(recorder.rows) == 1
+
+
 def test_a_recording_of_a_simulation_at_its_start_has_no_checkpoint(recorder: Recorder) -> None:
     assert recorder.rows == []
 
