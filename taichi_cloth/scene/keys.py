@@ -71,7 +71,7 @@ def types_of(section: type) -> dict[str, object]:
 
 def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     """Return `value` as the type `hint`. Raises SceneError if its type is wrong or `key` does not allow it."""
-    value = _without_numpy(value)
+    value = without_numpy(value)
     if hint is str and isinstance(value, PathLike):
         value = fspath(value)
     if hint == Vec3:
@@ -85,7 +85,7 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
             value = [value]
         if not isinstance(value, (list, tuple)):
             raise SceneError(file, where, f'must be a list, as in ["top", 17], got {short_repr(value)}')
-        return tuple(_pin(_without_numpy(v), file, f"{where}[{k}]") for k, v in enumerate(value))
+        return tuple(_pin(without_numpy(v), file, f"{where}[{k}]") for k, v in enumerate(value))
     accepted: Any = (int, float) if hint is float else hint
     if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):
         raise SceneError(file, where, f"must be {_TYPE_NAMES[hint]}, got {short_repr(value)}")
@@ -96,7 +96,7 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     return hint(value)
 
 
-def _without_numpy(value: Any) -> Any:
+def without_numpy(value: Any) -> Any:
     """Return numbers, strings and arrays of NumPy as Python's own; other values are returned unchanged."""
     to_python = None if isinstance(value, type) else getattr(value, "tolist", None)
     return to_python() if callable(to_python) else value

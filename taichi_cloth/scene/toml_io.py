@@ -7,7 +7,7 @@ import re
 import tomllib
 from dataclasses import fields
 
-from .keys import keys_of, range_text
+from .keys import keys_of, range_text, without_numpy
 from .schema import GRID_KEYS, Cloth, Scene, sections
 
 MAX_DOTS = 100  # in one key; those of a scene have one
@@ -44,6 +44,7 @@ def scene_to_toml(scene: Scene, table: str = "") -> str:
 
 def toml_value(value: object) -> str:
     """Return a value of a scene in TOML syntax."""
+    value = without_numpy(value)  # whose numbers have a `repr` that is no TOML
     if isinstance(value, (tuple, list)):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, str):  # TOML basic strings have the escapes of JSON

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -15,7 +16,18 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, key_table, scene_names, scene_to_toml
 from taichi_cloth.scene.collider_schema import Mesh, RoundCollider
 from taichi_cloth.scene.keys import Key, Keyframes, Section, Vec3, keys_of
-from taichi_cloth.scene.schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Maps, Region, SelfCollision, sections
+from taichi_cloth.scene.schema import (
+    COLLIDERS,
+    GRID_KEYS,
+    MAP_NAMES,
+    Cloth,
+    Maps,
+    Region,
+    SelfCollision,
+    Wind,
+    sections,
+)
+from taichi_cloth.scene.toml_io import toml_value
 
 Write = Callable[[str | bytes], Path]
 
@@ -172,3 +184,26 @@ def test_every_key_has_help_and_every_number_a_range_that_contains_its_default(s
             assert key.max is not None
             numbers = field.default if isinstance(field.default, tuple) else (field.default,)
             assert all(key.min <= number <= key.max for number in numbers), field.name
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (np.float64(6), "6.0"),
+        (np.float32(0.5), "0.5"),
+        (np.int64(3), "3"),
+        (np.bool_(True), "true"),
+        (np.str_('a "b"'), '"a \\"b\\""'),
+        ((1, np.float64(2)), "[1, 2.0]"),
+        (np.array([1.5, 2.0]), "[1.5, 2.0]"),
+    ],
+)
+def test_values_of_numpy_are_written_as_those_of_python(value: object, text: str) -> None:
+    assert toml_value(value) == text
+
+
+def test_a_scene_with_numbers_of_numpy_is_read_back(write: Write) -> None:
+    scene = Scene(wind=Wind(z=np.float64(6)), cloth=Cloth(center=(np.float64(0), 2.0, np.float32(0))))
+    again = load_scene(write(scene_to_toml(scene)))
+    assert again.wind == Wind(z=6.0)
+    assert again.cloth == scene.cloth
