@@ -18,6 +18,7 @@ from taichi_cloth import __main__ as cli
 from taichi_cloth import __version__
 from taichi_cloth.cli import scenes
 from taichi_cloth.geometry import cloth_builder
+from taichi_cloth.render import sequence
 from taichi_cloth.system.console import count_noun
 
 SMALL = ["--size", "96x54"]
@@ -309,8 +310,32 @@ def test_frames_are_not_overwritten_without_force(here: None, capsys: pytest.Cap
 
 def test_a_resume_of_another_run_is_refused(here: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(DRAPE) == 0
-    for change in (["--size", "64x64"], ["--set", "wind_z=5"], ["--view", "strain"]):
+    for change in (["--size", "64x64"], ["--set", "wind_z=5"], ["--view", "strain"], ["--layout", other_layout()]):
         assert "cannot be resumed" in refused(capsys, *change, "--resume")
+
+
+def other_layout() -> str:
+    """Return a layout that `DRAPE` does not use."""
+    used = json.loads(Path("o/run.json").read_bytes())["settings"]["layout"]
+    return "serial" if used == "parallel" else "parallel"
+
+
+def test_a_resume_on_another_arch_is_refused(
+    here: None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert cli.main(DRAPE) == 0
+    monkeypatch.setattr(sequence, "running_arch", lambda: "cuda")
+    assert "cannot be resumed" in refused(capsys, "--resume")
+
+
+def test_a_render_of_an_earlier_version_without_layout_and_arch_can_be_resumed(here: None) -> None:
+    assert cli.main(DRAPE) == 0
+    report = json.loads(Path("o/run.json").read_bytes())
+    for key in ("layout", "arch"):
+        del report["settings"][key]
+    Path("o/run.json").write_text(json.dumps(report), encoding="utf-8")
+    assert cli.main([*DRAPE, "--resume"]) == 0
+    assert json.loads(Path("o/run.json").read_bytes())["settings"]["arch"] == "cpu"
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"[]", b"3", b"\xff\xfe", b"{}"])

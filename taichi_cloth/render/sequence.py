@@ -20,7 +20,7 @@ from ..simulation.rollback import DivergenceGuard
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, OutputConflict, error_text
 from ..system.files import atomic_file, folder_lock
-from ..system.taichi_runtime import machine
+from ..system.taichi_runtime import machine, running_arch
 from .camera import OrbitCamera
 from .draw_list import DrawList
 from .image import render_pixels
@@ -66,9 +66,13 @@ class RenderPlan:
             return (frame + 1) % self.every == 0
         return self.errors and (frame + 1) % MEASURED_EVERY == 0
 
-    def settings(self) -> dict[str, object]:
-        """Return the settings that determine the images; a run can only be resumed with the same."""
-        return {k: v for k, v in asdict(self).items() if k not in ("out", "frames", "contact_sheet", "errors")}
+    def settings(self, simulation: Simulation) -> dict[str, object]:
+        """Return the settings that determine the images; a run can only be resumed with the same.
+
+        Layouts and archs compute in another order, so their trajectories differ.
+        """
+        own = {k: v for k, v in asdict(self).items() if k not in ("out", "frames", "contact_sheet", "errors")}
+        return own | {"layout": simulation.solver.layout_name, "arch": running_arch()}
 
 
 @dataclass
@@ -125,7 +129,10 @@ def _prepare_folder(plan: RenderPlan, simulation: Simulation, *, force: bool, re
     existing = [path for path in (*plan.out.glob("frame_*.png"), report_path) if path.exists()]
     if existing and resume:
         previous = _read_report(report_path)
-        current = {"scene_text": scene_to_toml(simulation.scene), "settings": plan.settings()}
+        settings = plan.settings(simulation)
+        current = {"scene_text": scene_to_toml(simulation.scene), "settings": settings}
+        if isinstance(stored := previous.get("settings"), dict):  # without layout and arch by an earlier version
+            previous["settings"] = {key: settings[key] for key in ("layout", "arch")} | stored
         for key, value in current.items():
             if previous.get(key) != value:
                 source = "another scene" if key == "scene_text" else f"other settings ({previous.get(key)})"
@@ -162,7 +169,7 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
     file cannot be written. `run.json` then lists the frames that were simulated, and no PNG file is partial.
     """
     scene = simulation.scene
-    report = RenderReport(scene.name, scene.seed, scene_to_toml(scene), plan.settings(), machine())
+    report = RenderReport(scene.name, scene.seed, scene_to_toml(scene), plan.settings(simulation), machine())
     camera = OrbitCamera.from_scene(scene)
     raster = Rasterizer(plan.width, plan.height, plan.samples)
     draw_list = DrawList(simulation)

@@ -205,6 +205,13 @@ def on_cpu() -> bool:
     return ti.cfg.arch in (ti.x64, ti.arm64)
 
 
+def running_arch() -> str:
+    """Return the arch of the running Taichi program, as `start` returns it."""
+    import taichi as ti
+
+    return "cpu" if on_cpu() else str(ti.cfg.arch.name)
+
+
 def _no_program() -> None:
     """Return None: no program has ended before the first start."""
 
