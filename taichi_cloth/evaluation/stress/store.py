@@ -200,9 +200,9 @@ class Store:
         """
         others = [result for key, result in older.results.items() if key not in self.origins]
         if others and not drop:
-            one, results_there = others[0], count_noun(len(others), "result")
+            one, there = others[0], count_noun(len(others), "result")
             example = f"{one.case} {one.name}, {one.variant}, {one.setting}"
-            raise UsageError(f"{older.path} has {results_there} that this run does not include ({example}): use another file")
+            raise UsageError(f"{older.path} has {there} that this run does not include ({example}): use another file")
         results = {key: older.results[key] for key in self.planned if key in older.results}
         count = sum(not self._is_new(result) for result in results.values())
         return replace(self, results=results, causes=older.causes, older=count)
