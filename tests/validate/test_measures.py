@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from taichi_cloth.evaluation.validate import check, flight, friction
+from taichi_cloth.evaluation.validate import check, elastica, flight, friction
 from taichi_cloth.evaluation.validate.check import EXCELLENT, FAIL, PASS, Check
+from taichi_cloth.evaluation.validate.exact import buckled
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -56,3 +57,22 @@ def test_sheared_cloth_is_strained() -> None:
         simulation.set_state(x)
         assert simulation.metrics().max_strain < 1e-5
         assert flight.largest_strain(simulation) == pytest.approx(5e-4, rel=0.01)
+
+
+@pytest.mark.parametrize("level", [0.0, elastica.CLAMPED_LEVEL])
+@pytest.mark.parametrize("compression", elastica.COMPRESSIONS)
+def test_a_buckled_strip_starts_far_from_the_solution(compression: float, level: float) -> None:
+    """It has its full length, and its rise differs from the solution by five times the bound or more."""
+    start = elastica.tent(1 - compression, np.linspace(0.0, 1.0, 1001), level)
+    assert start[[0, -1]] == pytest.approx(np.array([[-0.5, 0.0], [0.5, 0.0]]) * [1 - compression, 1.0], abs=1e-9)
+    assert np.linalg.norm(np.diff(start, axis=0), axis=1).sum() == pytest.approx(1.0, abs=1e-3)
+    assert abs(start[:, 1].max() / buckled(compression) - 1) > 5 * elastica.BUCKLED[0]
+
+
+def test_a_strip_without_bending_stiffness_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(elastica, "COMPRESSIONS", (0.1,))
+    monkeypatch.setattr(elastica, "BENDING", 0.0)
+    rows = list(elastica.buckling("explicit"))
+    assert len(rows) == 2
+    assert all(row.error > 5 * elastica.BUCKLED[0] for row in rows)
+    assert [row.verdict for row in rows] == [FAIL, FAIL]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 
@@ -31,6 +32,7 @@ LOADS = (0.25, 1.0, 2.0, 5.0, 10.0)  # α = PL²/EI at the tip
 LIGHT = 0.02  # [kg/m²] of a strip that carries ten times its own weight
 WIDTH = 0.1  # [m] of all strips
 COMPRESSIONS = (0.01, 0.05, 0.1, 0.2, 0.3, 0.5)
+CLAMPED_LEVEL = 0.2  # [m] of a clamped strip at each end, at its start
 BENDING = 0.02  # [N·m] of strips without weight, whose shape does not depend on it
 BENDING_CONSTANT = 5000.0  # [N/m] of springs: a strip of one meter stretches by 0.02 %
 
@@ -121,17 +123,18 @@ def buckling(solver: str) -> Iterator[Check]:
     """Measure a strip between two hinges that are closer than its length, and between two level clamps.
 
     A clamped strip consists of four quarters of hinged ones of half its length, and rises as high as a hinged one.
+    Strips start as a V, whose rise differs by 11 to 21 % from the solution. One without bending stiffness stays a V.
     """
     for compression in COMPRESSIONS:
         scene = with_bending(strip(solver, LINKS, constant=BENDING_CONSTANT, pins=("top", "bottom")), BENDING, 0.0)
-        start = arch(1 - compression, np.linspace(0.0, 1.0, LINKS + 1), lambda z: np.cos(np.pi * z))
+        start = tent(1 - compression, np.linspace(0.0, 1.0, LINKS + 1))
         rise = float(rest_column(scene, 12.0, start)[LINKS // 2, 1])
         yield relative(f"{100 * compression:g} % shorter: rise over length", buckled(compression), rise, *BUCKLED)
     for compression in COMPRESSIONS:
         scene, along = between_clamps(solver)
         # Without diagonals a compressed strip moves sideways between its clamps, which needs less energy.
         scene = replace(scene, fabric=replace(scene.fabric, shear=BENDING_CONSTANT))
-        start = arch(1 - compression, along, lambda z: (1 + np.cos(2 * np.pi * z)) / 2)
+        start = tent(1 - compression, along, CLAMPED_LEVEL)
         ends = [0, 1, -2, -1]
         start[ends, 0] = along[ends] - 0.5 - compression * np.array([-0.5, -0.5, 0.5, 0.5])
         start[ends, 1] = 0.0
@@ -153,19 +156,17 @@ def between_clamps(solver: str) -> tuple[Scene, Floats]:
     return with_bending(structural(scene, BENDING_CONSTANT), BENDING, 0.0), distances
 
 
-def arch(span: float, distances: Floats, wave: Callable[[Floats], Floats]) -> Floats:
-    """Return points of a wave of length 1 over `span`, at distances along it, (rows, 2).
+def tent(span: float, distances: Floats, level: float = 0.0) -> Floats:
+    """Return points of an inverted V of length 1 over `span` [m], at distances along it, (rows, 2).
 
-    `wave` is its shape over −½ to ½.
+    A piece of length `level` [m] at each of its ends is level.
     """
-    fine = np.linspace(-0.5, 0.5, 1000)
-    low, high = 0.0, 0.5
-    while high - low > 1e-12:
-        height = (low + high) / 2
-        curve = np.stack([span * fine, height * wave(fine)], axis=-1)
-        along = np.append(0.0, np.linalg.norm(np.diff(curve, axis=0), axis=1).cumsum())
-        low, high = (height, high) if along[-1] < 1 else (low, height)
-    return np.stack([np.interp(distances, along, curve[:, c]) for c in (0, 1)], axis=-1)
+    side = 0.5 - level  # [m] length of each side of the V
+    width = span / 2 - level  # [m] its extent
+    from_middle = distances - 0.5
+    on_side = np.minimum(np.abs(from_middle), side)
+    along = np.sign(from_middle) * (on_side * width / side + np.maximum(np.abs(from_middle) - side, 0.0))
+    return np.stack([along, (1 - on_side / side) * sqrt(side**2 - width**2)], axis=-1)
 
 
 def loop(solver: str) -> Iterator[Check]:
