@@ -509,12 +509,20 @@ def test_a_sheet_may_not_spin_faster_than_its_ball(share: float, broken: bool, m
 
 
 @pytest.mark.parametrize(("times", "broken"), [(0.99, False), (1.05, True)])
-def test_friction_on_a_loose_sheet_is_measured(times: float, broken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sheet accelerates by `times` μ·g, in the direction in which the other is pulled."""
+@pytest.mark.parametrize("mu", [0.3, 0.03])
+def test_friction_on_a_loose_sheet_is_measured(
+    mu: float, times: float, broken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The sheet accelerates by `times` μ·g, in the direction in which the other is pulled, by 1 m in a second."""
 
     def start(trial: Trial) -> None:
-        one = type(trial.simulation).velocities
-        pull = times * 0.3 * 9.81
+        one, x = type(trial.simulation).velocities, trial.simulation.positions()
+        pull, lower = times * mu * 9.81, slice(None, len(x) // 2)
+
+        def positions() -> np.ndarray:
+            moved = x.copy()
+            moved[lower, 0] += max(trial.simulation.frame * FRAME_SECONDS - 1.0, 0.0)  # it lies still for a second
+            return moved
 
         def velocities() -> np.ndarray:
             v = one(trial.simulation)
@@ -522,6 +530,7 @@ def test_friction_on_a_loose_sheet_is_measured(times: float, broken: bool, monke
             return v
 
         monkeypatch.setattr(trial.simulation, "velocities", velocities)
+        monkeypatch.setattr(trial.simulation, "positions", positions)
 
     def run(trial: Trial) -> None:
         plain = trial.start
@@ -531,12 +540,26 @@ def test_friction_on_a_loose_sheet_is_measured(times: float, broken: bool, monke
             start(trial)
 
         trial.start = started  # type: ignore[method-assign, assignment]
-        contact.tablecloth(trial)
+        contact.tablecloth(trial, mu)
 
     one = walk(run)
     assert bool(one.broken) == broken
-    [figure] = one.figures
-    assert figure.value == pytest.approx(times, rel=1e-3)
+    friction, mean, gone = one.figures
+    assert friction.value == pytest.approx(times, rel=1e-3)
+    assert (mean.bound, gone.bound) == (None, None)
+    assert gone.value == 1
+    # With μ = 0.3 it is faster than the pull before that begins, so nothing slides. With 0.03 the force stays while the
+    # share of the sheet that lies on the other falls to 0 in 60 frames.
+    assert mean.value == (0.0 if mu == 0.3 else pytest.approx(times * 60 / 29.5, rel=1e-2))
+
+
+def test_a_loose_sheet_without_friction_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An upper bound alone does not tell: the mean is 0, not 1."""
+    one = walk(VARIANTS[39, "1 m/s, μ = 0.03"])
+    found = {figure.what: figure.value for figure in one.figures}
+    assert abs(found["mean friction while the layers slide, of μ times the weight"]) < 0.01
+    assert found["whether the tablecloth is gone"] == 0
+    assert one.frames == 60 * (1 + 1.5 + 1)
 
 
 # -- time, positions and sizes ----------------------------------------------------------------------------
