@@ -249,7 +249,7 @@ EVALUATION = [
     Mutation(
         "fast-ball-not-checked",
         "evaluation/stress/contact.py",
-        "    run_past(trial, (BEFORE + BEHIND) / speed + 2.6)\n",
+        "    run_past(trial, shot_seconds(speed) + 2.6)\n",
         "    trial.run((BEFORE + BEHIND) / speed + 2.6)\n",
         (BOUNDS + "test_the_fast_ball_is_checked_in_every_frame",),
     ),
@@ -594,7 +594,7 @@ EVALUATION = [
     Mutation(
         "strain-of-a-fall-with-all-features",
         "evaluation/validate/flight.py",
-        '        yield at_most("strain after 1 s, every stage on", simulation.metrics().max_strain, *STRAIN)\n',
+        '        yield at_most("strain after 1 s, every stage on", largest_strain(simulation), *STRAIN)\n',
         "",
         (VALIDATED + "test_a_fall_with_all_features_judges_drop_and_strain",),
     ),
