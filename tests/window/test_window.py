@@ -476,7 +476,8 @@ def test_a_recording_is_replayed_in_the_window_and_then_the_user_controls_it(
     image = app.screenshot()[:, PANEL_MARGIN + PANEL_WIDTH : app.width - 100].astype(int)  # left of the color scale
     assert (image.max(axis=2) - image.min(axis=2) > 40).mean() > 0.1, "no cloth"
     app.press_key("r")
-    app.wait_until(lambda line: line["frame"] == 0, "a reset")
+    app.wait_until(lambda line: line["frame"] < 20 and not line["frozen"], "the replay again")
+    app.wait_until(lambda line: line["frame"] == 20 and line["frozen"], "its end")
     app.press_key("Escape")
     assert app.exit_code() == 0
     assert app.output() == [f"{tmp_path / 'recorded.toml'}: 20 frames replayed: final positions are bit-identical"]
