@@ -197,18 +197,21 @@ def _with_preset(scene: Scene, data: dict[str, Any], mistakes: Mistakes) -> Scen
 def with_folders(scene: Scene, folder: Path | None = None) -> Scene:
     """Return the scene with the folders of its mesh and map files: `folder`, or by default those it has.
 
-    They are absolute, because the window works in another folder, as do processes that it starts.
+    It is the same object if they do not change. They are absolute, because the window works in another folder, as do processes that it starts.
     """
 
     def located(part: Located) -> Located:
-        return replace(part, folder=str(Path(part.folder if folder is None else folder).absolute()))
+        absolute = str(Path(part.folder if folder is None else folder).absolute())
+        return part if part.folder == absolute else replace(part, folder=absolute)
 
     meshes = tuple(located(mesh) if is_file_name(mesh.file) else mesh for mesh in scene.meshes)
     cloth = located(scene.cloth) if is_file_name(scene.cloth.file) else scene.cloth
     maps = scene.maps
     if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
         maps = located(maps)
-    return replace(scene, meshes=meshes, cloth=cloth, maps=maps)
+    parts, before = (*meshes, cloth, maps), (*scene.meshes, scene.cloth, scene.maps)
+    same = all(part is old for part, old in zip(parts, before, strict=True))
+    return scene if same else replace(scene, meshes=meshes, cloth=cloth, maps=maps)
 
 
 def _check_mesh_names(scene: Scene, mistakes: Mistakes) -> None:
