@@ -197,7 +197,8 @@ def _with_preset(scene: Scene, data: dict[str, Any], mistakes: Mistakes) -> Scen
 def with_folders(scene: Scene, folder: Path | None = None) -> Scene:
     """Return the scene with the folders of its mesh and map files: `folder`, or by default those it has.
 
-    It is the same object if they do not change. They are absolute, because the window works in another folder, as do processes that it starts.
+    They are absolute, because the window works in another folder, as do processes that it starts. If they do not
+    change, the same object is returned.
     """
 
     def located(part: Located) -> Located:
