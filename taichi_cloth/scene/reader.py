@@ -32,7 +32,11 @@ def read_scene(source: Scene | str | Path | dict[str, Any], overrides: dict[str,
         path, file = scene_path(source), str(source)
         data = _parse(path)
     elif isinstance(source, Scene):
-        path, file, data = _folder_of(source) / f"{source.name}.toml", source.name, parse_toml(scene_to_toml(source))
+        path, file, data = (
+            Path(folder_of(source)) / f"{source.name}.toml",
+            source.name,
+            parse_toml(scene_to_toml(source)),
+        )
     else:
         reason = "must be a scene, the name of a shipped one, the path of a TOML file, or a dict"
         raise SceneError("scene", "", f"{reason}, got {short_repr(source)}")
@@ -61,18 +65,21 @@ def read_with_mistakes(name_or_path: str | Path, mistakes: Mistakes) -> Scene | 
     return None
 
 
-def scene_from_toml(text: str, like: Scene) -> Scene:
-    """Return the scene of a TOML text, with the name of the scene `like` and its folder for meshes and maps.
+def scene_from_toml(text: str, like: Scene, folder: str = "") -> Scene:
+    """Return the scene of a TOML text, with the name of the scene `like`.
+
+    `folder`: of its mesh and map files; if it is "", that of `like`.
 
     Raises ValueError for invalid TOML, and SceneError (a ValueError) for an invalid scene.
     """
-    return replace(scene_from(parse_toml(text), "scene", _folder_of(like) / "scene.toml"), name=like.name)
+    path = Path(folder or folder_of(like)) / "scene.toml"
+    return replace(scene_from(parse_toml(text), "scene", path), name=like.name)
 
 
-def _folder_of(scene: Scene) -> Path:
-    """Return the folder of the mesh and map files of a scene; the working folder if all of them are shipped."""
+def folder_of(scene: Scene) -> str:
+    """Return the absolute folder of the mesh and map files of a checked scene, or "" if all of them are shipped."""
     users = (*scene.meshes, scene.cloth, scene.maps)
-    return Path(next((user.folder for user in users if user and user.folder), ""))
+    return next((user.folder for user in users if user and user.folder), "")
 
 
 def check_keys(scene: Scene) -> None:

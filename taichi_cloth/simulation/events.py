@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from base64 import b64decode
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
@@ -15,13 +14,11 @@ from ..collision.colliders import colliders_of
 from ..geometry.scene_loader import check_geometry
 from ..kernels.step_params import MAX_GRABS
 from ..scene import Scene, scene_to_toml
-from ..scene.collider_schema import Mesh
 from ..scene.overrides import with_solver
-from ..scene.presets import is_file_name, is_map_name, with_fabric
-from ..scene.reader import scene_from, scene_from_toml
-from ..scene.schema import COLLIDERS, MAP_NAMES, PRESET_NAMES, Cloth
+from ..scene.presets import with_fabric
+from ..scene.reader import folder_of, scene_from_toml
+from ..scene.schema import COLLIDERS, PRESET_NAMES
 from ..scene.solver_catalog import SOLVER_CATALOG
-from ..scene.toml_io import parse_toml
 from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint
 from .frame_contact import describe_intersections
@@ -103,12 +100,7 @@ def switch_fabric(simulation: Simulation, name: str) -> None:
 
 
 def switch_scene(simulation: Simulation, text: str, folder: str = "") -> None:
-    """`folder`: of the scene's mesh and map files; if it is "", that of the running scene."""
-    if folder:
-        scene = scene_from(parse_toml(text), "scene", Path(folder) / "scene.toml")
-        scene = replace(scene, name=simulation.scene.name)
-    else:
-        scene = scene_from_toml(text, simulation.scene)
+    scene = scene_from_toml(text, simulation.scene, folder)
     check_geometry(scene, scene.name)
     for name in ("file", "rows", "columns", "layers"):
         ours, theirs = getattr(simulation.scene.cloth, name), getattr(scene.cloth, name)
@@ -277,21 +269,8 @@ class EventQueue:
 
 def scene_event(scene: Scene) -> Event:
     """Return the event that switches to a scene. It has a folder only if the scene has files that are not shipped."""
-    folder = file_folder(scene)
+    folder = folder_of(scene)
     return Event("switch_scene", (scene_to_toml(scene), *[folder] * bool(folder)))
-
-
-def file_folder(scene: Scene) -> str:
-    """Return the folder of meshes and maps that are not shipped, or "". Of a scene made in Python, the working folder.
-
-    It is absolute: the folder that a program works in may change.
-    """
-    meshes: list[Mesh | Cloth] = [*scene.meshes, scene.cloth]
-    folders = {mesh.folder for mesh in meshes if is_file_name(mesh.file)}
-    maps = scene.maps
-    if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
-        folders.add(maps.folder)
-    return str(Path(max(folders)).absolute()) if folders else ""
 
 
 def pin_event(simulation: Simulation, particle: SupportsIndex, radius: float, on: bool) -> Event:

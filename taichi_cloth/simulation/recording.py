@@ -13,14 +13,14 @@ from typing import Any
 import taichi as ti
 
 from ..scene import Scene, scene_to_toml
-from ..scene.reader import scene_from
+from ..scene.reader import folder_of, scene_from, with_folders
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..scene.toml_io import parse_toml, toml_value
 from ..system.errors import UsageError, short_repr
 from ..system.files import atomic_file
 from ..system.taichi_runtime import cpu_model, machine
 from .checkpoint import checkpoint_bytes
-from .events import EVENTS, Event, file_folder, scene_event
+from .events import EVENTS, Event, scene_event
 from .parameter_values import MAX_SIDE, check_image_size
 from .rollback import DivergenceGuard
 from .running_cloth import check_simulation
@@ -157,7 +157,7 @@ class Recording:
     @property
     def folder(self) -> str:
         """The folder of meshes and maps that are not shipped, or ""."""
-        return file_folder(self.scene)
+        return folder_of(with_folders(self.scene))
 
     def _toml(self) -> str:
         head: dict[str, Any] = {

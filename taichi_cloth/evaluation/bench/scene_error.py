@@ -227,10 +227,9 @@ def page(stored: dict[str, Any]) -> str:
         "",
         " · ".join([*stored["machine"].values(), stored["date"]]),
         "",
-        "Errors are distances from the float64 reference solution (`taichi_cloth/evaluation/reference/`), whose"
-        " forces,",
-        "steps and contact are its own: root mean square, and the largest of any particle in any frame. It shares the",
-        "construction of the cloth with the solvers (masses, rest lengths, constants). Frames are compared",
+        "Errors are distances from the float64 reference solution (`taichi_cloth/evaluation/reference/`): root mean",
+        "square, and the largest of any particle in any frame. The reference shares the construction of the cloth with",
+        "the solvers (masses, rest lengths, constants); forces, steps and contact are its own. Frames are compared",
         "until a perturbation of the start by 1e-9 of the side has grown to 1e-7, a strain limit acts, or a spring",
         "tears. `<` means below the uncertainty of the reference: its distance from one with twice the time step.",
         VERLET_NOTE,

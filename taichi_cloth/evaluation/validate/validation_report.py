@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...system.console import commit_of, machine, markdown_table, print_table
+from ...system.console import commit_of, machine, markdown_table, page_files, print_table
 from ...system.errors import UsageError, error_text
 from ...system.files import atomic_file
 from .check import EXCELLENT, FAIL, PASS, TOO_SLOW, Check, KnownLimit, Result
@@ -189,14 +189,13 @@ def this_machine(results: Sequence[Result]) -> Measured:
 
 # -- pages -------------------------------------------------------------------------------------------------------------
 
-ROWS_SUFFIX = "_rows"  # suffix of the name of the page with all rows
 MARKS = {EXCELLENT: "*", PASS: "", FAIL: "**", TOO_SLOW: "**"}
 GOAL = (90.0, 60.0)  # [%] of rows that should pass, and that should be excellent
 
 
 def write_pages(path: Path, run: Measured) -> None:
     """Write the main page to `path` and the page of all rows next to it. Raises OSError."""
-    rows = path.with_name(f"{path.stem}{ROWS_SUFFIX}{path.suffix}")
+    path, rows = page_files(path)
     for target, lines in ((path, main_page(run, rows.name)), (rows, rows_page(run, path.name))):
         with atomic_file(target) as file:
             file.write("\n".join([*lines, ""]).encode())
