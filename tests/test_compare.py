@@ -70,7 +70,7 @@ def test_two_solvers_side_by_side(
     assert (left != right).any()
     out = capsys.readouterr().out
     assert "RMS error" in out
-    assert "computing the reference solution, once: 12 frames of " in out
+    assert "computing the reference solution: 12 frames of " in out
     for name in ("error", "residual", "step_error"):
         assert f"{1e3 * rough[name]:.2g}" in out
     assert f"{report['rms_distance'][-1]:.2%} of the side" in out

@@ -179,7 +179,7 @@ def converged(scenes: list[Scene], frames: int) -> np.ndarray | tuple[()]:
         print(f"no reference solution: it would take {steps:,} steps a frame, more than {MAX_REFERENCE_STEPS:,}")
         return ()
     frames = min(frames, scene_error.FRAMES)
-    print(f"computing the reference solution, once: {frames} frames of {steps:,} steps …", flush=True)
+    print(f"computing the reference solution: {frames} frames of {steps:,} steps; later runs reuse it …", flush=True)
     with spinner("reference solution: this can take minutes"):
         return scene_error.solution(a, frames).positions
 

@@ -251,7 +251,7 @@ class Tethers(Table):
 
 @dataclass(frozen=True)
 class Tearing(Table):
-    """Overstretched springs break, of near ones one a frame, with triangles. `fabric.bending_stiffness` must be 0."""
+    """Springs that stretch too far break, with the triangles beside them. `fabric.bending_stiffness` must be 0."""
 
     strain: float = key_field(
         0.5, "strain (length/rest − 1) above which springs break", min=0.01, max=100.0, slider=(0.05, 2.0)

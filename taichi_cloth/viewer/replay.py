@@ -185,7 +185,7 @@ class ReplaySession(Session):
             self.is_equal = hash_of(self.simulation) == self.recording.positions_sha256
             for grab in self.simulation.grab_handles:  # none of them belongs to a dragger, which could release it
                 grab.release()
-            self.note, self.hidden = f"{self.verdict}; R replays them again", False
+            self.note, self.hidden = f"{self.verdict}; R replays again", False
 
     def _apply(self, event: Event) -> None:
         match event.name:

@@ -405,7 +405,7 @@ def test_a_reset_replays_again(recorder: Recorder) -> None:
             assert session.simulation.solver.name == SMALL.solver.name
         session.advance(4)
         assert session.is_equal
-        assert session.note == "4 frames replayed: final positions are bit-identical; R replays them again"
+        assert session.note == "4 frames replayed: final positions are bit-identical; R replays again"
 
 
 def test_a_replay_keeps_no_diverged_state_to_go_back_to(recorder: Recorder) -> None:

@@ -814,13 +814,13 @@ def test_an_ejection_in_the_frame_after_a_ball_is_toggled_is_bounded(times: floa
         trial.open(sheet(CELLS, pins=("top",)))
         trial.start(shake=0.0)
         changes.without_an_ejection(trial, lambda: None)
-        assert trial.broken == (["way in the frame after, of what an ejection may add"] if broken else [])
+        assert trial.broken == (["displacement in the next frame, of its bound"] if broken else [])
     finally:
         close()
 
 
 def test_the_frame_after_each_toggle_of_a_ball_is_looked_at() -> None:
-    what = "way in the frame after, of what an ejection may add"
+    what = "displacement in the next frame, of its bound"
     one = walk(VARIANTS[31, "ball toggled"])
     assert [figure.bound for figure in one.figures if figure.what == what] == [1]
     assert one.frames == 60 * (1 + 3 + 5)

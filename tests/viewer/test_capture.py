@@ -330,7 +330,7 @@ def test_during_replay_only_the_view_can_be_changed(replay: ReplaySession) -> No
     replay.advance(60)
     assert (replay.is_over, replay.frozen, replay.is_equal) == (True, True, True)
     assert replay.verdict == "12 frames replayed: final positions are bit-identical"
-    assert replay.note == f"{replay.verdict}; R replays them again"
+    assert replay.note == f"{replay.verdict}; R replays again"
 
 
 def test_after_the_replay_the_user_controls_the_session(replay: ReplaySession) -> None:

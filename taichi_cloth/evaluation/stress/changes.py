@@ -229,7 +229,7 @@ def without_an_ejection(trial: Trial, change: Callable[[], object]) -> None:
     trial.one_frame()
     speed = fastest + EJECTED + abs(float(trial.simulation.params["gravity"])) * FRAME_SECONDS  # [m/s]
     moved = float(np.linalg.norm(trial.simulation.positions() - x, axis=1).max())
-    trial.record("way in the frame after, of what an ejection may add", moved / (speed * FRAME_SECONDS), 1)
+    trial.record("displacement in the next frame, of its bound", moved / (speed * FRAME_SECONDS), 1)
 
 
 def end(trial: Trial) -> None:
