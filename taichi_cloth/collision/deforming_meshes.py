@@ -26,8 +26,9 @@ from ..scene.collider_schema import Mesh
 from ..state.field_pool import upload_all
 from ..state.surface_data import CANDIDATES, DeformingSurfaces
 from ..system.taichi_runtime import on_cpu
-from .colliders import PosedCollider, pose_colliders, teleports
+from .colliders import SURFACE_TOLERANCE, PosedCollider, pose_colliders, teleports
 from .packed_boxes import are_apart, box_around, pack_box, refit_inner_nodes
+from .static_friction import add_friction
 
 MIN_SLACK = 0.004  # [m] that a particle may deviate from its expected motion in a frame
 SLACK = 0.25  # of its motion in the frame
@@ -329,6 +330,12 @@ def project_surface_contacts(cloth: ti.template(), features: ti.template(), ctx:
             if ti.static(ctx.update_velocity):
                 surface = packet(cloth, contacts.motion, i) * fraction
                 slide = x + push - cloth.x_prev[i] - surface
-                move += friction_correction(push, slide, component(level, 2))
+                if ti.static(features.friction_sums):
+                    gap = dot(normal, x + push) - height
+                    touching = ti.select(gap < SURFACE_TOLERANCE, 1.0, 0.0)
+                    push_sums, sums = ti.static(cloth.friction_sums.push, cloth.friction_sums.friction)
+                    move += add_friction(push_sums, sums, i, push, normal, slide, component(level, 2), touching)
+                else:
+                    move += friction_correction(push, slide, component(level, 2))
             free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
             project_position(cloth, features, ctx, i, scale(move, free))

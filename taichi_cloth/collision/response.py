@@ -36,12 +36,11 @@ from ..kernels.step_params import (
 )
 from ..kernels.vec import broadcast, cross, dot, length, scale, select
 from ..scene.collider_schema import PROJECTION, REFLECTION, REPULSION, Collider, Ground
-from .colliders import Floats, pose_colliders, signed_distance, table_range, teleports
+from .colliders import SURFACE_TOLERANCE, Floats, pose_colliders, signed_distance, table_range, teleports
 from .shapes import SHAPES
 from .shapes.shape import to_local, to_world
+from .static_friction import add_friction
 from .triangle_collision import project_triangles
-
-SURFACE_TOLERANCE = 1e-4  # [m] a continuous test stops this far within the margin: a particle at rest starts outside
 
 
 @ti.func
@@ -126,7 +125,16 @@ def project(cloth: ti.template(), features: ti.template(), ctx: ti.template(), s
         move = push
         if ti.static(ctx.update_velocity) and friction > 0.0:
             surface = broadcast(travel * fraction, x) + cross(broadcast(rotation * fraction, x), offset + push)
-            move += friction_correction(push, x + push - cloth.x_prev[i] - surface, friction)
+            slide = x + push - cloth.x_prev[i] - surface
+            if ti.static(features.friction_sums):
+                # Springs may have lifted it a little since the last iteration.
+                near = shape.push_out(features, axes, size, margin + SURFACE_TOLERANCE, offset + push)
+                normal = scale(near, 1.0 / ti.max(length(near), TINY))
+                touching = ti.select(length(near) > 0.0, 1.0, 0.0)
+                push_sums, sums = ti.static(cloth.friction_sums.push, cloth.friction_sums.friction)
+                move += add_friction(push_sums, sums, i, push, normal, slide, friction, touching)
+            else:
+                move += friction_correction(push, slide, friction)
             if ti.static(features.continuous):  # friction of a long push may lead into the collider
                 move += shape.push_out(features, axes, size, margin, offset + move)
         free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)

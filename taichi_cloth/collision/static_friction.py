@@ -1,9 +1,14 @@
-"""Static friction between particles by friction anchors.
+"""Friction that takes more into account than one correction: the sums over a substep, and friction anchors.
 
-Each pair in contact has an anchor: the gap between its particles when contact began. Friction acts on the slide since
-then, not only on that of the last substep, and so pulls the pair back to its anchor. Without anchors piles creep: a
-Jacobi iteration applies only a part of each correction, so a loaded contact slides a little in every substep, and
-friction on the slide of one substep never takes that back.
+Sums, for solvers with colliders in each iteration. The first iteration takes a particle's whole weight. Were friction
+bounded by the normal correction of its own iteration, what springs pull afterwards would slip: cloth that lies on a
+ball would creep off it. It is bounded by the sum of the normal corrections instead (Catto 2005, *Iterative dynamics
+with temporal coherence*).
+
+Friction anchors, for static friction between particles. Each pair in contact has an anchor: the gap between its
+particles when contact began. Friction acts on the slide since then, not only on that of the last substep, and so pulls
+the pair back to its anchor. Without anchors piles creep: a Jacobi iteration applies only a part of each correction, so
+a loaded contact slides a little in every substep, and friction on the slide of one substep never takes that back.
 
 This is the tangential spring of contact in granular media (Cundall and Strack 1979, *A discrete numerical model for
 granular assemblies*), without a spring constant, because position-based friction corrects the slide itself. The
@@ -19,8 +24,50 @@ import taichi.math as tm
 
 from ..kernels.constraint_math import TINY
 from ..kernels.step_params import SELF_FRICTION
+from ..kernels.vec import dot, length, scale
+from ..state.contact_data import TRIANGLE_COLORS
 
 NEVER = -2  # neither this substep nor the one before
+
+
+@ti.func
+def clear_friction_sums(cloth: ti.template(), features: ti.template()):
+    """Begin the sums of a substep."""
+    if ti.static(features.friction_sums):
+        for i in range(cloth.packet_count[None]):
+            cloth.friction_sums.push[i] = cloth.x[i] * 0.0
+            cloth.friction_sums.friction[i] = cloth.x[i] * 0.0
+        if ti.static(features.triangles):
+            for t in range(cloth.colored_triangles.first[ti.static(TRIANGLE_COLORS)]):
+                cloth.friction_sums.triangle_push[t] = tm.vec3(0.0)
+                cloth.friction_sums.triangle_friction[t] = tm.vec3(0.0)
+
+
+@ti.func
+def bounded_friction(push_sum, friction_sum, normal, slide, friction: float):
+    """Return the friction correction that stops a slide, as far as the sums so far allow.
+
+    `push_sum`: of all normal corrections, with that of this iteration; `friction_sum`: of all friction corrections
+    before this one [m]. `slide`: the motion relative to the surface in this substep [m].
+    """
+    tangent = slide - scale(normal, dot(normal, slide))
+    wanted = friction_sum - tangent
+    limit = ti.max(friction * length(push_sum), length(friction_sum))  # friction with another collider stays
+    return scale(wanted, ti.min(1.0, limit / ti.max(length(wanted), TINY))) - friction_sum
+
+
+@ti.func
+def add_friction(
+    push_sums: ti.template(), friction_sums: ti.template(), i: int, push, normal, slide, friction: float, touching
+):
+    """Add this iteration's corrections to the sums of particle or triangle i. Return its friction correction [m].
+
+    `touching`: 1 where it still touches the collider, else 0.
+    """
+    push_sum, friction_sum = push_sums[i] + push, friction_sums[i]
+    correction = scale(bounded_friction(push_sum, friction_sum, normal, slide, friction), touching)
+    push_sums[i], friction_sums[i] = push_sum, friction_sum + correction
+    return correction
 
 
 @ti.func

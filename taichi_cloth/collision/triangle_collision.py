@@ -20,11 +20,13 @@ from ..kernels.step_params import (
     COLLIDER_START,
     COLLIDER_TRIANGLES,
 )
+from ..kernels.vec import neg
 from ..scene.collider_schema import PROJECTION
 from ..state.contact_data import TRIANGLE_COLORS
-from .colliders import table_range
+from .colliders import SURFACE_TOLERANCE, table_range
 from .shapes import SHAPES
 from .shapes.shape import axis, to_local, to_world
+from .static_friction import add_friction
 
 CORE = 0.25  # of the contact distance: a triangle that comes this close to the core is about to pass through it
 TRACE_STEPS = 24  # of a continuous test
@@ -134,12 +136,25 @@ def project_out_of_collider(
                     level = normal_then.dot(weights_then.x * a + weights_then.y * b + weights_then.z * c)
                     if passed and level < core:
                         weights, normal, depth = weights_then, normal_then, contact_distance - level
-            if depth > 0.0:
+            touching = depth > 0.0
+            if ti.static(features.friction_sums):  # springs may have lifted it since the last iteration
+                pushed = cloth.friction_sums.triangle_push[t].norm() > 0.0
+                touching = touching or (depth > neg(SURFACE_TOLERANCE) and pushed)
+            if touching:
+                push = normal * ti.max(depth, 0.0)
                 w = tm.vec3(cloth.inverse_mass[i], cloth.inverse_mass[j], cloth.inverse_mass[m])
-                move = normal * depth
+                move = push
                 if ti.static(ctx.update_velocity) and friction > 0.0:
                     slid = weights.x * path_a + weights.y * path_b + weights.z * path_c
-                    move += friction_correction(normal * depth, slid + normal * depth, friction)
+                    slide = slid + push
+                    if ti.static(features.friction_sums):
+                        push_sums = ti.static(cloth.friction_sums.triangle_push)
+                        sums = ti.static(cloth.friction_sums.triangle_friction)
+                        push, normal, slide = to_world(axes, push), to_world(axes, normal), to_world(axes, slide)
+                        correction = add_friction(push_sums, sums, t, push, normal, slide, friction, 1.0)
+                        move += to_local(axes, correction)
+                    else:
+                        move += friction_correction(push, slide, friction)
                 impulse = to_world(axes, move) / ti.max((weights * weights * w).sum(), TINY)
                 project_position(cloth, features, ctx, i, impulse * (weights.x * w.x))
                 project_position(cloth, features, ctx, j, impulse * (weights.y * w.y))

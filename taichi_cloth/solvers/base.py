@@ -18,14 +18,20 @@ from ..kernels.forces import clear_forces
 from ..kernels.layout import pack, unpack
 from ..kernels.step_params import StepContext, collider_array, param_array
 from ..kernels.tensor_fields import simd_available
-from ..scene.collider_schema import RESPONSES
+from ..scene.collider_schema import PROJECTION, RESPONSES
 from ..scene.schema import FRAME_SECONDS
 from ..scene.solver_catalog import SolverInfo, needs_a_grid
 from ..state import ClothState
 from ..state import field_pool as fields
 from ..state.cloth_state import Layout
 from ..state.constraint_data import attach_bending_links, attach_max_distances, attach_tethers
-from ..state.contact_data import SdfGrids, attach_colored_triangles, attach_friction_anchors, attach_self_contact
+from ..state.contact_data import (
+    SdfGrids,
+    attach_colored_triangles,
+    attach_friction_anchors,
+    attach_friction_sums,
+    attach_self_contact,
+)
 from ..state.layouts import acquire_parallel, acquire_simd, release_simd
 from ..state.pair_data import attach_pair_data
 from ..state.surface_data import DeformingSurfaces, attach_surface_contacts
@@ -66,6 +72,8 @@ class Features:
     penetration_free: bool = False
     untangle: bool = False
     static_friction: bool = False
+    friction_sums: bool = False
+    """Friction with colliders is bounded by the sum over the iterations of a substep."""
     bending: bool = False
     stores_velocity: bool = False
     """The solver stores velocities, instead of x − x_prev."""
@@ -197,6 +205,8 @@ class Solver:
     """An iteration moves particles spring by spring."""
     needs_previous_positions: ClassVar[bool] = True
     """Springs need positions at the start of the substep."""
+    iterates_contact: ClassVar[bool] = False
+    """Colliders are part of each iteration."""
     final_half_step: ClassVar[bool] = False
     """A frame ends with one more `predict`."""
 
@@ -218,6 +228,7 @@ class Solver:
             features,
             stores_velocity=self.stores_velocity,
             needs_previous_positions=self.needs_previous_positions or bool(projected),
+            friction_sums=self.iterates_contact and (any(features.colliders[PROJECTION]) or features.has_surfaces),
             bending=len(topology.bending_links.ends) > 0,
         )
         colored = self.needs_coloring or features.strain_limit > 0
@@ -253,6 +264,8 @@ class Solver:
             attach_surface_contacts(self.layout, topology)
         if self.features.static_friction:
             attach_friction_anchors(self.layout)
+        if self.features.friction_sums:
+            attach_friction_sums(self.layout)
 
     def rebuild_topology(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
         """Continue with other springs and triangles, not more than at first, between the same particles.

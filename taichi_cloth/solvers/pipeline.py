@@ -22,7 +22,7 @@ from ..collision.deforming_meshes import find_surface_contacts, project_surface_
 from ..collision.layer_contact import ROUNDS, find_layer_contacts, resolve_layer_contacts
 from ..collision.response import add_repulsion, resolve_contacts, stop_in_contact
 from ..collision.self_collision import resolve_self_contacts
-from ..collision.static_friction import clear_anchors_each_frame
+from ..collision.static_friction import clear_anchors_each_frame, clear_friction_sums
 from ..collision.truncation import truncate_motion
 from ..collision.untangling import find_intersections
 from ..kernels.distance_limits import limit_strain, project_max_distances, project_tethers
@@ -35,6 +35,7 @@ def begin_substep(cloth: ti.template(), features: ti.template(), ctx: ti.templat
     find_surface_contacts(cloth, features, ctx)
     find_intersections(cloth, features, ctx)
     clear_anchors_each_frame(cloth, features, ctx)
+    clear_friction_sums(cloth, features)
 
 
 @ti.func

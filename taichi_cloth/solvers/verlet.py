@@ -71,6 +71,7 @@ class Verlet(Solver):
     predict = staticmethod(predict)
     iterate = staticmethod(iterate)
     finalize = staticmethod(finalize)
+    iterates_contact = True
     stores_velocity = False
 
     def velocities(self, h: float) -> NDArray[np.float64]:

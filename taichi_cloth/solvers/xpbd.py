@@ -68,3 +68,4 @@ class Xpbd(Solver):
     predict = staticmethod(predict)
     iterate = staticmethod(iterate)
     finalize = staticmethod(finalize)
+    iterates_contact = True

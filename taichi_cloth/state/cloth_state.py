@@ -23,7 +23,7 @@ from .constraint_data import (
     Tethers,
     allocate_grabbed,
 )
-from .contact_data import ColoredTriangles, FrictionAnchors, SelfContactData
+from .contact_data import ColoredTriangles, FrictionAnchors, FrictionSums, SelfContactData
 from .field_pool import Pool, capacity
 from .pair_data import PairData
 from .solver_data import LineList, LinePackets, StageStart, StageSums, StateSnapshot
@@ -69,6 +69,7 @@ class Layout:
     cg: CGState | None = None
     self_contact: SelfContactData | None = None
     friction_anchors: FrictionAnchors | None = None
+    friction_sums: FrictionSums | None = None
     pair_data: PairData | None = None
     surface_contacts: SurfaceContacts | None = None
     colored_triangles: ColoredTriangles | None = None

@@ -12,7 +12,7 @@ import taichi as ti
 from ..geometry.signed_distance import DistanceGrid
 from ..geometry.topology import NO_GRID, Topology
 from . import field_pool as fields
-from .field_pool import Pool, build, capacity, layout_index, layout_size
+from .field_pool import Pool, build, capacity, layout_index, layout_size, vector_field_like
 
 if TYPE_CHECKING:
     from .cloth_state import ClothState, Layout
@@ -190,6 +190,35 @@ def _allocate_anchors(count: int) -> FrictionAnchors:
         normal_correction=fields.scalar_field(count),
         last_contact=fields.scalar_field(count, dtype=ti.i32),
     )
+
+
+@dataclass(eq=False)
+class FrictionSums:
+    """Corrections by contact with colliders, summed over the iterations of a substep."""
+
+    push: ti.MatrixField
+    """Normal corrections of every particle [m]."""
+    friction: ti.MatrixField
+    """Friction corrections of every particle [m]."""
+    triangle_push: ti.MatrixField
+    """Normal corrections at the contact point of every colored triangle [m]."""
+    triangle_friction: ti.MatrixField
+    """Friction corrections there [m]."""
+
+
+def attach_friction_sums(layout: Layout) -> None:
+    """Allocate `layout.friction_sums`."""
+    if layout.friction_sums is None:
+        triangles = layout.triangles.shape[0] if hasattr(layout, "triangles") else 1  # grids in SIMD have none
+        layout.friction_sums = build(
+            layout,
+            lambda: FrictionSums(
+                vector_field_like(layout),
+                vector_field_like(layout),
+                fields.vector_field(triangles),
+                fields.vector_field(triangles),
+            ),
+        )
 
 
 TRIANGLE_COLORS = 8  # of a grid: cells of even and odd row and column, two triangles in each

@@ -96,6 +96,20 @@ def test_a_moving_floor_drags_a_sheet_by_coulombs_law(
         assert distances(simulation) == pytest.approx(MARGIN, abs=1e-4)
 
 
+def test_cloth_on_a_body_does_not_creep(make_mesh: MakeMesh) -> None:
+    """Friction is bounded by the normal corrections of all iterations (`static_friction.py`)."""
+    shape = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
+    mesh = make_mesh(shape, np.array([shape.vertices] * 2), center=(0.0, -0.35, 0.0), margin=0.02, friction=1.5)
+    cloth = Cloth(17, 17, 1.0, 1.0, center=(0.0, 0.0, 0.0), rotation=(-90.0, 0.0, 0.0), pins=())
+    scene = Scene(cloth=cloth, solver=Solver("xpbd", substeps=60, iterations=4, damping=5.0), meshes=(mesh,))
+    with Simulation(scene) as simulation:
+        simulation.step(240)
+        before, touching = simulation.positions(), distances(simulation) < 0.021
+        simulation.step(60)
+        assert touching.sum() > 20
+        assert np.linalg.norm(simulation.positions() - before, axis=1)[touching].max() < 1e-4
+
+
 def test_particles_near_any_feature_get_out_to_the_margin_or_stay(make_mesh: MakeMesh) -> None:
     """Particles without springs, at rest around a body with bumps, inside and outside, near faces and edges."""
     random = np.random.default_rng(3)

@@ -1,4 +1,4 @@
-"""Static friction: a column that leans within the friction cone stands still, one that leans farther slides."""
+"""Static friction: cloth that lies on a ball does not creep, nor does a column that leans within the friction cone."""
 
 from dataclasses import replace
 
@@ -8,10 +8,11 @@ import taichi as ti
 import taichi.math as tm
 from numpy.typing import NDArray
 
-from taichi_cloth.collision.static_friction import NEVER, slide_since_anchor
+from taichi_cloth.collision.static_friction import NEVER, bounded_friction, slide_since_anchor
 from taichi_cloth.geometry.scene_loader import check_scene
 from taichi_cloth.kernels import step_params as c
 from taichi_cloth.kernels.step_params import StepContext, param_array
+from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.state.contact_data import FrictionAnchors
@@ -121,3 +122,49 @@ def test_static_friction_requires_particle_contact() -> None:
     scene = replace(LOOSE, self_collision=SelfCollision(0.1, primitives="triangles", static_friction=True))
     with pytest.raises(SceneError, match=r"self_collision\.static_friction: requires primitives"):
         check_scene(scene)
+
+
+@ti.kernel
+def bounded(push_sum: tm.vec3, friction_sum: tm.vec3, slide: tm.vec3, friction: float) -> tm.vec3:
+    return bounded_friction(push_sum, friction_sum, tm.vec3(0.0, 1.0, 0.0), slide, friction)
+
+
+@pytest.mark.parametrize(
+    ("friction", "before", "slide", "expected"),
+    [
+        (0.5, 0.0, 0.02, -0.02),  # within 0.5 · 0.1: it stops
+        (0.5, 0.0, 0.08, -0.05),  # beyond: it slides on
+        (0.5, -0.04, 0.02, -0.01),  # 0.04 of 0.05 are used up
+        (0.5, -0.04, -0.03, 0.03),  # springs pulled it back: friction gives way
+        (0.5, -0.04, -0.10, 0.09),  # and turns around
+        (0.1, -0.04, 0.02, 0.0),  # a smoother collider does not take back the friction of another
+    ],
+)
+def test_friction_is_bounded_by_the_sum_of_a_substep(
+    friction: float, before: float, slide: float, expected: float
+) -> None:
+    found = bounded(tm.vec3(0.0, 0.1, 0.0), tm.vec3(before, 0.0, 0.0), tm.vec3(slide, 0.3, 0.0), friction)
+    assert list(found) == pytest.approx([expected, 0.0, 0.0], abs=1e-7)
+
+
+ON_A_BALL = Scene(
+    cloth=Cloth(17, 17, 1.0, 1.0, center=(0.0, 0.0, 0.0), rotation=(-90.0, 0.0, 0.0), pins=()),
+    solver=Solver("xpbd", substeps=60, iterations=4, damping=5.0),
+    spheres=(Sphere(center=(0.0, -0.35, 0.0), radius=0.3, margin=0.02, friction=1.5),),
+)
+
+
+@pytest.mark.parametrize(
+    ("collide_with", "layout"),
+    [("particles", "simd"), ("particles", "serial"), ("particles", "parallel"), ("triangles", "serial")],
+)
+def test_cloth_on_a_ball_does_not_creep(collide_with: str, layout: str) -> None:
+    """Its weight is felt in the first iteration, and springs pull it tight in all."""
+    ball = replace(ON_A_BALL.spheres[0], collide_with=collide_with)
+    with Simulation(replace(ON_A_BALL, spheres=(ball,)), layout) as simulation:
+        simulation.step(240)
+        before = simulation.positions()
+        simulation.step(60)
+        touching = np.linalg.norm(before - ball.center, axis=1) < 0.33
+        assert touching.sum() > 20
+        assert np.linalg.norm(simulation.positions() - before, axis=1)[touching].max() < 1e-4

@@ -14,7 +14,6 @@ from ...scene.collider_schema import Capsule, Ground, Plane, Sphere
 from ...scene.schema import Forces, Scene
 from ...simulation.simulation import Simulation
 from .check import (
-    REST_DAMPING,
     Check,
     Timed,
     advance,
@@ -33,7 +32,8 @@ SPEED = 1.0  # [m/s]
 STOPPING = (0.05, 0.01)  # A7: 5 %, 1 %
 CREEP = (1e-3, 1e-5)  # [m] A7: 1 mm, 0.01 mm
 KINETIC = (1e-6, 1e-10)  # [J/kg] A7
-STILL = (2e-5, 2e-7)  # [m] in a frame, at those kinetic energies
+STILL = (2e-5, 2e-7)  # [m] in a frame, of a particle with those kinetic energies
+SWING_DAMPING = 5.0  # [1/s] with it an exact swing of 1 m/s moves less than 1 µm in a frame 4 s later: exp(−½·5·4)
 DEPTH = (1e-4, 1e-9)  # [m] in a ground without margin
 SCARF = (0.1, 0.03)  # A7: 10 %, 3 %
 SLIDING = (0.2, 0.4, 0.57)  # friction coefficients on a slope of 30°
@@ -71,7 +71,7 @@ def stopping(solver: str) -> Iterator[Check]:
 def resting(solver: str) -> Iterator[Check]:
     """Measure sheets 5 s after a drop of 5 cm on the ground, and on a ball.
 
-    They must be at rest, on the collider and not in it.
+    They must be at rest, on the collider and not in it. With less damping, free corners would still swing.
     """
     scene = replace(base(solver, rotation=LEVEL, center=(0.0, 0.05, 0.0)), ground=Ground(height=0.0, margin=0.0))
     with Timed(scene) as simulation:
@@ -81,9 +81,11 @@ def resting(solver: str) -> Iterator[Check]:
         drift = float(np.linalg.norm(center(simulation)[[0, 2]]))
         yield at_most("creep over the ground [m]", drift, *CREEP)
     ball = Sphere(center=(0.0, -0.35, 0.0), radius=0.3, margin=SPHERE_MARGIN, friction=0.5)
-    with Timed(damped(replace(base(solver, 17, 17, rotation=LEVEL), spheres=(ball,)))) as simulation:
+    scene = replace(base(solver, 17, 17, rotation=LEVEL), spheres=(ball,))
+    scene = replace(scene, solver=replace(scene.solver, damping=SWING_DAMPING))
+    with Timed(scene) as simulation:
         advance(simulation, 5.0)
-        yield from still(simulation, f"a ball, damping {REST_DAMPING:g}/s")
+        yield from still(simulation, f"a ball, damping {SWING_DAMPING:g}/s")
         [posed] = simulation.colliders()
         share = depth_in_margin(posed, simulation.positions()[~simulation.topology.pinned])
         yield at_most("depth in a ball, of the thickness", share, *THICKNESS)
@@ -99,11 +101,11 @@ def depth_in_margin(posed: PosedCollider, points: Floats) -> float:
 
 
 def still(simulation: Simulation, on: str) -> Iterator[Check]:
-    """Measure the fastest particle of a sheet at rest."""
+    """Measure the kinetic energy of a sheet at rest, and the motion of its fastest particle."""
     before = simulation.positions()
     simulation.step()
-    energy = 0.5 * float((simulation.velocities() ** 2).sum(axis=1).max())
-    yield at_most(f"kinetic energy of the fastest particle after 5 s on {on} [J/kg]", energy, *KINETIC)
+    energy = 0.5 * float(np.average((simulation.velocities() ** 2).sum(axis=1), weights=simulation.topology.mass))
+    yield at_most(f"kinetic energy per mass after 5 s on {on} [J/kg]", energy, *KINETIC)
     distance = float(np.linalg.norm(simulation.positions() - before, axis=1).max())
     yield at_most(f"way of the fastest particle in the next frame on {on} [m]", distance, *STILL)
 
