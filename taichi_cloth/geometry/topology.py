@@ -17,7 +17,7 @@ from ..scene.schema import Cloth
 from . import grid
 from .bending import BendingLinks, grid_bending_links
 
-ORIGINS = 8.0  # [m] spacing of the local origins
+ORIGINS = 0.5  # [m] spacing of the local origins
 STIFFNESS_KEYS = ("weft", "warp", "shear", "bend_spring")  # [N/m] in section `fabric`; a spring has a factor of each
 NO_GRID = (0, 0)  # `Topology.shape` of a mesh file
 
@@ -230,7 +230,8 @@ def _stiffness_factors(batches: list[ColorBatch], aspect: float) -> NDArray[np.f
 def local_origin(center: tuple[float, float, float]) -> NDArray[np.float64]:
     """Return the nearest of the local origins, which are `ORIGINS` apart [m], (3,).
 
-    It is the world origin for every cloth near it.
+    Positions near a local origin are small, and float32 rounds them finely. It is a point of a lattice and not the
+    center itself: colliders at such points, such as a ground at height 0, are then at exact distances from it.
     """
     return ORIGINS * np.round(np.asarray(center) / ORIGINS)
 

@@ -34,7 +34,7 @@ EQUAL = (1e-5, 1e-6)  # A8: 1e-5·L
 ON_A_BALL = (1e-3, 1e-6)  # A8: 1e-3·L, 1e-6·L at 2 s
 BALL_SECONDS = 2.0
 SHIFTED = (1e-4, 1e-4)  # A8: unchanged to 1e-4·L; no wider bound is defined to pass
-SHIFTS = (10.0, 100.0, 1000.0)  # [m]
+SHIFTS = (10.0, 100.0, 777.7, 1000.0)  # [m] A8, and one that is no multiple of the distance of local origins
 ORDER_SUBSTEPS = {"explicit": (4, 8, 16, 32), "lines": (1, 2, 4, 8), "rk4": (1, 2, 4, 8), "implicit": (1, 2, 4, 8)}
 SLOPE = (0.15, 0.05)  # A8: ±0.15, here in each of three halvings
 ORDER_CURTAIN = Curtain(cells=8, stiffness=6.0, degrees=60.0)  # soft: the largest steps are stable
