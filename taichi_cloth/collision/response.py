@@ -34,7 +34,7 @@ from ..kernels.step_params import (
     COLLIDER_START,
     COLLIDER_STIFFNESS,
 )
-from ..kernels.vec import broadcast, cross, dot, length, scale, select
+from ..kernels.vec import any_nonzero, broadcast, cross, dot, length, scale, select
 from ..scene.collider_schema import PROJECTION, REFLECTION, REPULSION, Collider, Ground
 from .colliders import SURFACE_TOLERANCE, Floats, pose_colliders, signed_distance, table_range, teleports
 from .shapes import SHAPES
@@ -111,34 +111,39 @@ def project(cloth: ti.template(), features: ti.template(), ctx: ti.template(), s
     for i in range(cloth.packet_count[None]):
         x = cloth.x[i]
         offset = x - broadcast(center, x)
-        push = shape.push_out(features, axes, size, margin, offset)
-        if ti.static(features.continuous):  # noqa: SIM102 (only this condition is known while compiling)
-            if table[row, COLLIDER_CONTINUOUS] > 0.0:
-                start = to_local(start_axes, cloth.x_prev[i] - broadcast(start_center, x))
-                path = to_local(axes, offset) - start
-                impact, normal = shape.time_of_impact(features, size, margin - SURFACE_TOLERANCE, start, path)
-                tangential = path - scale(normal, dot(normal, path))  # after the impact it slides on
-                stopped = to_world(axes, start + scale(path, impact) + scale(tangential, 1.0 - impact))
-                push = select(
-                    impact <= 1.0, stopped - offset + shape.push_out(features, axes, size, margin, stopped), push
-                )
-        move = push
-        if ti.static(ctx.update_velocity) and friction > 0.0:
-            surface = broadcast(travel * fraction, x) + cross(broadcast(rotation * fraction, x), offset + push)
-            slide = x + push - cloth.x_prev[i] - surface
-            if ti.static(features.friction_sums):
-                # Springs may have lifted it a little since the last iteration.
-                near = shape.push_out(features, axes, size, margin + SURFACE_TOLERANCE, offset + push)
-                normal = scale(near, 1.0 / ti.max(length(near), TINY))
-                touching = ti.select(length(near) > 0.0, 1.0, 0.0)
-                push_sums, sums = ti.static(cloth.friction_sums.push, cloth.friction_sums.friction)
-                move += add_friction(push_sums, sums, i, push, normal, slide, friction, touching)
-            else:
-                move += friction_correction(push, slide, friction)
-            if ti.static(features.continuous):  # friction of a long push may lead into the collider
-                move += shape.push_out(features, axes, size, margin, offset + move)
-        free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
-        project_position(cloth, features, ctx, i, scale(move, free))
+        near = shape.push_out(features, axes, size, margin + SURFACE_TOLERANCE, offset)
+        acts = any_nonzero(near)  # most particles are far away
+        if ti.static(features.continuous):
+            acts = 1
+        if acts == 1:
+            push = shape.push_out(features, axes, size, margin, offset)
+            if ti.static(features.continuous):  # noqa: SIM102 (only this condition is known while compiling)
+                if table[row, COLLIDER_CONTINUOUS] > 0.0:
+                    start = to_local(start_axes, cloth.x_prev[i] - broadcast(start_center, x))
+                    path = to_local(axes, offset) - start
+                    impact, normal = shape.time_of_impact(features, size, margin - SURFACE_TOLERANCE, start, path)
+                    tangential = path - scale(normal, dot(normal, path))  # after the impact it slides on
+                    stopped = to_world(axes, start + scale(path, impact) + scale(tangential, 1.0 - impact))
+                    push = select(
+                        impact <= 1.0, stopped - offset + shape.push_out(features, axes, size, margin, stopped), push
+                    )
+            move = push
+            if ti.static(ctx.update_velocity) and friction > 0.0:
+                surface = broadcast(travel * fraction, x) + cross(broadcast(rotation * fraction, x), offset + push)
+                slide = x + push - cloth.x_prev[i] - surface
+                if ti.static(features.friction_sums):
+                    # Springs may have lifted it a little since the last iteration.
+                    near = shape.push_out(features, axes, size, margin + SURFACE_TOLERANCE, offset + push)
+                    normal = scale(near, 1.0 / ti.max(length(near), TINY))
+                    touching = ti.select(length(near) > 0.0, 1.0, 0.0)
+                    push_sums, sums = ti.static(cloth.friction_sums.push, cloth.friction_sums.friction)
+                    move += add_friction(push_sums, sums, i, push, normal, slide, friction, touching)
+                else:
+                    move += friction_correction(push, slide, friction)
+                if ti.static(features.continuous):  # friction of a long push may lead into the collider
+                    move += shape.push_out(features, axes, size, margin, offset + move)
+            free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
+            project_position(cloth, features, ctx, i, scale(move, free))
 
 
 @ti.func

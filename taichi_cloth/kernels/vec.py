@@ -48,6 +48,15 @@ def max_lane(row):
 
 
 @ti.func
+def any_nonzero(vector) -> int:
+    """Return 1 if the vector, or one of eight, is not zero, else 0."""
+    if ti.static(is_scalar(vector)):
+        return ti.select(vector.norm_sqr() > 0.0, 1, 0)
+    else:
+        return ti.select(max_lane(dot(vector, vector)) > 0.0, 1, 0)
+
+
+@ti.func
 def component(vector, c: ti.template()):
     """Return component c."""
     if ti.static(is_scalar(vector)):
