@@ -132,14 +132,15 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
     chosen = good[0]
     same = chosen.solver, chosen.iterations, chosen.error
     measured_as = next(row.setting for row in near if (row.solver, row.iterations, row.error) == same)
+    elsewhere = "" if measured_as == chosen.setting else f", whose springs need {measured_as}"
     line = (
-        f"target {100 * target:g} %: {chosen.setting}, {100 * chosen.error:.2g} % in about {chosen.ms:.2g} ms a frame"
-        f" (error of {measured_as} on a swinging curtain of {near[0].cells} cells)"
+        f"{chosen.setting} is the fastest setting with an error of at most {100 * target:g} %, about {chosen.ms:.2g} ms a"
+        f" frame; its error is {100 * chosen.error:.2g} % on a swinging curtain of {near[0].cells} cells{elsewhere}"
     )
     faster = [row for row in rows if row.ms < chosen.ms]
     if faster:
         best_faster = min(faster, key=lambda row: row.error)
-        line += f"; best of the faster settings: {best_faster.setting}, {100 * best_faster.error:.2g} %"
+        line += f"; the most accurate faster setting is {best_faster.setting}, with {100 * best_faster.error:.2g} %"
     if ignored:
         line += "; verlet is left out: it does not use [fabric]"
     solver = replace(scene.solver, name=chosen.solver, substeps=chosen.substeps, iterations=chosen.iterations)
