@@ -134,8 +134,8 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
     measured_as = next(row.setting for row in near if (row.solver, row.iterations, row.error) == same)
     elsewhere = "" if measured_as == chosen.setting else f", whose springs need {measured_as}"
     line = (
-        f"{chosen.setting} is the fastest setting with an error of at most {100 * target:g} %, about {chosen.ms:.2g} ms a"
-        f" frame; its error is {100 * chosen.error:.2g} % on a swinging curtain of {near[0].cells} cells{elsewhere}"
+        f"{chosen.setting} is the fastest setting with an error of at most {100 * target:g} %, about {chosen.ms:.2g} ms"
+        f" a frame; its error is {100 * chosen.error:.2g} % on a swinging curtain of {near[0].cells} cells{elsewhere}"
     )
     faster = [row for row in rows if row.ms < chosen.ms]
     if faster:

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from ..collision.colliders import collider_table, is_deforming, max_penetration, pose_colliders
 from ..collision.deforming_meshes import begin_frame, greatest_depth, upload_frame
 from ..collision.truncation import start_from
+from ..collision.untangling import count_intersections
 from ..geometry.intersections import find_intersections
 from ..geometry.topology import Topology
 from ..scene.collider_schema import Mesh
 from ..solvers import Solver
+from ..state.contact_data import attach_self_contact
 from ..state.field_pool import layout_index, upload, upload_all
 from ..state.surface_data import DeformingSurfaces
 
@@ -72,6 +74,14 @@ def _move_surfaces(simulation: RunningCloth, start: float, end: float, margin_re
         is_parallel = simulation.solver.layout.is_parallel
         span, origin = (start, end), simulation.topology.origin
         upload_frame(surfaces, meshes, span, margin_reduction, origin, is_parallel=is_parallel)
+
+
+def intersection_count(simulation: RunningCloth) -> int:
+    """Return how many edges of the cloth pass through one of its triangles."""
+    if not simulation.has_self_contact:
+        attach_self_contact(simulation.cloth, simulation.topology)
+        simulation.has_self_contact = True
+    return int(count_intersections(simulation.cloth))
 
 
 def describe_intersections(topology: Topology, positions: Floats) -> str:

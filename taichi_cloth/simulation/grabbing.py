@@ -64,6 +64,14 @@ class Grab:
         return change / FRAME_SECONDS**2
 
 
+def free_number(grabs: Mapping[int, Grab]) -> int:
+    """Return the smallest number that no grab has. Raises ValueError if all are in use."""
+    for number in range(MAX_GRABS):
+        if number not in grabs:
+            return number
+    raise ValueError(f"all {MAX_GRABS} grabs are in use")
+
+
 def vertices_in_radius(flat: Floats, free: NDArray[np.bool_], index: int, radius: float) -> Ids:
     """Return a particle, followed by all that are `free` within `radius` [m] of it on the flat sheet (N, 3).
 

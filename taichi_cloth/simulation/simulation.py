@@ -14,17 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..collision.colliders import PosedCollider, colliders_of, pose_colliders
-from ..collision.untangling import count_intersections
 from ..geometry.scene_loader import check_scene
 from ..geometry.topology import ClothMetrics, energies, spring_strains
-from ..kernels.step_params import MAX_GRABS
 from ..scene import Scene
-from ..state.contact_data import attach_self_contact
 from ..system.errors import UsageError
 from .builder import feature_names
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
 from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, EventQueue, GrabHandle, check_event, pin_event, scene_event
-from .frame_contact import penetration
+from .frame_contact import intersection_count, penetration
+from .grabbing import free_number
 from .parameter_values import check_radius, check_vectors
 from .running_cloth import RunningCloth
 
@@ -141,10 +139,7 @@ class Simulation(RunningCloth):
         finite, and if all grabs are in use.
         """
         particle, radius = self.check_particle(particle), check_radius(radius)
-        free = set(range(MAX_GRABS)) - set(self.grabs)
-        if not free:
-            raise ValueError(f"all {MAX_GRABS} grabs are in use")
-        number = min(free)
+        number = free_number(self.grabs)
         self.apply(Event("grab", (particle, radius, number)))
         return GrabHandle(self, number)
 
@@ -250,7 +245,4 @@ class Simulation(RunningCloth):
 
     def intersections(self) -> int:
         """Return how many edges of the cloth pass through one of its triangles."""
-        if not self.has_self_contact:
-            attach_self_contact(self.cloth, self.topology)
-            self.has_self_contact = True
-        return int(count_intersections(self.cloth))
+        return intersection_count(self)
