@@ -103,7 +103,7 @@ def run_export(args: argparse.Namespace) -> int:
 
     arch = runtime.start(args.arch)
     with Simulation(scene, args.layout) as simulation:
-        prepare_output(output)
+        output.prepare()
         print(summary(simulation, arch), flush=True)
         with frames_progress(output.frames) as advance:
             export(simulation, output, advance)
@@ -123,14 +123,6 @@ def check_output(output: Output, *, force: bool) -> None:
     for path in output.single_files():
         if path.parent.exists():
             check_output_file(path, force=force)
-
-
-def prepare_output(output: Output) -> None:
-    """Make the output folder and remove the numbered files of an older clip. Raises OSError."""
-    folder = output.path if output.is_folder else output.path.parent
-    folder.mkdir(parents=True, exist_ok=True)
-    for path in output.existing_samples() if output.is_folder else []:
-        path.unlink()
 
 
 def describe(output: Output) -> str:

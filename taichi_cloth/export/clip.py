@@ -44,12 +44,12 @@ from .mesh_files import (
     write_obj,
     write_ply,
 )
-from .output import BY_SUFFIX, CLIP_ONLY_FORMATS, Output, check_format
+from .output import BY_SUFFIX, CLIP_ONLY_FORMATS, FOLDER_FORMATS, Output, check_format
 
 Add = Callable[[], None]  # adds a sample to a clip: the cloth and the colliders as they are now
 
 
-def export(simulation: BaseSimulation, output: Output, on_frame: Callable[[int], None]) -> None:
+def export(simulation: BaseSimulation, output: Output, on_frame: Callable[[int], object]) -> None:
     """Run the simulation for `output.frames` frames and write its output. The folder must exist.
 
     `on_frame(k)` is called after frame k. Raises Diverged if the cloth blows up, and OSError if a file cannot be
@@ -91,9 +91,26 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
     if not format or format in CLIP_ONLY_FORMATS:
         suffixes = [suffix for suffix, name in BY_SUFFIX.items() if name not in CLIP_ONLY_FORMATS]
         problem = f"{CLIP_ONLY_FORMATS[format]} a clip, not one frame" if format else f"unknown suffix {file.suffix!r}"
-        raise UsageError(f"{file}: {problem}; use {', '.join(suffixes)}")
+        more = "; export_clip writes clips" if format else ""
+        raise UsageError(f"{file}: {problem}; use {', '.join(suffixes)}{more}")
     check_format(format, up)
     write_frame(file, format, simulation, up)
+
+
+def export_clip(
+    simulation: Simulation, path: Path, frames: int, every: int, up: str, on_frame: Callable[[int], object] | None
+) -> None:
+    """Run a simulation and write a clip, as `Simulation.export_clip` does."""
+    check_simulation(simulation)
+    format = BY_SUFFIX.get(path.suffix.lower(), "" if path.suffix else "obj")
+    if not format or (format in FOLDER_FORMATS and path.suffix):
+        suffixes = [suffix for suffix, name in BY_SUFFIX.items() if name not in FOLDER_FORMATS]
+        problem = "a clip of such files is a folder" if format else f"unknown suffix {path.suffix!r}"
+        raise UsageError(f"{path}: {problem}; use {', '.join(suffixes)}, or no suffix for a folder of OBJ files")
+    check_format(format, up)
+    output = Output(path, format, frames, up, clip=True, every=every)
+    output.prepare()
+    export(simulation, output, on_frame or (lambda _: None))
 
 
 # What other modules of this package use. It is not documented, and the completion of names leaves it out.
@@ -125,7 +142,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     @property
     def warnings(self) -> str:
-        """One line if substeps or damping differ from the request, cloth is held still, or iterations are too few.
+        """One line if substeps, damping or bending differ from the request, cloth is held still, or iterations are few.
 
         Empty if none of these is true.
 
@@ -190,6 +207,27 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         never remains.
         """
         export_mesh(self, path, up)
+
+    def export_clip(
+        self,
+        path: str | PathLike[str],
+        frames: SupportsIndex,
+        *,
+        every: SupportsIndex = 1,
+        up: str = "y",
+        on_frame: Callable[[int], object] | None = None,
+    ) -> None:
+        """Run some frames, and write the cloth before every `every`-th of them to a clip, by the suffix of `path`.
+
+        .pc2 (with an OBJ file beside it), .usdc, .usda, .usd, .glb and .html are one file; a path without a suffix is a
+        folder of OBJ files. `up`: "y" or "z". `on_frame(k)` is called after frame k, 0 first, and may move grabs and
+        change parameters, but not the scene.
+
+        Existing files are replaced. Raises UsageError for another suffix or axis, ValueError for numbers that are not
+        integers from 1, Diverged if the cloth blows up, and OSError; a partial file never remains, and the finished
+        files of a folder do.
+        """
+        export_clip(self, Path(path), check_frames(frames, "frames", 1), check_frames(every, "every", 1), up, on_frame)
 
     def _repr_png_(self) -> bytes | None:
         """Return an image of the current frame as a PNG file; None for a closed simulation."""
@@ -269,11 +307,11 @@ def _poses(simulation: BaseSimulation) -> Floats:
     return np.array(poses).reshape(-1, 4, 4)
 
 
-def _frames(simulation: BaseSimulation, frames: range, on_frame: Callable[[int], None]) -> Iterator[int]:
+def _frames(simulation: BaseSimulation, frames: range, on_frame: Callable[[int], object]) -> Iterator[int]:
     """Yield the index of each frame before it is simulated. Raises Diverged."""
-    guard = DivergenceGuard(simulation)
     for k in frames:
         yield k
+        guard = DivergenceGuard(simulation)  # of every frame: `on_frame` may have changed the cloth
         simulation.step()
         if not guard.check_and_snapshot():
             raise Diverged(guard.roll_back())

@@ -71,6 +71,17 @@ class Output:
             raise OutputConflict(f"{self.path} is a file; a clip of {self.format.upper()} files needs a folder")
         return sorted(self.path.glob(f"frame_*.{self.format}"))
 
+    def prepare(self) -> None:
+        """Make the folder of the output, and remove the numbered files of an older clip.
+
+        Raises OutputConflict if the path of a folder is a file, and OSError.
+        """
+        folder = self.path if self.is_folder else self.path.parent
+        older = self.existing_samples() if self.is_folder else []
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in older:
+            path.unlink()
+
 
 def format_of(path: Path | None, name: str | None, *, clip: bool) -> str:
     """Return the export format from the suffix of `path` and the format `name`, either of which may be None.

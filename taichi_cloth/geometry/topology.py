@@ -7,7 +7,7 @@ from its positions and velocities, in float64.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,15 @@ class Topology:
     """Number of layers (`layers.py`). Particles are numbered layer by layer."""
     max_distance: NDArray[np.float64] | None = None
     """Max distance of every particle from its start [m], (N,); None if there is no limit."""
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: the fields of a simulation are copies, which writing here would not change."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                view = value.view()
+                view.flags.writeable = False
+                object.__setattr__(self, field.name, view)
 
     @property
     def direction(self) -> NDArray[np.int64]:

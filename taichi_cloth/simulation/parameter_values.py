@@ -52,10 +52,10 @@ def check_radius(radius: float) -> float:
     return float(number)
 
 
-def check_frames(frames: SupportsIndex) -> int:
-    """Return a number of frames. Raises ValueError unless it is an integer from 0."""
-    if isinstance(frames, (bool, np.bool_)) or not isinstance(frames, (int, np.integer)) or frames < 0:
-        raise ValueError(f"frames must be an integer from 0, not {short_repr(frames)}")
+def check_frames(frames: SupportsIndex, name: str = "frames", least: int = 0) -> int:
+    """Return a number of frames. Raises ValueError unless it is an integer from `least`."""
+    if isinstance(frames, (bool, np.bool_)) or not isinstance(frames, (int, np.integer)) or frames < least:
+        raise ValueError(f"{name} must be an integer from {least}, not {short_repr(frames)}")
     return int(frames)
 
 
@@ -189,7 +189,7 @@ def _no_section(section: str) -> str:
 
 
 class HasParameters:
-    """A simulation with runtime parameters. They are no attributes: assigning one by mistake is refused."""
+    """A simulation with runtime parameters. They are no attributes: assigning one is refused."""
 
     _params: Parameters
 
@@ -202,4 +202,6 @@ class HasParameters:
         """Set an attribute. Raises AttributeError for the name of a runtime parameter."""
         if name in self.__dict__.get("_params", ()):
             raise AttributeError(f"{name} is a runtime parameter: set params[{name!r}]")
+        if name in ("positions", "velocities"):
+            raise AttributeError(f"{name} is a method: set_state sets positions and velocities")
         super().__setattr__(name, value)

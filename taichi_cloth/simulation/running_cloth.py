@@ -47,9 +47,8 @@ class RunningCloth(HasParameters):
         self.original_scene = scene
         self._params = Parameters(on_set)
         self.grabs: dict[int, Grab] = {}
-        self._frame = 0
+        self._frame, self._is_within_frame = 0, False
         self.frames_stepped = 0  # since the simulation was opened; a reset does not change it
-        self._is_within_frame = False
         self._tear: TearState | None = None
         self._build(scene, None)
 
@@ -97,7 +96,8 @@ class RunningCloth(HasParameters):
         self.solver.set_velocities(np.where(self.topology.pinned[:, None], 0.0, v), self.h)
 
     def close(self) -> None:
-        """Release the fields for the next simulation. Closing twice does no harm."""
+        """Release the fields for the next simulation. Closing twice does no harm. Raises UsageError within a frame."""
+        self.check_between_frames()
         self._release()
         self._solver = None
 

@@ -31,8 +31,7 @@ Listener = Callable[[Event], object]
 
 def _set_param(simulation: weakref.ref[Simulation], name: str, value: float | bool) -> None:
     """Apply a change of `Simulation.params`, which must not keep the simulation alive."""
-    running = simulation()
-    if running is not None:
+    if (running := simulation()) is not None:
         running.apply(Event("set_param", (name, value)))
 
 
@@ -138,9 +137,8 @@ class Simulation(RunningCloth):
         Raises ValueError for an index that does not exist or is grabbed already, for a radius that is negative or not
         finite, and if all grabs are in use.
         """
-        particle, radius = self.check_particle(particle), check_radius(radius)
         number = free_number(self.grabs)
-        self.apply(Event("grab", (particle, radius, number)))
+        self.apply(Event("grab", (self.check_particle(particle), check_radius(radius), number)))
         return GrabHandle(self, number)
 
     @property
@@ -211,14 +209,17 @@ class Simulation(RunningCloth):
 
     @property
     def warnings(self) -> str:
-        """One line if the solver uses other substeps or damping than requested or holds the cloth still, else empty."""
+        """One line if substeps, damping or bending are not as requested or the cloth is held still, else empty."""
         lines = []
         requested, name = int(self.params["substeps"]), self.solver.name
         if requested < self.min_stable_substeps:
-            lines.append(f"{name} takes {self.min_stable_substeps} substeps, not {requested}: fewer are unstable")
+            why = "fewer are unstable" + ("" if self.params["stiffness"] == 1 else " at stiffness 1")
+            lines.append(f"{name} takes {self.min_stable_substeps} substeps, not {requested}: {why}")
         wanted, used = self.scene.fabric.damping_time, self.built.damping_time
         if used < wanted:
             lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
+        if self.scene.tearing is not None and self.scene.fabric.preset:
+            lines.append(f"tearing leaves out the bending stiffness of {self.scene.fabric.preset}")
         if self.is_held_still:
             lines.append("penetration-free contact holds the cloth still: more pairs are near than it can list")
         return "; ".join(lines)

@@ -150,7 +150,7 @@ def short_repr(value: object) -> str:
     if isinstance(value, (bool, datetime.date, datetime.time)):
         return str(value).lower()
     try:
-        return _clipped(repr(value), 60)
+        return _clipped(" ".join(repr(value).split()), 60)
     except (ValueError, RecursionError):  # thousands of digits or brackets
         return f"a value too long to show ({type(value).__name__})"
 

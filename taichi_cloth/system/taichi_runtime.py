@@ -170,7 +170,8 @@ def check_thread() -> None:
     check_not_forked()
     if _started is not None and _started[1] != threading.get_ident() and _started[0].runs():
         raise UsageError(
-            "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes"
+            "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes;"
+            " tc.init() starts it anew in this thread"
         )
 
 

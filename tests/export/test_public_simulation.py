@@ -53,7 +53,12 @@ def test_triangles_are_a_copy_in_the_order_of_the_particles() -> None:
     [
         ("c.xyz", "y", "c.xyz: unknown suffix '.xyz'; use .obj, .ply, .usdc, .usda, .usd, .glb"),
         ("c", "y", "c: unknown suffix ''; use .obj, .ply, .usdc, .usda, .usd, .glb"),
-        ("c.pc2", "y", "c.pc2: a PC2 file holds a clip, not one frame; use .obj, .ply, .usdc, .usda, .usd, .glb"),
+        (
+            "c.pc2",
+            "y",
+            "c.pc2: a PC2 file holds a clip, not one frame; use .obj, .ply, .usdc, .usda, .usd, .glb;"
+            " export_clip writes clips",
+        ),
         ("c.glb", "z", "the up axis z does not apply to glTF files, in which y is up"),
         ("c.obj", "x", "unknown up axis 'x': use y or z"),
     ],
@@ -68,6 +73,55 @@ def test_what_cannot_be_exported_is_refused_by_one_line(
         assert str(caught.value) == line
         with pytest.raises(OSError, match="gone"):
             simulation.export(tmp_path / "gone" / "c.obj")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_clip_has_what_a_program_does_with_the_cloth(tmp_path: Path) -> None:
+    with tc.Simulation(small()) as simulation:
+        grab = simulation.grab(29)
+        samples = [simulation.positions()]
+
+        def pull(k: int) -> None:
+            if k == 2:
+                simulation.pin(0)
+            grab.move_to(simulation.positions()[29] + [0.0, 0.01, 0.0])
+            if k % 2 == 1:
+                samples.append(simulation.positions())
+
+        simulation.export_clip(tmp_path / "new" / "c.pc2", 6, every=2, on_frame=pull)
+        assert simulation.frame == 6
+        cache = np.frombuffer((tmp_path / "new" / "c.pc2").read_bytes(), "<f4", offset=32).reshape(3, -1, 3)
+        assert cache == pytest.approx(np.array(samples[:3]), abs=1e-6)
+        assert rows_of(tmp_path / "new" / "c.obj", "v") == pytest.approx(samples[0], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["c.glb", "c.html", "c.usdc", "folder"])
+def test_a_clip_has_the_format_of_its_suffix(tmp_path: Path, name: str) -> None:
+    if name == "c.usdc":
+        pytest.importorskip("pxr")
+    with tc.Simulation(small()) as simulation:
+        for frames in (4, 2):  # the second replaces the first
+            simulation.export_clip(tmp_path / name, frames)
+    found = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file())
+    assert found == (["folder/frame_00000.obj", "folder/frame_00001.obj"] if name == "folder" else [name])
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "error", "line"),
+    [
+        ("c.obj", 2, tc.UsageError, "a clip of such files is a folder; use .pc2, .usdc"),
+        ("c.xyz", 2, tc.UsageError, "unknown suffix '.xyz'; use .pc2, .usdc"),
+        ("c.pc2", 0, ValueError, "frames must be an integer from 1, not 0"),
+        ("c.pc2", 1.5, ValueError, "frames must be an integer from 1, not 1.5"),
+    ],
+)
+def test_a_clip_that_cannot_be_written_is_refused_before_the_first_frame(
+    tmp_path: Path, name: str, frames: int, error: type[Exception], line: str
+) -> None:
+    with tc.Simulation(small()) as simulation:
+        with pytest.raises(error, match=line):
+            simulation.export_clip(tmp_path / name, frames)
+        assert simulation.frame == 0
     assert list(tmp_path.iterdir()) == []
 
 

@@ -104,6 +104,12 @@ def test_regions_pin_a_sheet_and_an_attachment(write: Write) -> None:
             "",
         ),
         (
+            "[[regions]]\nname = 'a'\nmin = [0, 2, 0]\nmax = [1, 1, 1]",
+            "regions[0].min",
+            "y must be at most 1, that of max, not 2",
+            "",
+        ),
+        (
             "[[boxes]]\nname = 'a'\n[[spheres]]\nname = 'a'\n[[spheres]]\n[[spheres]]",
             "boxes[0].name",
             "'a' is the name of another collider",

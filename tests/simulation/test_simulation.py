@@ -169,6 +169,25 @@ def test_scene_parameters_and_frame_cannot_be_assigned() -> None:
                 setattr(simulation, name, value)
 
 
+def test_methods_and_arrays_that_describe_the_cloth_cannot_be_written() -> None:
+    """The fields of the simulation would not change."""
+    with tc.Simulation(SMALL) as simulation:
+        for name in ("positions", "velocities"):
+            with pytest.raises(AttributeError, match=f"^{name} is a method: set_state sets positions and velocities$"):
+                setattr(simulation, name, np.zeros(3))
+        for name in ("mass", "rest", "pinned", "start"):
+            with pytest.raises(ValueError, match="read-only"):
+                getattr(simulation.topology, name)[:] = 1
+        assert simulation.positions().shape == simulation.topology.start.shape
+
+
+def test_warnings_name_what_a_fabric_loses_by_tearing() -> None:
+    with tc.Simulation(tc.load_scene("tear", rows=5, columns=5)) as simulation:
+        assert "bending" not in simulation.warnings
+        simulation.switch_fabric("cotton")
+        assert "tearing leaves out the bending stiffness of cotton" in simulation.warnings
+
+
 @pytest.mark.parametrize("name", ["gravity", "substeps", "wind_z"])
 def test_a_parameter_assigned_as_an_attribute_is_refused(name: str) -> None:
     with tc.Simulation(replace(SMALL, wind=Wind())) as simulation:
