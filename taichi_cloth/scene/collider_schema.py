@@ -92,13 +92,11 @@ class RoundCollider(Collider):
 
 @dataclass(frozen=True)
 class Sphere(RoundCollider):
-    """A sphere. Its default margin and friction differ from those of the other colliders."""
+    """A sphere."""
 
     radius: float = key_field(
         0.5, "radius, without the margin", "m", min=0.0, max=1000.0, exclusive_min=True, slider=(0.05, 1.5)
     )
-    margin: float = key_field(0.15, "distance from the surface at which contact begins", "m", min=0.0, max=10.0)
-    friction: float = key_field(0.0, "Coulomb friction coefficient", min=0.0, max=1e6)
 
 
 @dataclass(frozen=True)

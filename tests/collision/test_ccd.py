@@ -55,7 +55,7 @@ def impacts(kind: str, posed: PosedCollider, starts: np.ndarray, paths: np.ndarr
 
 
 COLLIDERS: dict[str, Collider] = {
-    "spheres": Sphere(center=ORIGIN, radius=0.3, margin=0.05),
+    "spheres": Sphere(center=ORIGIN, radius=0.3, margin=0.05, friction=0.0),
     "capsules": Capsule(center=ORIGIN, length=0.6, radius=0.2, margin=0.05),
     "boxes": Box(center=ORIGIN, size=(0.5, 0.7, 0.4), margin=0.0),
     "planes": Plane(margin=0.05),

@@ -66,7 +66,12 @@ def at(collider: Collider | Ground, seconds: float = 0.0) -> PosedCollider:
 
 def test_oscillation_keyframes_and_spin_at_some_times() -> None:
     oscillating = Sphere(
-        center=(1.0, 2.0, 3.0), oscillation=(0.5, 0.0, 0.0), period=(4.0, 1.0, 1.0), phase=(90.0, 0.0, 0.0)
+        center=(1.0, 2.0, 3.0),
+        oscillation=(0.5, 0.0, 0.0),
+        period=(4.0, 1.0, 1.0),
+        phase=(90.0, 0.0, 0.0),
+        margin=0.15,
+        friction=0.0,
     )
     assert pose(oscillating, 0.0)[0] == pytest.approx([1.5, 2, 3])
     assert pose(oscillating, 1.0)[0] == pytest.approx([1.0, 2, 3])
@@ -105,7 +110,7 @@ POINTS = np.array([[0.0, 3.0, 0.0], [0.0, 0.1, 0.0], [2.0, 0.0, 0.0]])
 @pytest.mark.parametrize(
     ("collider", "distances"),
     [
-        (Sphere(center=ORIGIN, radius=1.0), (2.0, -0.9, 1.0)),
+        (Sphere(center=ORIGIN, radius=1.0, margin=0.15, friction=0.0), (2.0, -0.9, 1.0)),
         (Capsule(center=ORIGIN, length=2.0, radius=0.5), (1.5, -0.5, 1.5)),
         (Capsule(center=ORIGIN, length=2.0, radius=0.5, rotation=(0.0, 0.0, 90.0)), (2.5, -0.4, 0.5)),
         (Box(center=ORIGIN, size=(1.0, 2.0, 4.0)), (2.0, -0.5, 1.5)),
@@ -131,9 +136,9 @@ def test_without_colliders_nothing_is_hit() -> None:
     ids=["through the center", "off center", "beside", "behind", "from inside"],
 )
 def test_a_ray_and_a_sphere(origin: tuple[float, float, float], hit: float) -> None:
-    assert ray_cast([at(Sphere(center=ORIGIN, radius=1.0))], np.array(origin, float), DOWN) == pytest.approx(
-        hit, abs=1e-4
-    )
+    assert ray_cast(
+        [at(Sphere(center=ORIGIN, radius=1.0, margin=0.15, friction=0.0))], np.array(origin, float), DOWN
+    ) == pytest.approx(hit, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +235,7 @@ ALONG = ((0.0, 0.0, 0.0, 0.0), (1.0, 0.6, 0.0, 0.0))  # [s, m]: 1 cm a frame
 LEVEL: dict[str, Collider] = {
     "planes": Plane(center=ORIGIN),
     "boxes": Box(center=(0.0, -0.5, 0.0), size=(2.0, 1.0, 2.0)),
-    "spheres": Sphere(center=(0.0, -5.0, 0.0), radius=5.0),
+    "spheres": Sphere(center=(0.0, -5.0, 0.0), radius=5.0, margin=0.15, friction=0.0),
     "capsules": Capsule(center=(0.0, -5.2, 0.0), length=0.4, radius=5.0),
     "meshes": Mesh(center=(0.0, -0.5, 0.0), file="cube.obj", resolution=24),
 }

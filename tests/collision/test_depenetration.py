@@ -20,7 +20,7 @@ JUMP = ((0.5, 0.0, 0.0, 0.0), (0.500001, 0.0, 0.0, 5.0))  # within a microsecond
 
 
 def test_keyframes_faster_than_sound_are_a_teleport() -> None:
-    sphere = Sphere(center=(0.0, 0.0, -5.0), keyframes=JUMP)
+    sphere = Sphere(center=(0.0, 0.0, -5.0), keyframes=JUMP, margin=0.15, friction=0.0)
     assert [teleports(sphere, k * FRAME, (k + 1) * FRAME) for k in (28, 29, 30, 31)] == [False, False, True, False]
     [row] = collider_table([sphere], 30 * FRAME, 31 * FRAME)
     assert row[c.COLLIDER_START : c.COLLIDER_START + 3] == pytest.approx([0, 0, 0])
@@ -30,7 +30,7 @@ def test_keyframes_faster_than_sound_are_a_teleport() -> None:
 
 
 def test_the_depth_of_a_collider_is_tracked_until_it_is_zero() -> None:
-    sphere = Sphere(center=(0.0, 0.0, 0.0), radius=1.0, margin=0.1)
+    sphere = Sphere(center=(0.0, 0.0, 0.0), radius=1.0, margin=0.1, friction=0.0)
     queried: list[float] = []
 
     def at(x: float) -> tuple[float, float]:
@@ -56,7 +56,7 @@ def test_the_depth_of_a_collider_is_tracked_until_it_is_zero() -> None:
 
 def test_the_table_has_the_margin_at_both_ends_of_the_frame() -> None:
     """The reduction applies to colliders only; attachments, in the rows after them, have no margin."""
-    spheres = [Sphere(margin=0.1), Sphere(margin=0.2)]
+    spheres = [Sphere(margin=0.1, friction=0.0), Sphere(margin=0.2, friction=0.0)]
     table = collider_table(spheres, 0.0, FRAME, (np.array([0.3, 0.0]), np.array([0.25, 0.0])))
     assert table[:, c.COLLIDER_MARGIN] == pytest.approx([-0.2, 0.2])
     assert table[:, c.COLLIDER_MARGIN_CHANGE] == pytest.approx([0.05, 0.0])
@@ -64,7 +64,7 @@ def test_the_table_has_the_margin_at_both_ends_of_the_frame() -> None:
 
 def inside(solver: str) -> Scene:
     """Return a sheet inside a sphere."""
-    sphere = Sphere(center=(0.0, 0.0, -0.02), radius=0.25, margin=0.01)
+    sphere = Sphere(center=(0.0, 0.0, -0.02), radius=0.25, margin=0.01, friction=0.0)
     cloth = Cloth(rows=9, columns=9, width=0.3, height=0.3, center=(0.0, 0.0, 0.0), pins=())
     choice = Solver(solver, *SOLVER_CATALOG[solver].defaults, damping=2.0)
     return Scene(cloth=cloth, spheres=(sphere,), forces=Forces(gravity=0.0), solver=choice)
@@ -125,8 +125,8 @@ def test_a_sphere_that_grows_or_teleports_into_the_cloth() -> None:
     """With the same kernel as above, a pinned sheet beside a sphere."""
     scene = inside("xpbd")
     scene = replace(scene, cloth=replace(scene.cloth, pins=("top",)))
-    beside = Sphere(center=(0.0, 0.0, 0.02), radius=0.005, margin=0.01)
-    far = Sphere(center=(0.0, 0.0, -4.98), radius=0.1, margin=0.01, keyframes=JUMP)
+    beside = Sphere(center=(0.0, 0.0, 0.02), radius=0.005, margin=0.01, friction=0.0)
+    far = Sphere(center=(0.0, 0.0, -4.98), radius=0.1, margin=0.01, keyframes=JUMP, friction=0.0)
     for sphere in (beside, far):
         with Simulation(replace(scene, spheres=(sphere,))) as simulation:
             assert fastest(simulation, 28) < 0.2

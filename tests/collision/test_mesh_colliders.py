@@ -62,7 +62,10 @@ HUNG = Scene(
 
 def test_distances_of_a_triangulated_sphere_match_the_sphere(mesh_and_error: tuple[Mesh, float]) -> None:
     mesh, error = mesh_and_error
-    [posed], [sphere] = pose_colliders([mesh], 0.0), pose_colliders([Sphere(center=CENTER, radius=RADIUS)], 0.0)
+    [posed], [sphere] = (
+        pose_colliders([mesh], 0.0),
+        pose_colliders([Sphere(center=CENTER, radius=RADIUS, margin=0.15, friction=0.0)], 0.0),
+    )
     away = np.random.default_rng(6).normal(size=(500, 3))
     points = CENTER + away / np.linalg.norm(away, axis=1)[:, None] * np.linspace(0.1, 0.24, 500)[:, None]
     assert signed_distance(posed, points) == pytest.approx(

@@ -145,7 +145,13 @@ def test_attachments_that_are_driven_through_cloth_lag_behind() -> None:
 
 
 def test_tearing_tethers_and_a_moving_sphere() -> None:
-    ball = Sphere(center=(0.0, 0.6, 0.0), radius=0.08, keyframes=((0.0, 0, 0, 0), (0.1, 0, -0.45, 0), (0.2, 0, 0, 0)))
+    ball = Sphere(
+        center=(0.0, 0.6, 0.0),
+        radius=0.08,
+        keyframes=((0.0, 0, 0, 0), (0.1, 0, -0.45, 0), (0.2, 0, 0, 0)),
+        margin=0.15,
+        friction=0.0,
+    )
     torn = replace(with_solver(LAYERS, "verlet"), tearing=Tearing(strain=0.3), spheres=(ball,))
     limited = replace(with_solver(SHEETS, "xpbd"), tethers=Tethers(), spheres=(ball,))
     limited = replace(limited, cloth=replace(limited.cloth, pins=("top-left",)))

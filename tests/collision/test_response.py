@@ -99,7 +99,7 @@ def test_repelled_cloth_rests_where_the_pressure_carries_its_weight(solver: str,
 
 def test_a_stiff_repulsion_takes_the_substeps_it_needs() -> None:
     plane = Plane(response="repulsion", stiffness=1e6)
-    assert repulsion_frequency([plane, Sphere(stiffness=9.0)], 0.25) == pytest.approx(2000)
+    assert repulsion_frequency([plane, Sphere(stiffness=9.0, margin=0.15, friction=0.0)], 0.25) == pytest.approx(2000)
     scene = falling("verlet", replace(plane, margin=MARGIN), 0.05)
     with Simulation(scene) as simulation:
         assert simulation.substeps > 40
@@ -123,8 +123,8 @@ def test_friction_drags_cloth_along(response: str) -> None:
 
 def test_the_table_is_ordered_by_response() -> None:
     colliders: list[Collider | Ground] = [
-        Sphere(radius=0.1, response="repulsion"),
-        Sphere(radius=0.2),
+        Sphere(radius=0.1, response="repulsion", margin=0.15, friction=0.0),
+        Sphere(radius=0.2, margin=0.15, friction=0.0),
         Box(response="reflection", restitution=0.25),
         Plane(response="repulsion", stiffness=7.0),
         Ground(),

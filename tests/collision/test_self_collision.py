@@ -140,6 +140,8 @@ def test_folds_in_a_layout_match_the_serial_layout(layout: str, primitives: str)
         for _ in range(2):
             for name in ("x", "x_prev"):
                 getattr(other.cloth, name).copy_from(getattr(serial.cloth, name))
+            # Self-contact pushed particles below the margin of the ground: a new simulation lets them out slowly.
+            other.depenetration.reduction = serial.depenetration.reduction.copy()
             for simulation in (serial, other):
                 simulation.step()
             assert other.positions() == pytest.approx(serial.positions(), abs=1e-5)

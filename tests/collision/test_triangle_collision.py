@@ -102,7 +102,8 @@ def test_one_triangle_and_a_sphere_by_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    "collider", [Sphere(radius=0.05), Capsule(length=0.3, radius=0.03, rotation=(10.0, 0.0, 70.0))]
+    "collider",
+    [Sphere(radius=0.05, margin=0.15, friction=0.0), Capsule(length=0.3, radius=0.03, rotation=(10.0, 0.0, 70.0))],
 )
 def test_corrections_equal_an_impulse_at_the_contact_point(collider: Sphere | Capsule) -> None:
     """The sum of all impulses acts through that point."""

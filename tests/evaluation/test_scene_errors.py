@@ -53,7 +53,7 @@ def test_more_accurate_settings_have_smaller_errors() -> None:
 def test_the_largest_penetration_of_all_frames_is_measured() -> None:
     """The sheet starts in a ball that pushes it out: it is deepest in the first frame."""
     x, y, z = HANGING.cloth.center
-    ball = Sphere(center=(x, y, z + 0.1), radius=0.3, margin=0.0, response="repulsion")
+    ball = Sphere(center=(x, y, z + 0.1), radius=0.3, margin=0.0, response="repulsion", friction=0.0)
     scene = replace(HANGING, spheres=(ball,))
     with Simulation(scene) as simulation:
         start, depths = simulation.positions(), []

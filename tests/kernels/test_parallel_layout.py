@@ -273,7 +273,11 @@ def test_contact_moves_free_particles_out_but_not_pins(cloth_of) -> None:
     topology = flat((12,))
     cloth = cloth_of(topology)
     sphere = Sphere(
-        center=(0.0, 0.0, 0.0), radius=0.3, margin=0.1, keyframes=((0.0, 0.0, 0.0, 0.0), (1 / 60, 0.0, 0.0, 1.0))
+        center=(0.0, 0.0, 0.0),
+        radius=0.3,
+        margin=0.1,
+        keyframes=((0.0, 0.0, 0.0, 0.0), (1 / 60, 0.0, 0.0, 1.0)),
+        friction=0.0,
     )
     box = Box(center=(0.5, 0.5, 0.0), size=(0.2, 0.2, 0.2), margin=0.02, friction=0.0)
     colliders = collider_table([sphere, box, Ground(height=-0.4, margin=0.0, friction=0.0)], 0.0, 1 / 60)

@@ -158,7 +158,9 @@ def test_a_sheet_comes_to_rest_on_the_margin() -> None:
 
 def test_reflection_returns_the_restitution_of_the_speed() -> None:
     """After a fall of 0.5 m, 0.25 of the speed gives 1/16 of the height, after √(2h/g)·1.25."""
-    ball = Sphere(center=(0.0, -1000.0, 0.0), radius=999.5, margin=0.0, response="reflection", restitution=0.25)
+    ball = Sphere(
+        center=(0.0, -1000.0, 0.0), radius=999.5, margin=0.0, response="reflection", restitution=0.25, friction=0.0
+    )
     bounced = Motion(replace(FREE, cloth=replace(PATCH, center=(0.0, 0.0, 0.0)), spheres=(ball,)), 400)
     highest = -1.0
     for frame in range(24):

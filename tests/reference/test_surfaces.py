@@ -40,7 +40,9 @@ def test_a_fine_mesh_has_the_distances_of_its_shape() -> None:
     assert normal[:, 2] == pytest.approx([0, -1, 0])
 
 
-@pytest.mark.parametrize("shape", [Sphere(radius=0.4), Capsule(length=1.0, radius=0.2), Box(size=(1.0, 0.5, 0.3))])
+@pytest.mark.parametrize(
+    "shape", [Sphere(radius=0.4, margin=0.15, friction=0.0), Capsule(length=1.0, radius=0.2), Box(size=(1.0, 0.5, 0.3))]
+)
 def test_the_normal_is_the_gradient_of_the_distance(shape: Sphere | Capsule | Box) -> None:
     of, tiny = distance_of(shape), 1e-6
     x = np.random.default_rng(4).uniform(-0.8, 0.8, (3, 200))

@@ -236,7 +236,11 @@ def test_a_cloth_under_the_panel_is_not_in_the_picture() -> None:
 
 def test_a_scene_without_a_camera_frames_the_colliders_near_its_cloth() -> None:
     cloth = Cloth(rows=9, columns=9, width=1.0, height=1.0, center=(0.0, 1.0, 0.0))
-    near, huge, far = Sphere(center=(0.0, 0.2, 0.0), radius=0.3), Sphere(radius=50.0), Sphere(center=(0.0, 9.0, 0.0))
+    near, huge, far = (
+        Sphere(center=(0.0, 0.2, 0.0), radius=0.3, margin=0.15, friction=0.0),
+        Sphere(radius=50.0, margin=0.15, friction=0.0),
+        Sphere(center=(0.0, 9.0, 0.0), margin=0.15, friction=0.0),
+    )
     alone = camera_of(Scene(cloth=cloth))
     assert camera_of(Scene(cloth=cloth, spheres=(huge, far))) == alone
     camera = OrbitCamera.from_scene(Scene(cloth=cloth, spheres=(near,)))

@@ -104,7 +104,7 @@ def test_stretched_cloth_has_a_larger_error() -> None:
 
 def test_grabs_wind_parameters_pins_and_moving_colliders_act_on_the_reference() -> None:
     """If one of them did not, a fine setting would have an error like the motion."""
-    sphere = Sphere(center=(0.0, 2.7, 0.1), radius=0.2, oscillation=(0.0, 0.0, 0.3))
+    sphere = Sphere(center=(0.0, 2.7, 0.1), radius=0.2, oscillation=(0.0, 0.0, 0.3), margin=0.15, friction=0.0)
     parts = {"spheres": (sphere,), "ground": Ground(height=2.2)}
     with swinging(scene("explicit", 60, **parts), 10) as (simulation, meter):
         simulation.params["wind_z"] = -8.0

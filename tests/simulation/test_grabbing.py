@@ -272,7 +272,7 @@ def test_switch_scene_keeps_positions_and_changed_parameters() -> None:
         cloth=CLOTH,
         ground=Ground(),
         strain_limit=StrainLimit(0.1),
-        spheres=(Sphere(center=(0.0, 0.3, 0.5), radius=0.2),),
+        spheres=(Sphere(center=(0.0, 0.3, 0.5), radius=0.2, margin=0.15, friction=0.0),),
     )
     with Simulation(whole) as simulation:
         simulation.params["gravity"] = 4.0
@@ -308,7 +308,7 @@ def test_a_scene_with_another_grid_is_refused_and_nothing_changes(hanging: Simul
 
 
 def test_cloth_inside_a_sphere_that_appears_is_pushed_out_slowly() -> None:
-    whole = Scene(cloth=CLOTH, spheres=(Sphere(center=(0.0, 0.8, 0.0), radius=0.3),))
+    whole = Scene(cloth=CLOTH, spheres=(Sphere(center=(0.0, 0.8, 0.0), radius=0.3, margin=0.15, friction=0.0),))
     with Simulation(replace(whole, spheres=())) as simulation:
         run(simulation, 2)
         simulation.switch_scene(whole)

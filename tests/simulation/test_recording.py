@@ -31,7 +31,7 @@ SMALL = Scene(
     cloth=Cloth(rows=4, columns=5, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),
     solver=Solver(substeps=3, iterations=4),
     wind=Wind(z=2.0),
-    spheres=(Sphere(center=(0.0, 1.7, 0.2), radius=0.2),),
+    spheres=(Sphere(center=(0.0, 1.7, 0.2), radius=0.2, margin=0.15, friction=0.0),),
 )
 SIZE = (96, 54)
 LAST = 19  # particle

@@ -19,7 +19,7 @@ TURNED = (10.0, 20.0, 30.0)
 CLOTH = Cloth(rows=9, columns=20, width=1.0, height=0.5, center=(0, 2, 0), rotation=(-80, 0, 0), pins=("top",))
 FABRIC = Fabric(warp=400.0, weft=400.0, shear=100.0, bend_spring=2.0, bending_stiffness=1e-4)
 COLLIDERS: dict[str, Any] = {
-    "spheres": Sphere(center=(-0.3, 1.9, 0.1), radius=0.15, friction=0.3),
+    "spheres": Sphere(center=(-0.3, 1.9, 0.1), radius=0.15, friction=0.3, margin=0.15),
     "capsules": Capsule(center=(0.0, 1.9, 0.1), length=0.3, radius=0.1, rotation=TURNED, spin=(0, 50, 0), friction=0.3),
     "boxes": Box(center=(0.3, 1.9, 0.1), size=(0.2, 0.1, 0.2), rotation=TURNED, friction=0.3),
     "planes": Plane(center=(0.0, 1.8, 0.1), rotation=TURNED, friction=0.3),

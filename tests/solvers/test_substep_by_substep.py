@@ -14,7 +14,9 @@ from taichi_cloth.system.errors import UsageError
 @pytest.mark.parametrize("solver", SOLVER_NAMES)
 def test_step_by_substep_is_bit_equal_to_step(solver: str) -> None:
     """With a sphere and a grab that move within the frame."""
-    sphere = Sphere(center=(0.0, 0.0, 0.2), radius=0.15, keyframes=((0.0, 0, 0, 0), (1.0, 0, 0, -3.0)))
+    sphere = Sphere(
+        center=(0.0, 0.0, 0.2), radius=0.15, keyframes=((0.0, 0, 0, 0), (1.0, 0, 0, -3.0)), margin=0.15, friction=0.0
+    )
     scene = Scene(
         cloth=Cloth(rows=5, columns=10, width=0.9, height=0.4, center=(0.0, 0.0, 0.0)),
         fabric=Fabric(warp=100.0, weft=100.0, shear=50.0, bend_spring=0.0),

@@ -11,7 +11,7 @@ SCENE = Scene(
     cloth=Cloth(rows=5, columns=6, width=0.5, height=0.4, center=(0.0, 1.0, 0.0), rotation=(-70.0, 0.0, 0.0)),
     verlet=VerletSprings(structural=1.0, shear=0.7, bend=0.2),
     solver=Solver(substeps=3, iterations=4, stiffness=0.9, damping=2.0),
-    spheres=(Sphere(center=(0.05, 0.75, 0.1), radius=0.15, margin=0.02),),
+    spheres=(Sphere(center=(0.05, 0.75, 0.1), radius=0.15, margin=0.02, friction=0.0),),
 )
 
 

@@ -30,7 +30,9 @@ def requires(holds: Callable[[Trial], bool], what: str = "something") -> Callabl
     """Return a case that violates a bound unless `holds` is true of the trial."""
 
     def run(trial: Trial) -> None:
-        trial.open(sheet(4, spheres=(Sphere(center=(0.0, 5.0, 0.0), radius=0.1),)), rest_strain=1.0)
+        trial.open(
+            sheet(4, spheres=(Sphere(center=(0.0, 5.0, 0.0), radius=0.1, margin=0.15, friction=0.0),)), rest_strain=1.0
+        )
         trial.start()
         trial.one_frame()
         trial.skip_rest_check("a test")

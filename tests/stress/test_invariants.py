@@ -81,17 +81,17 @@ def test_added_kinetic_energy_is_a_violation_ten_kilometers_away() -> None:
 
 
 def far_ball() -> Sphere:
-    return Sphere(center=(0.0, 0.0, -3.0), radius=0.3, margin=0.01, keyframes=PUSHED)
+    return Sphere(center=(0.0, 0.0, -3.0), radius=0.3, margin=0.01, keyframes=PUSHED, friction=0.0)
 
 
 def slow_ball() -> Sphere:
     """Return a ball that touches the sheet and moves by a millimeter per second."""
     slow: Keyframes = ((0.0, 0, 0, 0), (10.0, 0, 0, 0.01))
-    return Sphere(center=(0.0, 0.0, -0.31), radius=0.3, margin=0.01, keyframes=slow)
+    return Sphere(center=(0.0, 0.0, -0.31), radius=0.3, margin=0.01, keyframes=slow, friction=0.0)
 
 
 def ball_around_a_part() -> Sphere:
-    return Sphere(center=(0.0, -0.2, 0.2), radius=0.25, margin=0.01)
+    return Sphere(center=(0.0, -0.2, 0.2), radius=0.25, margin=0.01, friction=0.0)
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_the_work_of_a_grab_and_of_a_ball_is_no_violation() -> None:
     trial.change(grab.release)
     trial.settle()
     fast: Keyframes = ((0.2, 0, 0, 0), (0.3, 0, 0, 1.0), (0.4, 0, 0, 0))
-    ball = Sphere(center=(0.0, 0.0, -0.7), radius=0.2, margin=0.01, keyframes=fast, continuous=True)
+    ball = Sphere(center=(0.0, 0.0, -0.7), radius=0.2, margin=0.01, keyframes=fast, continuous=True, friction=0.0)
     trial = running(spheres=(ball,), damping=0.0)
     trial.run(0.5)
     assert trial.worst.speed > 5
@@ -259,7 +259,9 @@ def test_an_infinite_reach_is_refused() -> None:
 def test_a_static_ball_may_eject_cloth_and_its_penetration_is_recorded() -> None:
     """The ball is around a part of the cloth, and does work on it."""
     trial = Trial(SETTING, 0)
-    trial.open(sheet(8, spheres=(Sphere(center=(0.0, -0.2, 0.05), radius=0.3, margin=0.01),)), rest_strain=0.1)
+    trial.open(
+        sheet(8, spheres=(Sphere(center=(0.0, -0.2, 0.05), radius=0.3, margin=0.01, friction=0.0),)), rest_strain=0.1
+    )
     trial.start()
     trial.run(0.1)
     assert trial.worst.penetration > 0.2
@@ -268,7 +270,7 @@ def test_a_static_ball_may_eject_cloth_and_its_penetration_is_recorded() -> None
 def test_a_teleported_ball_excuses_only_the_work_of_ejection() -> None:
     """It is teleported into the middle of the sheet: the bound is not that of a ball that moved through it."""
     leap: Keyframes = ((0.1, 0, 0, 0), (0.100001, 0, 0, 5.0))
-    ball = Sphere(center=(0.0, -0.2, -4.9), radius=0.3, margin=0.01, keyframes=leap)
+    ball = Sphere(center=(0.0, -0.2, -4.9), radius=0.3, margin=0.01, keyframes=leap, friction=0.0)
     trial = Trial(SETTING, 0)
     trial.open(sheet(8, spheres=(ball,)), rest_strain=0.1)
     trial.start()

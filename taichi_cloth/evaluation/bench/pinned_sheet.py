@@ -104,7 +104,7 @@ def scene_of(case: SheetCase) -> Scene:
         solver=Solver(case.solver, case.substeps, 1, damping=0.0),
         forces=Forces(gravity=9.81),
         wind=Wind(x=0.4, z=0.9, turbulence=0.0) if case.obstacles else None,
-        spheres=(Sphere(center=(0.0, 1.6, 0.1), radius=0.25, margin=0.02),) if case.obstacles else (),
+        spheres=(Sphere(center=(0.0, 1.6, 0.1), radius=0.25, margin=0.02, friction=0.0),) if case.obstacles else (),
         tethers=None if case.slack is None else Tethers(slack=case.slack),
     )
 

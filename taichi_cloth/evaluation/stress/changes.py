@@ -265,7 +265,7 @@ def substeps(trial: Trial, numbers: tuple[int, ...]) -> None:
 
 def toggled_collider(trial: Trial) -> None:
     """Add and remove a ball of 0.3 m in the middle of the sheet every half second. It ends removed."""
-    ball = Sphere(center=(0.0, 0.0, 0.01), radius=0.3, margin=MARGIN)
+    ball = Sphere(center=(0.0, 0.0, 0.01), radius=0.3, margin=MARGIN, friction=0.0)
     begin(trial, base(), base())
     for k in range(6):
         spheres = (ball,) if k % 2 == 0 else ()

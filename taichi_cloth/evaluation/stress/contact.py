@@ -43,7 +43,9 @@ def shot(speed: float, radius: float, against: str = "particles") -> Sphere:
         (duration + 0.5, 0, 0, distance),
         (duration + 2.5, 0, 0, 0),
     )
-    return Sphere(center=(0.0, 0.0, -BEFORE), radius=radius, margin=MARGIN, keyframes=path, collide_with=against)
+    return Sphere(
+        center=(0.0, 0.0, -BEFORE), radius=radius, margin=MARGIN, keyframes=path, collide_with=against, friction=0.0
+    )
 
 
 def run_past(trial: Trial, seconds: float, max_speed: float | None = None) -> None:
@@ -102,7 +104,7 @@ def small_ball(trial: Trial, against: str) -> None:
 
 def fast_cloth(trial: Trial) -> None:
     """Throw a free sheet at a ball at 100 m/s. No particle may ever be faster than the fastest at the start."""
-    ball = Sphere(center=(0.0, 0.0, 2.0), radius=0.3, margin=MARGIN)
+    ball = Sphere(center=(0.0, 0.0, 2.0), radius=0.3, margin=MARGIN, friction=0.0)
     trial.open(sheet(CELLS, pins=(), forces=Forces(gravity=0.0), spheres=(ball,)))
     trial.start(velocity=(0.0, 0.0, 100.0))
     thrown = float(np.linalg.norm(trial.simulation.velocities(), axis=1).max())

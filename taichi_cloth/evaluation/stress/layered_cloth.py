@@ -121,7 +121,7 @@ def watch_ejection(trial: Trial, seconds: float) -> None:
 
 def engulfed(trial: Trial) -> None:
     """Start a free sheet inside a ball of 1 m."""
-    ball = Sphere(center=(0.0, 0.0, -0.05), radius=1.0, margin=MARGIN)
+    ball = Sphere(center=(0.0, 0.0, -0.05), radius=1.0, margin=MARGIN, friction=0.0)
     trial.open(sheet(CELLS, pins=(), forces=Forces(gravity=0.0), spheres=(ball,)))
     trial.start()
     watch_ejection(trial, 8.0)
@@ -134,7 +134,7 @@ def teleported(trial: Trial) -> None:
     At the end the sheet hangs freely: no independent code gives its rest shape on the ball.
     """
     path: Keyframes = ((0.5, 0, 0, 0), (0.500001, 0, 0, 5.01), (6.5, 0, 0, 5.01), (6.500001, 0, 0, 0))
-    ball = Sphere(center=(0.0, 0.0, -5.0), radius=0.3, margin=MARGIN, keyframes=path)
+    ball = Sphere(center=(0.0, 0.0, -5.0), radius=0.3, margin=MARGIN, keyframes=path, friction=0.0)
     trial.open(replace(hung(), spheres=(ball,)), rest=hung())
     trial.start()
     watch_ejection(trial, 6.5)
@@ -144,7 +144,7 @@ def teleported(trial: Trial) -> None:
 
 def inflated(trial: Trial) -> None:
     """Inflate a ball of 1 mm in the middle of the sheet to 0.5 m in one frame, and deflate it after six seconds."""
-    ball = Sphere(center=(0.0, 0.0, 0.01), radius=1e-3, margin=MARGIN)
+    ball = Sphere(center=(0.0, 0.0, 0.01), radius=1e-3, margin=MARGIN, friction=0.0)
     trial.open(replace(hung(), spheres=(ball,)), rest=hung())
     trial.start()
     watch_ejection(trial, 0.5)
@@ -171,7 +171,7 @@ def ball_on_pin(trial: Trial) -> None:
     Geometry stretches the springs between them: `beside_pin` is added to the bound on the strain there only.
     """
     radius, cell = 0.15, SIDE / CELLS
-    ball = Sphere(center=(-SIDE / 2, SIDE / 2 - (radius - DEPTH), 0.0), radius=radius, margin=0.0)
+    ball = Sphere(center=(-SIDE / 2, SIDE / 2 - (radius - DEPTH), 0.0), radius=radius, margin=0.0, friction=0.0)
     free = sheet(CELLS)
     bound = static_strain(trial.setting.of(free)) + CALM_STRAIN
     trial.open(replace(free, spheres=(ball,)), rest_strain=bound + beside_pin(radius, DEPTH, cell))
@@ -202,8 +202,8 @@ def squeeze(trial: Trial) -> None:
         (3.5, 0, 0, 0),
     )
     mirrored: Keyframes = tuple((t, x, y, -z) for t, x, y, z in path)
-    first = Sphere(center=(0.0, -0.1, -start), radius=radius, margin=MARGIN, keyframes=path)
-    other = Sphere(center=(0.0, -0.1, start), radius=radius, margin=MARGIN, keyframes=mirrored)
+    first = Sphere(center=(0.0, -0.1, -start), radius=radius, margin=MARGIN, keyframes=path, friction=0.0)
+    other = Sphere(center=(0.0, -0.1, start), radius=radius, margin=MARGIN, keyframes=mirrored, friction=0.0)
     trial.open(replace(hung(), spheres=(first, other)), rest=hung())
     trial.start()
     trial.run(3.5)

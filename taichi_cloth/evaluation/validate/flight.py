@@ -80,7 +80,7 @@ def fall_with_all_features(solver: str) -> Iterator[Check]:
         solver=default_solver(solver),
         strain_limit=StrainLimit(),
         tethers=Tethers(),
-        spheres=(Sphere(center=(0.0, -40.0, 0.0), friction=0.5),),
+        spheres=(Sphere(center=(0.0, -40.0, 0.0), friction=0.5, margin=0.15),),
         ground=Ground(height=-60.0),
         self_collision=SelfCollision(),
     )
