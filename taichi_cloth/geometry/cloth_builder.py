@@ -321,6 +321,8 @@ def _in_region(scene: Scene, topology: Topology, name: str) -> NDArray[np.bool_]
         raise PinError(f"[[regions]] has no region {short_repr(name)}; it has {known}", name, regions)
     region, start = regions[name], topology.start
     inside: NDArray[np.bool_] = np.all((start >= region.min) & (start <= region.max), axis=1)
+    if (np.array(region.min) > region.max).any():
+        raise PinError(f"the min of region {short_repr(name)} exceeds its max: {region.min}, {region.max} m")
     if not inside.any():
         low, high = (", ".join(f"{c:.4g}" for c in end) for end in (start.min(axis=0), start.max(axis=0)))
         raise PinError(f"no particle starts in region {short_repr(name)}: the cloth extends from [{low}] to [{high}] m")

@@ -263,9 +263,6 @@ def _check_regions(scene: Scene, mistakes: Mistakes) -> None:
     for k, region in enumerate(scene.regions):
         if region.name in [other.name for other in scene.regions[:k]] and not mistakes.concern("regions"):
             mistakes.add(f"regions[{k}].name", f"{short_repr(region.name)} is the name of another region")
-        for axis, low, high in zip("xyz", region.min, region.max, strict=True):
-            if low > high and not mistakes.concern(f"regions[{k}]"):
-                mistakes.add(f"regions[{k}].min", f"{axis} must be at most {high:g}, that of max, not {low:g}")
 
 
 def pins_by_key(scene: Scene) -> dict[str, str | int]:

@@ -82,9 +82,12 @@ def pushed(collider: Sphere | Capsule, pins: tuple[int, ...] = ()) -> tuple[np.n
     cloth.upload(topology, np.ones(topology.spring_count))
     attach_colored_triangles(cloth, topology)
     features = Features(colliders=collider_counts([collider]), triangles=True)
-    colliders = collider_table([collider], 0.0, FRAME)
+    colliders = collider_table([collider], 0.0, FRAME, origin=tuple(topology.origin))
     run_serially(resolve_contacts, cloth, features, 0, 1, FRAME, -1, np.zeros(c.PARAM_COUNT, np.float32), colliders)
-    after, inverse_masses = cloth.to_numpy(cloth.x), cloth.inverse_mass.to_numpy()[: topology.particle_count]
+    after, inverse_masses = (
+        cloth.to_numpy(cloth.x) + topology.origin,
+        cloth.inverse_mass.to_numpy()[: topology.particle_count],
+    )
     state.release_state(cloth)
     return topology.start, after, inverse_masses
 

@@ -29,16 +29,7 @@ from taichi_cloth.system.errors import UsageError
 SCENE = Scene(
     cloth=Cloth(rows=5, columns=6, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),
     wind=Wind(z=2.0),
-    spheres=(
-        Sphere(
-            center=(0.0, 1.0, 1.0),
-            radius=0.2,
-            oscillation=(1.0, 0.0, 0.0),
-            period=(4.0, 1.0, 1.0),
-            margin=0.15,
-            friction=0.0,
-        ),
-    ),
+    spheres=(Sphere(center=(0.0, 1.0, 1.0), radius=0.2, oscillation=(1.0, 0.0, 0.0), period=(4.0, 1.0, 1.0)),),
     ground=Ground(),
 )
 PARTICLES = SCENE.cloth.rows * SCENE.cloth.columns
@@ -268,12 +259,12 @@ class TestCalls(Calls.TestCase):
 def test_lists_in_a_scene_become_tuples() -> None:
     scene = Scene(
         cloth=Cloth(rows=3, columns=3, center=[0, 2, 0], pins=["top"]),  # type: ignore[arg-type]
-        spheres=[Sphere(center=[0, 1, 0], margin=0.15, friction=0.0)],  # type: ignore[arg-type]
+        spheres=[Sphere(center=[0, 1, 0])],  # type: ignore[arg-type]
         boxes=[Box(keyframes=[[0, 0, 0, 0], [1, 0, 1, 0]])],  # type: ignore[arg-type]
     )
     with Simulation(scene) as simulation:
         simulation.step()
-        assert simulation.scene.spheres == (Sphere(center=(0.0, 1.0, 0.0), margin=0.15, friction=0.0),)
+        assert simulation.scene.spheres == (Sphere(center=(0.0, 1.0, 0.0)),)
         assert simulation.scene.boxes[0].keyframes == ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.0))
         assert simulation.metrics().finite
 
@@ -291,10 +282,7 @@ def test_lists_in_a_scene_become_tuples() -> None:
         ({"cloth": {"rows": np.int64}}, "scene: cloth.rows: must be an integer, got <class 'numpy.int64'>"),
         ({"wind": 3}, "scene: wind: must be a table, got 3"),
         ({"verlet": VerletSprings(shear=np.nan)}, "scene: verlet.shear: must be a finite number, got nan"),
-        (
-            {"spheres": Sphere(margin=0.15, friction=0.0)},
-            "scene: spheres: write [[spheres]] with two brackets: it is an array of tables",
-        ),
+        ({"spheres": Sphere()}, "scene: spheres: write [[spheres]] with two brackets: it is an array of tables"),
         ({"spheres": (Box(),)}, "scene: spheres[0]: must be a Sphere or a dict, got Box("),
         ({"spheres": [{"sway": (1, 0, 0)}]}, "scene: spheres[0].sway: was renamed to oscillation"),
         ({"boxes": (Box(center="here"),)}, "scene: boxes[0].center: must be three numbers"),  # type: ignore[arg-type]
@@ -302,7 +290,7 @@ def test_lists_in_a_scene_become_tuples() -> None:
         ({"boxes": (Box(),) * 17}, "scene: boxes: has 17 tables, at most 16 are allowed"),
         ({"cloth": Cloth(pins=(720,))}, "scene: cloth.pins[0]: 720 is not a particle: indices run from 0 to 719"),
         ({"seed": -1, "name": "mine"}, "mine: seed: -1 is out of range: 0 to 2147483647"),
-        ({"sphere": [Sphere(margin=0.15, friction=0.0)]}, "Scene: sphere: unknown key (did you mean 'spheres'?)"),
+        ({"sphere": [Sphere()]}, "Scene: sphere: unknown key (did you mean 'spheres'?)"),
     ],
 )
 def test_a_scene_that_would_be_invalid_in_a_file_is_refused(sections: dict[str, Any], line: str) -> None:
@@ -330,10 +318,7 @@ def test_an_unknown_keyword_of_a_section_is_refused(section: type, keyword: str,
 def test_dicts_stand_for_sections_and_numpy_for_numbers() -> None:
     scene = Scene(
         cloth={"rows": np.int64(12), "pins": "top-left"},  # type: ignore[arg-type]
-        spheres=[
-            {"center": np.array([0.0, 1.0, 0.0]), "radius": np.float32(0.5)},
-            Sphere(margin=np.float64(0.1), friction=0.0),
-        ],  # type: ignore[arg-type, list-item]
+        spheres=[{"center": np.array([0.0, 1.0, 0.0]), "radius": np.float32(0.5)}, Sphere(margin=np.float64(0.1))],  # type: ignore[arg-type, list-item]
         boxes=[Box()],  # type: ignore[arg-type]
         wind=None,
         planes=None,  # type: ignore[arg-type]
@@ -342,10 +327,7 @@ def test_dicts_stand_for_sections_and_numpy_for_numbers() -> None:
     )
     plain = Scene(
         cloth=Cloth(rows=12, pins=("top-left",)),
-        spheres=(
-            Sphere(center=(0.0, 1.0, 0.0), radius=0.5, margin=0.15, friction=0.0),
-            Sphere(margin=0.1, friction=0.0),
-        ),
+        spheres=(Sphere(center=(0.0, 1.0, 0.0), radius=0.5), Sphere(margin=0.1)),
         boxes=(Box(),),
         ground=Ground(continuous=True),
         seed=3,

@@ -33,7 +33,7 @@ Arrays = dict[str, Any]
 SMALL = Scene(
     cloth=Cloth(rows=5, columns=6, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),
     wind=Wind(z=2.0),
-    spheres=(Sphere(center=(0.0, 1.7, 0.2), radius=0.2, margin=0.15, friction=0.0),),
+    spheres=(Sphere(center=(0.0, 1.7, 0.2), radius=0.2),),
 )
 
 

@@ -104,9 +104,9 @@ def test_regions_pin_a_sheet_and_an_attachment(write: Write) -> None:
             "",
         ),
         (
-            "[[regions]]\nname = 'a'\nmin = [0, 2, 0]\nmax = [1, 1, 1]",
-            "regions[0].min",
-            "y must be at most 1, that of max, not 2",
+            "[cloth]\npins = ['region:a']\n[[regions]]\nname = 'a'\nmin = [0, 2, 0]\nmax = [1, 1, 1]",
+            "cloth.pins[0]",
+            "the min of region 'a' exceeds its max: (0.0, 2.0, 0.0), (1.0, 1.0, 1.0) m",
             "",
         ),
         (

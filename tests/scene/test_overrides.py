@@ -76,7 +76,7 @@ def test_a_scene_is_loaded_with_overrides() -> None:
 
 
 def test_a_single_table_of_an_array_is_refused() -> None:
-    for table in ({"radius": 0.3}, Sphere(radius=0.3, margin=0.15, friction=0.0), None, 3):
+    for table in ({"radius": 0.3}, Sphere(radius=0.3), None, 3):
         with pytest.raises(SceneError, match=r"sphere: is one of an array \(did you mean 'spheres=\[...\]'\?\)"):
             load_scene("curtain", sphere=table)
 
@@ -173,10 +173,8 @@ def test_an_override_replaces_a_section_as_a_whole() -> None:
     assert load_scene("curtain", cloth={"pins": 17}) == load_scene("curtain", cloth={"pins": [17]})
     assert load_scene("curtain", wind=None) == replace(curtain, wind=None)
     assert load_scene("curtain", spheres=None).spheres == ()
-    spheres = load_scene(
-        "curtain", spheres=[{"radius": 0.1}, Sphere(margin=0.15, friction=0.0)], sphere_radius=0.2
-    ).spheres
-    assert spheres == (Sphere(radius=0.2, margin=0.15, friction=0.0), Sphere(margin=0.15, friction=0.0))
+    spheres = load_scene("curtain", spheres=[{"radius": 0.1}, Sphere()], sphere_radius=0.2).spheres
+    assert spheres == (Sphere(radius=0.2), Sphere())
     assert load_scene("drape15", solver={"name": "lines"}) == load_scene("drape15", solver="lines", damping=1.5)
     assert load_scene("curtain", fabric={"preset": "silk"}) == load_scene("curtain", fabric="silk")
     assert load_scene("curtain", fabric={"preset": "silk", "warp": 5}).fabric.warp == 5.0

@@ -49,10 +49,7 @@ def test_keys_that_are_not_set_have_defaults(write: Write) -> None:
     assert scene.cloth == Cloth(width=2.0, pins=("top-left", 5, 5))
     assert isinstance(scene.cloth.width, float)
     assert scene.wind == Wind()
-    assert scene.spheres == (
-        Sphere(radius=0.25, margin=0.15, friction=0.0),
-        Sphere(center=(0.0, 1.0, 2.0), margin=0.15, friction=0.0),
-    )
+    assert scene.spheres == (Sphere(radius=0.25), Sphere(center=(0.0, 1.0, 2.0)))
     assert scene.ground is None
 
 
