@@ -634,7 +634,7 @@ def parameters() -> str:
 SIMULATION_MEMBERS = {
     "Time": ("step", "step_by_substep", "reset", "seconds", "substeps", "min_stable_substeps", "close", "closed"),
     "State": ("positions", "velocities", "triangles", "set_state", "save", "load", "torn", "untear"),
-    "Export": ("export",),
+    "Export": ("export", "export_clip"),
     "Metrics": ("metrics", "frame_error", "intersections", "colliders", "features", "method", "warnings"),
     "Forces": ("forces", "reaction_forces"),
     "Grabs and pins": ("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins"),

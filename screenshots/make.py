@@ -51,6 +51,7 @@ STILL_FRAME = {  # frame that the still shows
     "round": 120,
     "relief": 118,
     "tear": 105,
+    "towel": 330,
     "walker": 100,
 }
 DEFAULT_STILL_FRAME = 85

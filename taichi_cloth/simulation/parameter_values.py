@@ -202,6 +202,4 @@ class HasParameters:
         """Set an attribute. Raises AttributeError for the name of a runtime parameter."""
         if name in self.__dict__.get("_params", ()):
             raise AttributeError(f"{name} is a runtime parameter: set params[{name!r}]")
-        if name in ("positions", "velocities"):
-            raise AttributeError(f"{name} is a method: set_state sets positions and velocities")
         super().__setattr__(name, value)
