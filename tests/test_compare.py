@@ -39,11 +39,13 @@ def test_figures_that_seem_to_contradict_each_other_are_explained() -> None:
 
     def lines(a: list[float | None], b: list[float | None], rms: list[float | None]) -> list[bool]:
         text = "\n".join(explanations([a, b], rms))
-        return [cancel in text, order in text]
+        assert ("b: residual" in text) == (b[0] == 1e-3)
+        return ["a: " + cancel in text, order in text]
 
     assert lines([3e-3, 3e-3, 1e-4], [2e-3, 1e-3, 1e-3], [0.3, 0.2]) == [False, False]
     assert lines([3e-3, 18e-3, 17e-3], [2e-3, 1e-3, 1e-3], [0.3, 0.2]) == [True, False]
     assert lines([3e-3, 3e-3, 1e-4], [2e-3, 1e-3, 1e-3], [0.1, 0.2]) == [False, True]
+    assert lines([3e-3, 3e-3, 1e-4], [1e-3, 3e-3, 3e-3], [0.3, 0.2]) == [False, False]
     assert lines([3e-3, None, 3e-3], [2e-3, 1e-3, 1e-3], [None, 0.2]) == [False, False]
     assert lines([None, None, None], [2e-3, 1e-3, 1e-3], [0.1, 0.2]) == [False, False]
 
@@ -70,7 +72,8 @@ def test_two_solvers_side_by_side(
     assert (left != right).any()
     out = capsys.readouterr().out
     assert "RMS error" in out
-    assert "computing the reference solution: 12 frames of " in out
+    assert "reference solution: 12 frames of " in out
+    assert "verlet has stiffnesses without unit" in out
     for name in ("error", "residual", "step_error"):
         assert f"{1e3 * rough[name]:.2g}" in out
     assert f"{report['rms_distance'][-1]:.2%} of the side" in out
@@ -78,6 +81,12 @@ def test_two_solvers_side_by_side(
     assert main(["compare", "curtain", *SMALL, "--out", str(tmp_path / "o"), "--b", "wind_z=9"]) == 2
     assert "--force" in capsys.readouterr().err
     assert (tmp_path / "o" / "frame_00000.png").read_bytes() == before
+
+
+def test_iterations_of_a_solver_without_any_are_pointed_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report = run(tmp_path, "--a", "solver=explicit", "--b", "solver=explicit,iterations=5", "--no-errors")
+    assert report["rms_distance"][-1] == 0
+    assert "b: explicit does not iterate: iterations has no effect" in capsys.readouterr().out
 
 
 def test_the_view_error_shows_the_last_error_that_was_measured(tmp_path: Path) -> None:

@@ -52,6 +52,8 @@ def frames(text: str) -> Frames:
     """Parse N or A:B, numbers of frames."""
     first, colon, end = text.partition(":")
     if not colon:
+        if not text.isdecimal():
+            raise argparse.ArgumentTypeError(f"{text!r} is neither a number of frames nor a range A:B, such as 0:240")
         return Frames(count(text))
     if not first.isdecimal() or not end.isdecimal() or int(first) >= int(end):
         raise argparse.ArgumentTypeError(f"{text!r} is not a range A:B of frames with 0 <= A < B")
@@ -252,7 +254,7 @@ def write_images(session: Session, plan: RenderPlan, *, force: bool) -> None:
 
     number = itertools.count()
     with (
-        claim_folder(plan, session.simulation, force=force, resume=False),
+        claim_folder(plan, session.simulation, force=force, resume=None),
         background_writer() as write,
         frames_progress(plan.frames) as advance,
     ):

@@ -77,7 +77,8 @@ class Parser(argparse.ArgumentParser):
                 self.error(f"{option} was renamed to {RENAMED_OPTIONS[option]}")
             if option.startswith("-"):
                 self.error(f"unknown option {option}{nearest_hint(option, self._option_string_actions)}")
-        self.error(f"too many arguments: {' '.join(words)}")
+        joined = "; join keys by commas: KEY=VALUE,KEY=VALUE" if all("=" in word for word in words) else ""
+        self.error(f"too many arguments: {' '.join(words)}{joined}")
 
 
 def with_hint(message: str) -> str:

@@ -21,6 +21,7 @@ from ..cli.program import (
     size,
 )
 from ..scene import Scene, parse_override
+from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
 
@@ -75,6 +76,10 @@ def add_commands(command: Command) -> None:
     comparing.add_argument("--force", action="store_true", help="overwrite existing images")
 
 
+VERLET = (
+    "has stiffnesses without unit: more iterations make its cloth stretch less, and may move it away from the"
+    " reference, which has the springs of [fabric] (docs/frame_error.md)"
+)
 MAX_REFERENCE_STEPS = 5000  # in a frame; ten times those of the stiffest shipped scene
 
 
@@ -94,6 +99,9 @@ def compare(args: argparse.Namespace) -> int:
     shared = overrides(args.set, "--set")
     sides = overrides(args.a, "--a"), overrides(args.b, "--b")
     scenes = [load_scene(args.scene, **(shared | side)) for side in sides]
+    for letter, side, scene in zip("ab", sides, scenes, strict=True):
+        if SOLVER_CATALOG[scene.solver.name].is_explicit and {"iterations", "solver.iterations"} & side.keys():
+            print(f"{letter}: {scene.solver.name} does not iterate: iterations has no effect")
     if scenes[0] == scenes[1]:
         raise UsageError(
             "both sides are the same scene: set a difference, such as --a solver=verlet --b solver=explicit"
@@ -142,7 +150,7 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
             print(f"{letter}: {simulation.scene.name} · {simulation.method}", flush=True)
             for line in filter(None, [simulation.warnings, inside_at_start(simulation.scene, simulation.topology)]):
                 print(f"   {line}", flush=True)
-        with sequence.claim_folder(plan, a, force=args.force, resume=False):
+        with sequence.claim_folder(plan, a, force=args.force, resume=None):
             reference = converged(scenes, plan.frames)
             with frames_progress(plan.frames) as advance:
                 left, right, distances = split_view.render_both(
@@ -155,6 +163,8 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
         print(summary(distances, reference))
         for line in explanations([median_frame_errors(run) for run in (left, right)], errors):
             print(line)
+        if len(reference) and any(run.simulation.solver.name == "verlet" for run in (left, right)):
+            print(f"verlet {VERLET}")
     print(f"{count_noun(plan.image_count, 'image')} in {plan.out}; a is on the left, b on the right")
     return 0
 
@@ -179,7 +189,7 @@ def converged(scenes: list[Scene], frames: int) -> np.ndarray | tuple[()]:
         print(f"no reference solution: it would take {steps:,} steps a frame, more than {MAX_REFERENCE_STEPS:,}")
         return ()
     frames = min(frames, scene_error.FRAMES)
-    print(f"computing the reference solution: {frames} frames of {steps:,} steps; later runs reuse it …", flush=True)
+    print(f"reference solution: {frames} frames of {steps:,} steps, which only the first run computes …", flush=True)
     with spinner("reference solution: this can take minutes"):
         return scene_error.solution(a, frames).positions
 
@@ -199,10 +209,12 @@ def table(runs: list[Run], errors: list[float | None]) -> list[list[str]]:
     """Return the rows of the table as text, the header first."""
     import numpy as np
 
+    from .bench import scene_error
+
     rows = [["", "setting", "ms", "p95", "max strain", *FRAME_ERROR_COLUMNS, "RMS error"]]
     for letter, run, rms_error in zip("ab", runs, errors, strict=True):
         median, p95 = np.percentile(run.ms, (50, 95))
-        error_text = "-" if rms_error is None else f"{rms_error:.3%}"
+        error_text = "-" if rms_error is None else scene_error.share(rms_error, 0.0)
         method = run.simulation.method
         parts = frame_error_cells(run)
         rows.append([letter, method, f"{median:.2f}", f"{p95:.2f}", f"{max(run.strain):.1%}", *parts, error_text])
@@ -235,8 +247,11 @@ def explanations(frame_errors: list[list[float | None]], rms_errors: list[float 
     `frame_errors`: of both sides, as `median_frame_errors`. `rms_errors`: of both sides over the run.
     """
     lines = []
-    if any(error and max(residual or 0.0, step or 0.0) > 1.5 * error for error, residual, step in frame_errors):
-        lines.append("residual and step error point in opposite directions: they partly cancel in the frame error")
+    for letter, (error, residual, step) in zip("ab", frame_errors, strict=True):
+        if error and max(residual or 0.0, step or 0.0) > 1.5 * error:
+            lines.append(
+                f"{letter}: residual and step error point in opposite directions: they partly cancel in the frame error"
+            )
     (a, *_), (b, *_) = frame_errors
     rms_a, rms_b = rms_errors
     if a and b and rms_a and rms_b and (a < b) != (rms_a < rms_b):

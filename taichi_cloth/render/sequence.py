@@ -104,12 +104,12 @@ class RenderReport:
 
 
 @contextmanager
-def claim_folder(plan: RenderPlan, simulation: Simulation, *, force: bool, resume: bool) -> Iterator[None]:
+def claim_folder(plan: RenderPlan, simulation: Simulation, *, force: bool, resume: bool | None) -> Iterator[None]:
     """Prepare the output folder, and lock it for this run within the block.
 
-    `force` deletes the frames of an earlier run; `resume` keeps them. Raises OutputConflict, and changes nothing in the
-    folder, if another run renders into it, if it contains frames and neither flag is set, or if `resume` is set and the
-    frames were rendered from another scene or with other settings.
+    `force` deletes the frames of an earlier run; `resume` keeps them, and is None for a run that cannot. Raises
+    OutputConflict, and changes nothing in the folder, if another run renders into it, if it contains frames and neither
+    flag is set, or if `resume` is set and the frames were rendered from another scene or with other settings.
     """
     if plan.out.exists() and not plan.out.is_dir():
         raise OutputConflict(f"{plan.out} is a file, not a folder")
@@ -123,7 +123,7 @@ def claim_folder(plan: RenderPlan, simulation: Simulation, *, force: bool, resum
         yield
 
 
-def _prepare_folder(plan: RenderPlan, simulation: Simulation, *, force: bool, resume: bool) -> None:
+def _prepare_folder(plan: RenderPlan, simulation: Simulation, *, force: bool, resume: bool | None) -> None:
     """Delete or check the frames of an earlier run, as `claim_folder` documents."""
     report_path = plan.out / "run.json"
     existing = [path for path in (*plan.out.glob("frame_*.png"), report_path) if path.exists()]
@@ -141,9 +141,8 @@ def _prepare_folder(plan: RenderPlan, simulation: Simulation, *, force: bool, re
                 )
     elif existing:
         if not force:
-            raise OutputConflict(
-                f"{plan.out} already contains frames; use --force to replace them or --resume to continue"
-            )
+            more = "" if resume is None else ", or --resume to continue"
+            raise OutputConflict(f"{plan.out} already contains frames; use --force to replace them{more}")
         for path in (*existing, plan.out / "contact_sheet.png", plan.out / LAST_GOOD):
             path.unlink(missing_ok=True)
     for partial in plan.out.glob(".*.part"):  # of a run that was killed

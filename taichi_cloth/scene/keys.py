@@ -9,7 +9,7 @@ from functools import cache
 from itertools import chain
 from math import isfinite
 from os import PathLike, fspath
-from typing import Any, ClassVar, NamedTuple, get_type_hints
+from typing import Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
 
 from ..system.errors import RENAMED_SOLVERS, Mistakes, SceneError, nearest_name, new_key, short_repr
 
@@ -276,6 +276,8 @@ def _unknown_key(where: str, name: str, known: list[str]) -> tuple[str, str]:
     if new := new_key(f"{section}_{name}" if section else name):
         return f"was renamed to {new.removeprefix(f'{section}_')}", ""
     elsewhere = _in_another_section(name)
+    if "[" in where and not elsewhere.endswith(f".{name}"):  # a key of the cloth means nothing for a collider
+        elsewhere = ""
     hint = elsewhere if elsewhere.endswith(f".{name}") else nearest_name(name, known) or elsewhere
     return "unknown key" + ("" if hint else f"; allowed: {', '.join(known)}"), hint
 
@@ -283,13 +285,24 @@ def _unknown_key(where: str, name: str, known: list[str]) -> tuple[str, str]:
 def _in_another_section(name: str) -> str:
     """Return the key of all sections nearest to `name`, as `look.color`; that of `cloth` if several have it, or ""."""
     sections: dict[str, list[str]] = {}
-    for cls in _classes_below(Table):
+    for section, cls in _section_classes().items():
         for key in keys_of(cls):
-            sections.setdefault(key, []).append(cls.__name__.lower())
+            sections.setdefault(key, []).append(section)
     found = sections.get(nearest := nearest_name(name, sections), [])
     if "cloth" in found:
         found = ["cloth"]
-    return f"{found[0]}.{nearest}" if len(found) == 1 else ""
+    return f"{found[0]}.{nearest}" if len(found) == 1 and "[" not in found[0] else ""
+
+
+def _section_classes() -> dict[str, type]:
+    """Return the class of every section by name: those that are fields of a table, the scene; `[[name]]` of arrays."""
+    return {
+        f"[[{name}]]" if get_origin(hint) is tuple else name: part
+        for cls in _classes_below(Table)
+        for name, hint in types_of(cls).items()
+        for part in (hint, *get_args(hint))
+        if isinstance(part, type) and issubclass(part, Table)
+    }
 
 
 def _classes_below(cls: type) -> Iterator[type]:

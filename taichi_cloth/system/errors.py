@@ -155,7 +155,7 @@ def short_repr(value: object) -> str:
         return f"a value too long to show ({type(value).__name__})"
 
 
-OTHER_WORDS = {"density": "area_density", "mass": "area_density"}  # names that other programs use
+OTHER_WORDS = {"density": "area_density", "mass": "area_density", "position": "center"}  # names that other programs use
 
 
 def nearest_name(wrong: object, valid: Iterable[str]) -> str:

@@ -103,7 +103,8 @@ class ErrorProcess:
     def state(self) -> str:
         """What the process does while there is no answer, with the time that it has taken: it may have to compile."""
         if not self._is_busy:
-            return "not measured yet"
+            pause = self._next - time.perf_counter()
+            return "not measured yet" + (f": the next in {pause:.0f} s" if pause > 1 else "")
         seconds = f"{time.perf_counter() - self._sent:.0f} s"
         if self._is_starting:
             return f"not measured yet: starting ({seconds})"
@@ -223,10 +224,11 @@ class Measurer:
 
     def answer(self, job: Job) -> Answer:
         """Measure a frame, and then the growth of its error if it does not take too long."""
-        began, found = time.process_time(), self.measure(job)
+        found, began = self.measure(job), time.process_time()  # after compiling
         # The reference ran three times the coarser substeps.
         if self._meter and found.error and not found.refusal and HORIZON * found.seconds / 3 < MAX_GROWTH_SECONDS:
-            found = replace(found, growth=self._meter.growth(job.start), seconds=time.process_time() - began)
+            growth = self._meter.growth(job.start)
+            found = replace(found, growth=growth, seconds=found.seconds + time.process_time() - began)
         return found
 
     def measure(self, job: Job) -> Answer:

@@ -174,6 +174,7 @@ def test_one_frame_is_exported_from_python(monkeypatch: pytest.MonkeyPatch) -> N
         (["export", "small.toml", "--clip"], "--clip was renamed to --frames A:B"),
         (["bake", "small.toml"], "bake was renamed to export --frames A:B"),
         (["export", "small.toml", "--format", "obk"], "did you mean 'obj'?"),
+        (["export", "small.toml", "--frames", "0-10"], "'0-10' is neither a number of frames nor a range A:B"),
         (["export", "small.toml", "--out", "c.stl"], "unknown suffix '.stl'"),
         (["export", "small.toml", "--out", "c.pc2"], "use --frames A:B"),
         (["export", "small.toml", "--out", "c.html"], "an HTML page plays a clip, not one frame: use --frames A:B"),

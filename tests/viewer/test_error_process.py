@@ -141,6 +141,42 @@ def test_growth_is_measured_if_there_is_time(measurer: Measurer, monkeypatch: py
         assert measurer.answer(job).growth is None
 
 
+def test_compiling_does_not_count_as_time_that_a_measurement_took(
+    measurer: Measurer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+
+    class Meter:
+        def growth(self, start: FrameStart) -> float:
+            now[0] += 0.5
+            return 0.1
+
+        def close(self) -> None:
+            pass
+
+    def measure(job: Job) -> Answer:
+        now[0] += 20.0  # of which compiling takes nearly all
+        measurer._meter = Meter()  # type: ignore[assignment]
+        return Answer(error=found.error, seconds=0.01)
+
+    with Simulation(scene()) as simulation:
+        job = job_of(simulation)
+        found = measurer.answer(job)
+        monkeypatch.setattr(error_process.time, "process_time", lambda: now[0])
+        monkeypatch.setattr(measurer, "measure", measure)
+        monkeypatch.setattr(error_process, "MAX_GROWTH_SECONDS", 1e9)
+        assert measurer.answer(job).seconds == pytest.approx(0.51)
+
+
+def test_the_panel_tells_when_the_next_frame_is_measured(
+    process: ErrorProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(error_process.time, "perf_counter", lambda: 100.0)
+    assert process.state == "not measured yet"
+    process._next = 112.0
+    assert process.state == "not measured yet: the next in 12 s"
+
+
 def test_a_refused_scene_is_not_sent_again(process: ErrorProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[Job] = []
     monkeypatch.setattr(process, "_send", sent.append)
