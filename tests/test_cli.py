@@ -103,7 +103,7 @@ def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path.write_text("[cloth]\nrows = 7\ncolumns = 9\n")
     assert cli.main(["check", str(path), "twist", "denim"]) == 0
     mine, twist, denim = capsys.readouterr().out.splitlines()
-    assert mine.startswith(f"{path}: valid · 9×7 particles · 300 springs · verlet 5×12 · about 0.")
+    assert mine.startswith(f"{path}: valid · 9×7 particles · 4.35×3.45 m · 300 springs · verlet 5×12 · about 0.")
     assert mine.endswith(" ms per frame of 16.7 ms")
     assert ", without self_collision · not converged: " in twist
     assert " · 16,002 springs and 23,938 bending links · lines 5×1 · " in denim
@@ -138,7 +138,7 @@ def test_check_prints_every_mistake_of_every_file_and_counts_them(
     lines = captured.out.splitlines()
     assert lines[0] == "a b.toml: wnd: unknown key (did you mean 'wind'?)"
     assert lines[1] == "a b.toml: cloth.row: unknown key (did you mean 'rows'?)"
-    assert lines[2].startswith("curtain: valid · 30×24 particles · 4,052 springs · verlet 5×12 · about ")
+    assert lines[2].startswith("curtain: valid · 30×24 particles · 4.35×3.45 m · 4,052 springs · verlet 5×12 · about ")
     assert lines[3] == "ü.toml: wind.z: must be a number, got 'x'"
     assert lines[4].endswith("(did you mean 'curtain'?)")
     assert lines[5] == ".: is a folder, not a scene file"

@@ -107,6 +107,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     cost = cost_of(scene)
     pieces = component_count(scene)
     particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
+    size = "" if scene.cloth.file else f"{scene.cloth.width:g}×{scene.cloth.height:g} m"
     is_large, memory, unfinished, inside = cost.particles > SAMPLE**2, "", "", ""
     counts = (cost.springs, "springs"), (cost.bending_links, "bending links")
     springs = " and ".join(
@@ -119,6 +120,8 @@ def describe(scene: Scene, *, timed: bool) -> str:
     else:
         topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
         unfinished, inside = left_unfinished(scene, topology), inside_at_start(scene, topology)
+        extent = topology.start.max(axis=0) - topology.start.min(axis=0)
+        size = size or "×".join(f"{side:.2g}" for side in extent) + " m"
     if timed and cost.ms <= MAX_TIMED_MS:
         time = f"{frame_time(measured_ms(scene))} (measured)"
     else:
@@ -127,7 +130,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
             time += f", without {', '.join(features)}"
         time += " (too slow to measure)" if timed else ""
     idle = keys_without_effect(scene)
-    return " · ".join(filter(None, [particles, springs, cost.setting, time, memory, unfinished, inside, idle]))
+    return " · ".join(filter(None, [particles, size, springs, cost.setting, time, memory, unfinished, inside, idle]))
 
 
 def measured_ms(scene: Scene) -> float:
