@@ -96,8 +96,7 @@ class RunningCloth(HasParameters):
         self.solver.set_velocities(np.where(self.topology.pinned[:, None], 0.0, v), self.h)
 
     def close(self) -> None:
-        """Release the fields for the next simulation. Closing twice does no harm. Raises UsageError within a frame."""
-        self.check_between_frames()
+        """Release the fields for the next simulation. Closing twice does no harm."""
         self._release()
         self._solver = None
 

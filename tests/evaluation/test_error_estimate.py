@@ -134,7 +134,7 @@ def test_the_option_target_error(capsys: pytest.CaptureFixture[str]) -> None:
     args = build_parser([run]).parse_args(["render", "curtain", "--target-error", "0.5"])
     scene = chosen_scene(args)
     assert scene.solver != Solver()
-    assert capsys.readouterr().out.startswith("target 0.5 %: ")
+    assert "is the fastest setting with an error of at most 0.5 %, about " in capsys.readouterr().out
 
 
 # -- cost ----------------------------------------------------------------------------------------------------

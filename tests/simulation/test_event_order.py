@@ -45,7 +45,6 @@ WITHIN_A_FRAME: dict[str, Callable[[Simulation, Path], object]] = {
     "save": lambda simulation, path: simulation.save(path / "within.npz"),
     "load": lambda simulation, path: simulation.load(path / "before.npz"),
     "record": lambda simulation, path: Recorder(simulation),
-    "close": lambda simulation, path: simulation.close(),
 }
 
 

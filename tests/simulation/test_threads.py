@@ -14,7 +14,10 @@ import taichi_cloth as tc
 from taichi_cloth.system.taichi_runtime import check_thread
 
 SCENE = {"cloth": {"rows": 5, "columns": 6}}
-LINE = "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes"
+LINE = (
+    "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes;"
+    " tc.init() starts it anew in this thread"
+)
 
 
 @pytest.fixture(scope="module")
