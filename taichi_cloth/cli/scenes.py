@@ -120,8 +120,9 @@ def describe(scene: Scene, *, timed: bool) -> str:
     else:
         topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
         unfinished, inside = left_unfinished(scene, topology), inside_at_start(scene, topology)
-        extent = topology.start.max(axis=0) - topology.start.min(axis=0)
-        size = size or "×".join(f"{side:.2g}" for side in extent) + " m"
+        if scene.cloth.file:
+            extent = topology.start.max(axis=0) - topology.start.min(axis=0)
+            size = "×".join(f"{side:.2g}" for side in extent) + " m"
     if timed and cost.ms <= MAX_TIMED_MS:
         time = f"{frame_time(measured_ms(scene))} (measured)"
     else:

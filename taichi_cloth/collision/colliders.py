@@ -30,7 +30,9 @@ from .shapes import SHAPES, Shape
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 
-SURFACE_TOLERANCE = 1e-4  # [m] a continuous test stops this far within the margin: a particle at rest starts outside
+# [m] A particle this near to the margin still touches the collider. A continuous test stops this far within the margin,
+# so that a particle at rest starts outside.
+SURFACE_TOLERANCE = 1e-4
 TELEPORT_SPEED = 340.0  # [m/s] keyframes with a higher speed teleport the collider: nothing between is swept
 MAX_TRACE_STEPS, TRACE_TOLERANCE = 200, 1e-5  # of a ray; the tolerance in m
 

@@ -76,8 +76,8 @@ def add_commands(command: Command) -> None:
     comparing.add_argument("--force", action="store_true", help="overwrite existing images")
 
 
-VERLET = (
-    "has stiffnesses without unit: more iterations make its cloth stretch less, and may move it away from the"
+VERLET_NOTE = (
+    "verlet has stiffnesses without unit: more iterations make its cloth stretch less, and may move it away from the"
     " reference, which has the springs of [fabric] (docs/frame_error.md)"
 )
 MAX_REFERENCE_STEPS = 5000  # in a frame; ten times those of the stiffest shipped scene
@@ -164,7 +164,7 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
         for line in explanations([median_frame_errors(run) for run in (left, right)], errors):
             print(line)
         if len(reference) and any(run.simulation.solver.name == "verlet" for run in (left, right)):
-            print(f"verlet {VERLET}")
+            print(VERLET_NOTE)
     print(f"{count_noun(plan.image_count, 'image')} in {plan.out}; a is on the left, b on the right")
     return 0
 

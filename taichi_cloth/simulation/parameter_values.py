@@ -189,7 +189,7 @@ def _no_section(section: str) -> str:
 
 
 class HasParameters:
-    """A simulation with runtime parameters. They are no attributes: assigning one is refused."""
+    """A simulation with runtime parameters. They are no attributes: assigning one by mistake is refused."""
 
     _params: Parameters
 

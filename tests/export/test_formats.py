@@ -246,16 +246,7 @@ def test_usd_contains_every_sample(suffix: str, up: str, tmp_path: Path) -> None
 
 
 COLLIDERS = Scene(
-    spheres=(
-        Sphere(
-            center=(0.0, 1.0, 2.0),
-            radius=0.3,
-            oscillation=(1.0, 0.0, 0.0),
-            period=(2.0, 2.0, 2.0),
-            margin=0.15,
-            friction=0.0,
-        ),
-    ),
+    spheres=(Sphere(center=(0.0, 1.0, 2.0), radius=0.3, oscillation=(1.0, 0.0, 0.0), period=(2.0, 2.0, 2.0)),),
     capsules=(Capsule(center=(1.0, 2.0, 3.0), rotation=(0.0, 0.0, 90.0), length=0.8, radius=0.1),),
     boxes=(Box(center=(1.0, 0.5, 0.0), size=(1.0, 2.0, 4.0), spin=(0.0, 90.0, 0.0)),),
     planes=(Plane(center=(0.0, -1.0, 0.0), display_size=3.0),),

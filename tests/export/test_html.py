@@ -133,16 +133,7 @@ def test_every_corner_has_its_particle_and_its_color(pattern: str, tmp_path: Pat
 
 def test_colliders_have_their_poses_at_each_sample(tmp_path: Path) -> None:
     scene = small(
-        spheres=(
-            Sphere(
-                center=(0.0, 9.0, 2.0),
-                radius=0.3,
-                oscillation=(1.0, 0.0, 0.0),
-                period=(2.0, 2.0, 2.0),
-                margin=0.15,
-                friction=0.0,
-            ),
-        ),
+        spheres=(Sphere(center=(0.0, 9.0, 2.0), radius=0.3, oscillation=(1.0, 0.0, 0.0), period=(2.0, 2.0, 2.0)),),
         capsules=(Capsule(center=(1.0, 9.0, 3.0), rotation=(0.0, 0.0, 90.0), length=0.8, radius=0.1),),
         boxes=(Box(center=(1.0, 9.5, 0.0), size=(1.0, 2.0, 4.0), spin=(0.0, 90.0, 0.0)),),
         planes=(Plane(center=(0.0, -1.0, 0.0), display_size=3.0),),

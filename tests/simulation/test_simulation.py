@@ -20,16 +20,7 @@ from taichi_cloth.system.errors import UsageError
 SMALL = Scene(
     cloth=Cloth(rows=5, columns=6, width=1.0, height=0.8, center=(0.0, 2.0, 0.0)),
     wind=Wind(z=2.0),
-    spheres=(
-        Sphere(
-            center=(0.0, 1.0, 1.0),
-            radius=0.2,
-            oscillation=(1.0, 0.0, 0.0),
-            period=(4.0, 1.0, 1.0),
-            margin=0.15,
-            friction=0.0,
-        ),
-    ),
+    spheres=(Sphere(center=(0.0, 1.0, 1.0), radius=0.2, oscillation=(1.0, 0.0, 0.0), period=(4.0, 1.0, 1.0)),),
     ground=Ground(),
 )
 

@@ -90,6 +90,7 @@ SETUPS = {
     "friction.WRAPS": (pi / 2, pi, 2 * pi),
     "friction.WRAP_FRICTIONS": (0.3, 0.5),
     "symmetry.BALL_SECONDS": 2.0,
+    "friction.SWING_DAMPING": 5.0,
     "symmetry.SHIFTS": (10.0, 100.0, 777.7, 1000.0),
     "strand.SWEEPS": ((50, 6e-2), (100, 2e-2), (1000, 5e-3)),
     "flight.HEIGHTS": (0.9, 3.0, 10.0, 100.0),

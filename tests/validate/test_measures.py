@@ -1,13 +1,15 @@
 """What rows measure: hand-made cloth in a margin and compressed cloth fall short."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.validate import check, elastica, flight, friction
-from taichi_cloth.evaluation.validate.check import EXCELLENT, FAIL, PASS, Check
+from taichi_cloth.evaluation.validate.check import EXCELLENT, FAIL, PASS, Check, base
 from taichi_cloth.evaluation.validate.exact import buckled
+from taichi_cloth.scene.schema import Forces
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -32,6 +34,26 @@ def test_cloth_in_the_margin_of_a_ball_is_in_its_thickness(
     assert row.what == "depth in a ball, of the thickness"
     assert row.error == pytest.approx(max(depth, 0.0) / 0.02, abs=1e-5, nan_ok=True)
     assert row.verdict == verdict
+
+
+def test_cloth_at_rest_has_the_kinetic_energy_of_all_particles_and_the_motion_of_the_fastest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One particle of a sheet of 1 kg moves at 1 mm/s, and 0.1 mm in the frame."""
+    with Simulation(replace(base("explicit"), forces=Forces(gravity=0.0))) as simulation:
+        corner_mass = float(simulation.topology.mass[0])
+
+        def step() -> None:
+            x, v = simulation.positions(), np.zeros((81, 3))
+            x[0, 1] += 1e-4
+            v[0, 2] = 1e-3
+            simulation.set_state(x, v)
+
+        monkeypatch.setattr(simulation, "step", step)
+        energy, motion = friction.still(simulation, "air")
+        assert energy.measured == pytest.approx(0.5e-6 * corner_mass / float(simulation.topology.mass.sum()), rel=1e-5)
+        assert motion.measured == pytest.approx(1e-4, rel=1e-3)  # float32
+    assert (energy.verdict, motion.verdict) == (PASS, FAIL)
 
 
 @pytest.mark.parametrize("fall", [flight.free_fall, flight.fall_with_all_features])

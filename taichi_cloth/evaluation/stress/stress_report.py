@@ -10,6 +10,7 @@ from pathlib import Path
 from ...scene.schema import FRAME_SECONDS
 from ...system.console import markdown_table, page_files, print_table
 from ...system.files import atomic_file
+from .case_catalog import CASES
 from .causes import EXPERIMENT_SECONDS, FINER
 from .extremes import HANGING_FRAMES, LONG_HANGING, LONG_SWINGING
 from .layered_cloth import LAYER_CELLS, LOOK_EVERY, MANY_CELLS, MANY_LAYERS, MANY_SIDE
@@ -266,7 +267,8 @@ def summary(store: Store, cells: Cells) -> list[str]:
 def matrix(store: Store, cells: Cells) -> list[list[str]]:
     """Return a table with one row per case: the number of variants alive with each setting, in bold if one failed."""
     settings = settings_of(cells)
-    labels = {result.case: (f"{result.case} {result.name}", result.parameters) for result in store.ordered()}
+    labels = {case.number: (f"{case.number} {case.name}", case.parameters) for case in CASES}  # also of cases not run
+    labels |= {result.case: (f"{result.case} {result.name}", result.parameters) for result in store.ordered()}
     lines = [["case", "what", *settings]]
     for case in dict.fromkeys(number for number, _ in cells):
         shown = (cells[case, one].shown() if (case, one) in cells else "" for one in settings)
