@@ -69,6 +69,10 @@ CASES = (
         "uneven rates",
         "pictures 1/144 and 1/20 s apart, a second missed",
         (Variant("1/144 and 1/20 s", refresh_rates.uneven_rates),),
+        note=(
+            "the program advances in frames of 1/60 s whatever a display does, and after a stall the clock drops all"
+            " but four of them by design: the time simulated must be what is left"
+        ),
     ),
     Case(
         6,
@@ -92,7 +96,7 @@ CASES = (
     Case(
         9,
         "collapsed start",
-        "all particles but the pins at one point, or as near; twice, with equal bits",
+        "all particles but the pins at one point, or as near; twice for ten seconds, with equal bits",
         variants(loads.collapsed, {"one point": 0.0, "1 µm": 1e-6, "1 mm": 1e-3}),
     ),
     Case(
@@ -133,7 +137,7 @@ CASES = (
         note=(
             f"sheets of {layered_cloth.LAYER_CELLS + 1}² particles, not 33²: more take longer than the run may;"
             " colliders have prescribed motion, so the ball is pressed a thickness deep into the pile and does not rest"
-            " on it by its weight"
+            " on it by its weight; it must end within a thickness of the pile"
         ),
     ),
     Case(
@@ -143,8 +147,8 @@ CASES = (
         (Variant("50 sheets", layered_cloth.many_layers),),
         note=(
             f"sheets of {layered_cloth.MANY_CELLS + 1}² particles, {layered_cloth.MANY_SIDE:g} m a side, not 33² and"
-            " 1 m: more take longer than the run may; the time is the median of all frames; gaps and intersections are"
-            " only recorded"
+            " 1 m: more take longer than the run may; the time is the median of all frames; gaps, intersections and"
+            " layers that fell off the bar are only recorded"
         ),
     ),
     Case(
@@ -156,7 +160,7 @@ CASES = (
     Case(
         18,
         "small fast ball",
-        "radius 1 cm at 20 m/s, cells of 3 cm; reports whether it passes through",
+        "radius 1 cm at 20 m/s at the middle of a cell of 3 cm; reports whether it passes through",
         variants(contact.small_ball, {"against particles": "particles", "against triangles": "triangles"}),
     ),
     Case(
@@ -263,7 +267,7 @@ CASES = (
     Case(
         33,
         "far away",
-        "100, 1000, 10,000 m from the origin; falls alike and sags alike within 1 %",
+        "100, 1000, 10,000 m from the origin; falls within 1 % (and the first substep), sags alike within 1 %",
         variants(extremes.far_away, {f"{away:g} m": away for away in (100.0, 1000.0, 10_000.0)}),
     ),
     Case(
@@ -288,7 +292,7 @@ CASES = (
     Case(
         36,
         "rotating ball",
-        "radius 0.3 m, 180°/s, μ = 0.4; never faster than the ball",
+        "radius 0.3 m, 180°/s, μ = 0.4; the sheet as a whole turns at half to all of the ball's rate",
         (Variant("180°/s", contact.rotating_ball),),
         note="the ball stops after eight seconds, so that the sheet can come to rest",
     ),
@@ -317,7 +321,8 @@ CASES = (
         note=(
             "bodies in a scene are led and weigh nothing, so a loose sheet takes the place of the ball on the"
             " tablecloth: the friction on it is its change of momentum, and with μ = 0.3 takes it along after 0.17 m,"
-            " so that only with μ = 0.03 the tablecloth leaves it; sheets of"
+            " so that only with μ = 0.03 the tablecloth can leave it; whether it does, and the mean friction, are only"
+            " recorded; sheets of"
             f" {contact.TABLE_CELLS + 1}² particles, not 33²: more take longer than the run may"
         ),
     ),

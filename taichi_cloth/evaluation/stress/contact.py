@@ -33,8 +33,11 @@ def shot_seconds(speed: float) -> float:
     return ceil((BEFORE + BEHIND) / speed / FRAME_SECONDS) * FRAME_SECONDS
 
 
-def shot(speed: float, radius: float, against: str = "particles") -> Sphere:
-    """Return a ball shot through the sheet at `speed` [m/s]. It stops behind it for 0.5 s, and moves back slowly."""
+def shot(speed: float, radius: float, against: str = "particles", aim: float = 0.0) -> Sphere:
+    """Return a ball shot through the sheet at `speed` [m/s]. It stops behind it for 0.5 s, and moves back slowly.
+
+    It is shot at the point x = y = `aim` [m].
+    """
     duration = shot_seconds(speed)
     distance = speed * duration
     path: Keyframes = (
@@ -44,7 +47,7 @@ def shot(speed: float, radius: float, against: str = "particles") -> Sphere:
         (duration + 2.5, 0, 0, 0),
     )
     return Sphere(
-        center=(0.0, 0.0, -BEFORE), radius=radius, margin=MARGIN, keyframes=path, collide_with=against, friction=0.0
+        center=(aim, aim, -BEFORE), radius=radius, margin=MARGIN, keyframes=path, collide_with=against, friction=0.0
     )
 
 
@@ -91,9 +94,13 @@ def fast_ball(trial: Trial, speed: float) -> None:
 
 
 def small_ball(trial: Trial, against: str) -> None:
-    """Shoot a ball smaller than a cell, which collides with particles or triangles. Records whether it went through."""
-    x = trial.open(replace(hung(), spheres=(shot(20.0, 0.01, against),)), far=1.0, rest=hung())
-    near = np.linalg.norm(x[:, :2], axis=1) < 2 / CELLS
+    """Shoot a ball smaller than a cell at the middle of one. It collides with particles or with triangles.
+
+    Records whether it went through.
+    """
+    aim = SIDE / CELLS / 2  # the nearest particles are 2.2 cm away, the ball with its margin has 2 cm
+    x = trial.open(replace(hung(), spheres=(shot(20.0, 0.01, against, aim),)), far=1.0, rest=hung())
+    near = np.linalg.norm(x[:, :2] - aim, axis=1) < 2 / CELLS
     trial.start()
     trial.run(shot_seconds(20.0) + 0.05)
     behind = float(trial.simulation.positions()[near, 2].max()) < trial.simulation.colliders()[0].center[2]
@@ -117,6 +124,7 @@ CREEP = 1e-3  # [m] in a minute, of a sheet that friction holds
 REST_SECONDS, SLIDE_SECONDS = 60.0, 10.0
 SPIN, SPIN_SECONDS = 180.0, 8.0  # [degrees/s] of the ball, and for how long [s]
 FASTER = 1e-3  # relative excess of the sheet's angular velocity over the ball's
+TURNED = 0.5  # share of the ball's angular velocity that friction must give the sheet
 PULL_SPEED, PULL_SECONDS = 1.0, 1.5  # [m/s] of the tablecloth, and for how long [s]
 TABLE_CELLS = 16  # along a side of each of the two layers
 TWO_SHEETS_MS = 400.0  # limit for a frame [ms]
@@ -178,16 +186,22 @@ def turns_of(x: Floats, v: Floats, mass: Floats) -> float:
 
 
 def rotating_ball(trial: Trial) -> None:
-    """Drop a sheet on a ball that spins about the vertical. It may not spin faster than the ball, and stops with it."""
+    """Drop a sheet on a ball that spins about the vertical. It may not spin faster than the ball, and stops with it.
+
+    The angular velocity is that of the whole sheet: its angular momentum over its moment of inertia. Friction must
+    bring it to at least half of the ball's.
+    """
     path: Keyframes = ((0.0, 0, 0, 0, 0, 0, 0), (SPIN_SECONDS, 0, 0, 0, 0, SPIN * SPIN_SECONDS, 0))
     ball = Sphere(center=(0.0, -0.35, 0.0), radius=0.3, margin=MARGIN, friction=0.4, keyframes=path)
     trial.open(sheet(CELLS, pins=(), rotation=FLAT, spheres=(ball,), ground=Ground(height=-1.2)))
     trial.start()
+    simulation, share = trial.simulation, 0.0
     for _ in range(round(SPIN_SECONDS / FRAME_SECONDS)):
         trial.one_frame()
-        simulation = trial.simulation
         rate = turns_of(simulation.positions(), simulation.velocities(), simulation.topology.mass)
-        trial.record("rate of the sheet, of the ball's", rate / radians(SPIN), 1 + FASTER)
+        share = rate / radians(SPIN)
+        trial.record("rate of the sheet, of the ball's", share, 1 + FASTER)
+    trial.record("rate that the sheet lacks, of the ball's", 1 - share, 1 - TURNED)
     trial.run(3.0)
     trial.settle()
 
