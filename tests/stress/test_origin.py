@@ -36,10 +36,8 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("evaluation/reference/static_solution.py", {"yank", "slope", "method"}),
         ("evaluation/stress/invariants.py", {"yank", "slope", "method"}),
         ("evaluation/stress/trial.py", {"yank", "slope", "method"}),
-        ("evaluation/stress/loads.py", {"yank"}),
-        ("evaluation/stress/changes.py", {"method"}),
-        ("evaluation/stress/contact.py", {"slope", "method"}),  # `changes` takes its margin
-        ("evaluation/stress/layered_cloth.py", set()),
+        ("evaluation/stress/loads.py", set()),  # of modules with cases, only what a variant uses counts
+        ("evaluation/stress/contact.py", set()),
         ("solvers/lines.py", {"yank", "method"}),
         ("solvers/explicit.py", {"slope", "method"}),
         ("solvers/base.py", {"yank", "slope", "method"}),
@@ -67,6 +65,35 @@ def test_a_changed_file_changes_the_fingerprints_of_its_results(package: Path, n
     path.write_bytes(source + b"\nMORE = 1\n")
     module.sources.cache_clear()
     assert {key for key, one in ALL.items() if fingerprint(one) != before[key]} == others
+    module.sources.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "others"),
+    [
+        ("loads.py", "YANKED_STRAIN = 0.05", "YANKED_STRAIN = 0.06", {"yank"}),  # a value that the function uses
+        ("loads.py", "for z in (0.0, distance, 0.0):", "for z in (0.0, distance):", {"yank"}),
+        ("loads.py", "CHATTER = 1e-3", "CHATTER = 2e-3", set()),
+        ("loads.py", "import partial", "import partial, reduce", set()),  # nothing of the package
+        ("contact.py", "CREEP = 1e-3", "CREEP = 2e-3", {"slope"}),
+        ("contact.py", "shake - np.outer", "2 * shake - np.outer", {"slope"}),  # in a function that it calls
+        ("contact.py", "MARGIN = 0.01", "MARGIN = 0.02", {"slope", "ball"}),  # imported by another module with cases
+        ("contact.py", "TURNED = 0.5", "TURNED = 0.6", set()),
+        ("layered_cloth.py", "EJECTED = 2.0", "EJECTED = 3.0", {"ball"}),
+    ],
+)
+def test_only_what_a_variant_uses_of_a_module_with_cases_counts(
+    package: Path, name: str, before: str, after: str, others: set[str]
+) -> None:
+    units = ALL | {"ball": unit(21, "xpbd", "teleported")}
+    module.sources.cache_clear()
+    unchanged = {key: fingerprint(one) for key, one in units.items()}
+    path = package / "evaluation/stress" / name
+    source = path.read_text(encoding="utf-8")
+    assert before in source
+    path.write_text(source.replace(before, after, 1), encoding="utf-8")
+    module.sources.cache_clear()
+    assert {key for key, one in units.items() if fingerprint(one) != unchanged[key]} == others
     module.sources.cache_clear()
 
 

@@ -29,6 +29,8 @@ PACKAGE = Path(__file__).parents[2]
 JUDGING_MODULES = ("invariants", "setup", "trial", "unit")  # modules of this folder that judge
 MINUTES = "%Y-%m-%d %H:%M"
 DRAWING = "render/"  # a folder that changes no result
+CASES = "evaluation/stress/"  # the folder of the judging modules and of those with cases
+Symbol = tuple[str, str]  # a module with cases, and a name in it
 PUBLIC_API = "__init__.py"  # it imports what scripts use, of which a result uses only what the other files import
 SOLVER_SWITCH_CASES = "changes"  # the module whose cases switch solvers
 
@@ -36,15 +38,17 @@ SOLVER_SWITCH_CASES = "changes"  # the module whose cases switch solvers
 def fingerprint(unit: Unit) -> str:
     """Return the fingerprint of a unit, 12 hex digits.
 
-    It covers the sources of the physics and checks that the unit runs, its numbers, and versions. The module of a case
-    counts only for its own cases, that of a solver only for its own settings. The processor does not count, so that a
-    run can continue on another machine; each result names its machine.
+    It covers the sources of the physics and checks that the unit runs, its numbers, and versions. Of a module with
+    cases only the functions and values count that the variant uses, and the module of a solver only for its own
+    settings. The processor does not count, so that a run can continue on another machine; each result names its
+    machine. Texts of a case do not count either: they change no result.
     """
     versions = [value for name, value in machine().items() if name not in ("cpu", "cores")]
-    case, calls = unit.case, list(called(unit.variant.run))
-    words = [*versions, case.name, case.parameters, case.note, unit.variant.name, repr(unit.setting), *calls]
-    rows = {call.rpartition(".")[0].rpartition(".")[2] for call in calls if call.startswith(__package__)}
-    words += [f"{name} {digest}" for name, digest in sources(unit.setting.solver.name, frozenset(rows))]
+    calls = list(called(unit.variant.run))
+    functions = [call.split(".")[-2:] for call in calls if call.startswith(__package__)]
+    words = [*versions, str(unit.case.number), unit.variant.name, repr(unit.setting), *calls]
+    found = sources(unit.setting.solver.name, frozenset((module, name) for module, name in functions))
+    words += [f"{name} {digest}" for name, digest in found]
     return hashlib.sha256("\n".join(words).encode()).hexdigest()[:12]
 
 
@@ -60,41 +64,97 @@ def called(run: Any) -> Iterator[str]:
 
 
 @cache
-def sources(solver: str, rows: frozenset[str]) -> list[tuple[str, str]]:
-    """Return the files that a result depends on, relative to the package's folder, with digests of their contents.
+def sources(solver: str, functions: frozenset[Symbol]) -> list[tuple[str, str]]:
+    """Return the sources that a result depends on, by name, with digests of their contents.
 
-    These are the judging modules, the modules of the case (`rows`), the solver, and everything they import.
+    These are the judging modules, the solver and everything they import, each a file, and what the functions of a case
+    use of the modules with cases.
     """
-    solvers = SOLVER_NAMES if SOLVER_SWITCH_CASES in rows else (solver,)  # loaded by name, so not among the imports
+    used, files = symbols(functions)
+    solvers = SOLVER_NAMES if any(module == SOLVER_SWITCH_CASES for module, _ in functions) else (solver,)
     found: set[str] = set()
-    pending = {f"evaluation/stress/{name}.py" for name in {*JUDGING_MODULES, *rows}}
-    pending |= {f"solvers/{name}.py" for name in solvers}
+    pending = {f"{CASES}{name}.py" for name in JUDGING_MODULES}
+    pending |= {f"solvers/{name}.py" for name in solvers}  # loaded by name, so not among the imports
+    pending |= {path.relative_to(PACKAGE).as_posix() for path in files}
     while pending:
         found |= pending
         names = {path.relative_to(PACKAGE).as_posix() for name in pending for path in imported(PACKAGE / name)}
         pending = {name for name in names - found if not name.startswith(DRAWING) and name != PUBLIC_API}
-    return [(name, digest((PACKAGE / name).read_bytes())) for name in sorted(found)]
+    parts = [(f"{module}.{name}", digest_of_nodes(nodes)) for (module, name), nodes in used.items()]
+    return sorted([*parts, *((name, digest((PACKAGE / name).read_bytes())) for name in found)])
+
+
+def symbols(functions: Iterable[Symbol]) -> tuple[dict[Symbol, list[ast.stmt]], set[Path]]:
+    """Return what functions of modules with cases use of these modules: definitions, and the files they import from."""
+    used: dict[Symbol, list[ast.stmt]] = {}
+    files: set[Path] = set()
+    pending = {(module, name) for module, name in functions if module not in JUDGING_MODULES}
+    while pending:
+        module, name = symbol = pending.pop()
+        path = PACKAGE / f"{CASES}{module}.py"
+        nodes = [node for node in statements(path.read_bytes()) if name in bound_names(node)]
+        used[symbol] = [node for node in nodes if not isinstance(node, ast.ImportFrom)]
+        for node in nodes:
+            if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module not in (None, *JUDGING_MODULES):
+                pending |= {(str(node.module), a.name) for a in node.names if name == (a.asname or a.name)}
+            elif isinstance(node, ast.ImportFrom):
+                files |= set(imported_by(path, node))
+            else:
+                names = {other.id for other in ast.walk(node) if isinstance(other, ast.Name)}
+                pending |= {(module, other) for other in names}
+        pending -= used.keys()
+    return {symbol: nodes for symbol, nodes in used.items() if nodes}, files
+
+
+def bound_names(node: ast.stmt) -> set[str]:
+    """Return the names that a statement of a module defines or imports."""
+    match node:
+        case ast.FunctionDef() | ast.ClassDef():
+            return {node.name}
+        case ast.Assign():
+            return {one.id for target in node.targets for one in ast.walk(target) if isinstance(one, ast.Name)}
+        case ast.AnnAssign(target=ast.Name(id=name)):
+            return {name}
+        case ast.ImportFrom():
+            return {alias.asname or alias.name for alias in node.names}
+    return set()
 
 
 def imported(path: Path) -> Iterator[Path]:
     """Yield the modules of the package that a file names in its relative imports."""
-    for level, module, names in relative_imports(path.read_bytes()):
-        folder = path.parents[level - 1].joinpath(*module.split("."))
-        inside = [folder / f"{name}.py" for name in ("__init__", *names)]
+    for node in relative_imports(path.read_bytes()):
+        yield from imported_by(path, node)
+
+
+def imported_by(path: Path, node: ast.ImportFrom) -> Iterator[Path]:
+    """Yield the modules of the package that a relative import in a file names; none if it is absolute."""
+    if node.level:
+        folder = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+        inside = [folder / f"{name}.py" for name in ("__init__", *(alias.name for alias in node.names))]
         yield from (one for one in (folder.with_suffix(".py"), *inside) if one.is_file())
 
 
 @cache
-def relative_imports(source: bytes) -> list[tuple[int, str, list[str]]]:
-    """Return the number of dots, the module and the names of every relative import in a source."""
-    nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom)]
-    return [(node.level, node.module or "", [name.name for name in node.names]) for node in nodes if node.level]
+def relative_imports(source: bytes) -> list[ast.ImportFrom]:
+    """Return every relative import in a source."""
+    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom) and node.level]
+
+
+@cache
+def statements(source: bytes) -> list[ast.stmt]:
+    """Return the statements of a module."""
+    return ast.parse(source).body
 
 
 @cache
 def digest(source: bytes) -> str:
-    """Return the SHA-256 of a module without its comments, docstrings and line breaks, which change no result."""
-    tree = ast.parse(source)
+    """Return the digest of a module."""
+    return digest_of_nodes(statements(source))
+
+
+def digest_of_nodes(nodes: Iterable[ast.stmt]) -> str:
+    """Return the SHA-256 of statements without their comments, docstrings and line breaks, which change no result."""
+    tree = ast.Module(list(nodes), [])
     for node in ast.walk(tree):
         if isinstance(body := getattr(node, "body", None), list):
             node.body = [line for line in body if not is_text(line)]  # type: ignore[attr-defined]
@@ -104,6 +164,12 @@ def digest(source: bytes) -> str:
 def is_text(line: ast.stmt) -> bool:
     """Return whether a statement is a docstring."""
     return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and isinstance(line.value.value, str)
+
+
+def texts_of(unit: Unit) -> dict[str, Any]:
+    """Return the texts of a unit's case, by the name of the field of `Result`."""
+    case = unit.case
+    return {"name": case.name, "parameters": case.parameters, "about": case.note}
 
 
 @dataclass
@@ -121,12 +187,16 @@ class Store:
     """Number of results of an older version of the program, when the file was written."""
     origins: dict[Key, str] = field(default_factory=dict, compare=False)
     """Fingerprint of each unit if it ran now."""
+    texts: dict[Key, dict[str, Any]] = field(default_factory=dict, compare=False)
+    """What a result says of the case of each unit."""
 
     @classmethod
     def new(cls, path: Path | None, planned: Iterable[Unit]) -> Store:
         """Return a store for these units, without results, on this machine."""
-        origins = {unit.key: fingerprint(unit) for unit in planned}
-        return cls(path, list(origins), {}, " · ".join(machine().values()), origins=origins)
+        units = {unit.key: unit for unit in planned}
+        origins = {key: fingerprint(unit) for key, unit in units.items()}
+        texts = {key: texts_of(unit) for key, unit in units.items()}
+        return cls(path, list(origins), {}, " · ".join(machine().values()), origins=origins, texts=texts)
 
     def add(self, result: Result) -> None:
         """Add or replace a result, with fingerprint, date and machine, and write the file. Raises OSError."""
@@ -176,15 +246,14 @@ class Store:
     def repeat(self, again: Result) -> bool:
         """Take over an earlier result if this version of the program repeated its last start bit by bit (`again`).
 
-        The texts of the case are those of this version. Writes the file, and returns whether the digests are equal.
+        Writes the file, and returns whether the digests are equal.
         Raises OSError.
         """
         earlier = self.results[again.key]
         if again.digest != earlier.digest:
             return False
         now, cause = datetime.now(UTC).strftime(MINUTES), self.cause(earlier)
-        renamed = replace(earlier, name=again.name, parameters=again.parameters, about=again.about)
-        self.results[again.key] = replace(renamed, origin=self.origins[again.key], repeated=now)
+        self.results[again.key] = replace(earlier, origin=self.origins[again.key], repeated=now)
         if cause is not None:
             self.explain(again.key, cause)
         self.save()
@@ -203,7 +272,8 @@ class Store:
             one, there = others[0], count_noun(len(others), "result")
             example = f"{one.case} {one.name}, {one.variant}, {one.setting}"
             raise UsageError(f"{older.path} has {there} that this run does not include ({example}): use another file")
-        results = {key: older.results[key] for key in self.planned if key in older.results}
+        found = [key for key in self.planned if key in older.results]
+        results = {key: replace(older.results[key], **self.texts[key]) for key in found}
         count = sum(not self._is_new(result) for result in results.values())
         return replace(self, results=results, causes=older.causes, older=count)
 

@@ -317,8 +317,8 @@ starts: with every solver at its default substeps and iterations, and with two s
 
 Each start has a random seed, which disturbs positions or velocities slightly. A variant fails if one of its starts
 fails, and a case fails if one of its variants fails. `taichi-cloth stress --filter yank --variant "10 m" --solver xpbd`
-runs one variant, and `--seed N` repeats one start: the report prints the seed of the one that failed. [{rows}]({rows}) lists every variant and
-every failure.
+runs one variant, and `--seed N` repeats one start: the report prints the seed of the one that failed. [{rows}]({rows})
+lists every variant and every failure.
 
 Unless a case says otherwise, the sheet is 1 m by 1 m with 0.2 kg/m² and {cells} × {cells} cells, for every setting. Its
 springs have 1000 N/m along rows, columns and diagonals, its bending stiffness is 1.57e-5 N·m and its damping 2/s. It
@@ -360,10 +360,11 @@ it is.
 **Energy** is the sum of kinetic, gravitational, spring and bending energy, with the constants k of the fabric. For
 implicit solvers, whose springs act softer the longer the substep h is, it is computed with k/(1 + c·k·h²·Σw). Here c
 belongs to the slowest motion of the sheet, and Σw is the sum of the inverse masses at the ends of a spring. The same
-sum is used for the work and for the bound. Twice the sum of k times the squared rounding of a position is allowed too. Work done between two frames is known exactly. Within a frame, growth of
-the energy counts as work up to a bound on the work of grabs, wind, moving colliders, and colliders that push particles
-out because they appeared around them (formulas: `taichi_cloth/evaluation/stress/invariants.py`). The bound for
-colliders is loose: it assumes that they hit every particle within reach in every frame.
+sum is used for the work and for the bound. Twice the sum of k times the squared rounding of a position is allowed too.
+Work done between two frames is known exactly. Within a frame, growth of the energy counts as work up to a bound on the
+work of grabs, wind, moving colliders, and colliders that push particles out because they appeared around them
+(formulas: `taichi_cloth/evaluation/stress/invariants.py`). The bound for colliders is loose: it assumes that they hit
+every particle within reach in every frame.
 
 **Too slow** means more than {slow:.0f} ms per frame (30 frames per second) unless the row says otherwise. The time is
 the median of the frames of a scene after compilation, checked after 5 frames and then every {every} frames. All cores
