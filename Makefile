@@ -18,7 +18,7 @@ MACHINE ?= two-cores
 RESULTS := benchmarks/results/$(MACHINE)
 
 # The shipped scenes, in the order of the documents.
-SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack twist tear \
+SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack towel twist tear \
 	sphere flag sail hammock cape banner relief
 
 help:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import sparse
+from scipy.sparse.linalg import eigsh
 
 from taichi_cloth.geometry.stability_bounds import MARGIN, max_frequency, min_rk4_substeps, min_symplectic_substeps
 from taichi_cloth.geometry.topology import Topology, build_sheet
@@ -98,3 +100,32 @@ def test_the_runge_kutta_substep_is_stable_for_every_mode_and_not_too_short(damp
 
 def test_the_runge_kutta_substep_without_vibration_is_a_full_frame() -> None:
     assert min_rk4_substeps(0.0, 1e-3, 1 / 60) == 1
+
+
+@pytest.mark.parametrize(("cells", "limit"), [(32, 3.61e-4), (128, 9.0e-5)])
+def test_the_substep_of_a_flat_sheet_is_below_the_limit_of_its_fastest_vibration(cells: int, limit: float) -> None:
+    """The limit [s] is 2/ω of a flat sheet of 1 m with 1000, 500 and 100 N/m and equal masses, 2·√(m/(4·(k_s + k_d))).
+
+    The bound holds for crumpled shapes too, so its substep is shorter.
+    """
+    side = {"width": 1.0, "height": 1.0}
+    topology = grid(cells + 1, cells + 1, pins=(), mass_lumping="uniform", **side)
+    stiffness = topology.by_family({"structural": 1000.0, "shear": 500.0, "bend": 100.0})
+    a, b = topology.ends.T
+    gap = (topology.start[b] - topology.start[a])[:, :2]
+    normal = gap / np.linalg.norm(gap, axis=1, keepdims=True)
+    count = topology.particle_count
+    index = np.arange(len(a))
+    stretch = sparse.csr_array(
+        (
+            np.concatenate([normal, -normal]).ravel(),
+            (np.repeat(np.tile(index, 2), 2), (2 * np.concatenate([b, a])[:, None] + [0, 1]).ravel()),
+        ),
+        shape=(len(a), 2 * count),
+    )
+    matrix = stretch.T @ sparse.diags_array(stiffness) @ stretch / topology.mass[0]
+    first = np.random.default_rng(0).standard_normal(2 * count)
+    [fastest] = eigsh(matrix, 1, return_eigenvectors=False, v0=first, tol=1e-3)
+    exact = 2 / np.sqrt(float(fastest))
+    assert exact == pytest.approx(limit, rel=0.01)
+    assert 0.8 * exact < 2 / max_frequency(topology, stiffness) < exact

@@ -21,7 +21,9 @@ from taichi_cloth.scene.collider_schema import Plane
 from taichi_cloth.scene.schema import FRAME_SECONDS
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.viewer.session import Session
+from taichi_cloth.viewer.window import FrameClock
 
+WALL_TIME = "simulated time beside the wall's [s]"
 VARIANTS = {(case.number, one.name): one.run for case in case_catalog.CASES for one in case.variants}
 
 
@@ -41,13 +43,15 @@ def move_particle(simulation: Simulation, particle: int, y: float) -> None:
 
 
 class SettlingWalk(Walk):
-    """A walk that calls `at_rest` each time the cloth comes to rest."""
+    """A walk that calls `at_rest` each time the cloth comes to rest, and then what the case calls after a frame."""
 
     at_rest: Callable[[Walk], object]
 
-    def settle(self, **how: object) -> None:
+    def settle(self, after_frame: Callable[[], object] | None = None, **how: object) -> None:
         super().settle(**how)
         self.at_rest()  # type: ignore[call-arg]
+        if after_frame is not None:
+            after_frame()
 
 
 def settling(run: Callable[[Trial], object], at_rest: Callable[[Walk], object]) -> Walk:
@@ -114,6 +118,13 @@ def test_the_strain_limit_is_checked_in_every_frame(name: str, cap: float, frame
         "strain above the cap"
     ]
     assert loads.CAP_ROUNDING < 2e-5
+
+
+def test_the_strain_limit_is_checked_while_the_sheet_comes_to_rest() -> None:
+    def stretch(one: Walk) -> None:
+        one.watch.strain = 0.02
+
+    assert settling(VARIANTS[38, "1 %"], stretch).broken == ["strain above the cap"]
 
 
 def test_a_stretched_sheet_returns_to_its_static_strain_within_a_thousandth() -> None:
@@ -502,10 +513,62 @@ def test_the_angular_velocity_of_a_cloth() -> None:
     assert contact.turns_of(x, 0 * v, np.ones(20)) == 0.0
 
 
-@pytest.mark.parametrize(("share", "broken"), [(1.0, False), (1.01, True)])
-def test_a_sheet_may_not_spin_faster_than_its_ball(share: float, broken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("share", "broken"),
+    [
+        (1.0, ""),
+        (1.01, "rate of the sheet, of the ball's"),
+        (0.51, ""),
+        (0.49, "rate that the sheet lacks, of the ball's"),
+    ],
+)
+def test_a_sheet_turns_with_its_ball_and_not_faster(share: float, broken: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(contact, "turns_of", lambda *_: share * np.radians(180.0))
-    assert bool(walk(contact.rotating_ball).broken) == broken
+    assert set(walk(contact.rotating_ball).broken) == ({broken} if broken else set())
+
+
+def test_the_ball_on_the_layers_must_end_beside_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    what = "distance of the ball from the pile [m]"
+    thickness = layered_cloth.particle_self_collision(1.0 / layered_cloth.LAYER_CELLS).thickness
+
+    def broken(away: float) -> bool:
+        """With the nearest particle at this distance from the ball and its margin [m]."""
+
+        def move(one: Walk) -> None:
+            x = one.simulation.positions()
+            beside = one.simulation.colliders()[0].center + [0.3 + contact.MARGIN + away, 0.0, 0.0]
+            one.simulation.set_state(x - x[x[:, 0].argmin()] + beside, np.zeros_like(x))
+
+        return what in settling(VARIANTS[15, "10 sheets"], move).broken
+
+    assert not broken(0.99 * thickness)
+    assert broken(1.01 * thickness)
+
+
+@pytest.mark.parametrize(("down", "fallen"), [(0.0, 0), (2.0, 50)])
+def test_layers_that_fell_off_the_bar_are_counted(down: float, fallen: int) -> None:
+    def move(one: Walk) -> None:
+        x = one.simulation.positions()
+        one.simulation.set_state(x - [0.0, 50 * layered_cloth.MANY_SPACING * (down > 0) + down, 0.0], np.zeros_like(x))
+
+    one = settling(VARIANTS[16, "50 sheets"], move)
+    assert [f.value for f in one.figures if f.what == "layers that fell off the bar"] == [fallen]
+
+
+@pytest.mark.parametrize(("frames", "broken"), [(4, []), (3, [WALL_TIME]), (9, [WALL_TIME])])
+def test_a_clock_that_loses_or_adds_time_is_a_violation(
+    frames: int, broken: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a stall of a second the clock keeps four frames; another number is too few or too many."""
+
+    class Clock(FrameClock):
+        def due(self, now: float) -> int:
+            due = super().due(now)
+            return due if due < 4 else frames
+
+    monkeypatch.setattr(refresh_rates, "FrameClock", Clock)
+    assert walk(VARIANTS[5, "1/144 and 1/20 s"]).broken == broken
+    assert set(walk(VARIANTS[4, "10 Hz"]).broken) == set(broken)
 
 
 @pytest.mark.parametrize(("times", "broken"), [(0.99, False), (1.05, True)])
@@ -858,6 +921,9 @@ def test_a_refusal_must_name_its_reason(text: str, monkeypatch: pytest.MonkeyPat
             extremes.open_or_refused(trial, sheet(2), "mesh.obj", None)
     else:
         extremes.open_or_refused(trial, sheet(2), "mesh.obj", None)
+        [note] = trial.notes
+        assert note.startswith("refused: ")
+        assert text in note
 
 
 def test_the_stretch_by_a_heavy_corner_is_recorded() -> None:

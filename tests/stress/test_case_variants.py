@@ -51,13 +51,30 @@ KEYS: dict[int, tuple[Callable[[Scene], Any], list[Any]]] = {
         lambda s: s.spheres[0].keyframes[1][3] / s.spheres[0].keyframes[1][0],
         [pytest.approx(v) for v in (5, 20, 50, 100)],
     ),
-    18: (lambda s: s.spheres[0].collide_with, ["particles", "triangles"]),
+    18: (
+        lambda s: (s.spheres[0].collide_with, s.spheres[0].radius, s.spheres[0].center[:2]),
+        [(against, 0.01, pytest.approx((0.5 / CELLS,) * 2)) for against in ("particles", "triangles")],
+    ),
+    19: (lambda s: (s.spheres[0].radius, s.spheres[0].friction), [(0.3, 0.0)]),
+    20: (lambda s: s.spheres[0].radius, [1.0]),
+    21: (lambda s: s.spheres[0].radius, [0.3, 1e-3]),
+    22: (lambda s: (s.spheres[0].radius, s.spheres[0].center), [(0.15, pytest.approx((-0.5, 0.4, 0.0)))]),
+    23: (  # balls of 0.3 m, 1 m apart: they touch after 0.2 m each, and overlap by 0.1 m after 0.25 m
+        lambda s: [(ball.radius, [abs(key[3]) for key in ball.keyframes]) for ball in s.spheres],
+        [[(0.3, pytest.approx([0, 0.2, 0.2, 0.25, 0.25, 0]))] * 2],
+    ),
     25: (lambda s: (s.cloth.rows, s.cloth.columns), [*case_catalog.GRIDS]),
     26: (lambda s: s.forces.gravity, [0.0, -9.81, 1e3, 1e5, 9.81]),
+    27: (lambda s: s.wind and (s.wind.x, s.wind.z, s.wind.turbulence), [(0.0, 100.0, 0.0)]),
+    28: (lambda s: s.wind and (s.wind.x, s.forces.gravity), [(2.0, 0.0), (2.0, 0.0)]),
     33: (lambda s: s.cloth.center, [(away, away, 0.0) for away in (100.0, 1000.0, 10_000.0)]),
     35: (
         lambda s: (s.planes[0].friction, -s.planes[0].rotation[2]),
         [(mu, slope) for slope in (30, 89) for mu in (0, 1, 10, 1e6)],
+    ),
+    36: (
+        lambda s: (s.spheres[0].radius, s.spheres[0].friction, s.spheres[0].keyframes[1]),
+        [(0.3, 0.4, (8.0, 0, 0, 0, 0, 8 * 180.0, 0))],
     ),
     37: (lambda s: (s.solver.damping, s.fabric.damping_time), [(0, 0), (1e6, 0), (2.0, 0), (0, 1.0)]),
     38: (
@@ -134,6 +151,7 @@ def test_a_collapsed_sheet_is_at_one_point() -> None:
     assert 1e-4 < millimetre.std(axis=0).min() < millimetre.std(axis=0).max() < 1e-2
     for one in walks(9):
         assert np.array_equal(one.started[0], one.started[1])
+        assert one.frames == 2 * 300  # and five seconds at rest after each
 
 
 def test_a_flattened_sheet_is_flat() -> None:
@@ -182,6 +200,33 @@ def test_a_yank_moves_the_grab_by_ten_meters_in_a_frame() -> None:
     [one] = walks(29)
     assert [target[2] - one.grabs[0][2] for target in one.grabs] == pytest.approx([0.0, 10.0, 0.0])
     assert one.rest == [0.05]
+
+
+def test_the_wind_blows_five_times() -> None:
+    [one] = walks(27)
+    assert [value for name, value in one.sets if name == "wind"] == [1.0, 0.0] * 5 + [0.0]
+    assert one.frames == 300
+
+
+def test_a_tablecloth_is_pulled_at_a_meter_per_second() -> None:
+    for mu, one in zip((0.3, 0.03), walks(39), strict=True):
+        scene = one.scenes[0]
+        assert scene.self_collision is not None
+        assert (scene.cloth.layers, scene.self_collision.friction, scene.boxes[0].friction) == (2, mu, 0.0)
+        assert np.diff([x[0, 0] for x in one.pins]) * 60 == pytest.approx(1.0)
+
+
+def test_a_ball_is_teleported_into_the_sheet_and_grows_within_a_frame() -> None:
+    teleported, grown = walks(21)
+    (t, *start), (arrives, *there), *_ = teleported.scenes[0].spheres[0].keyframes
+    assert arrives - t < 1e-3
+    assert there[2] - start[2] == pytest.approx(5.01)
+    assert [value for name, value in grown.sets if name == "sphere_radius"] == [0.5, 1e-3]
+
+
+def test_slow_cases_have_the_limits_that_their_rows_name() -> None:
+    limits = {number: walks(number)[0].limit_ms for number in (15, 16, 39)}
+    assert limits == {15: 550.0, 16: 550.0, 39: 400.0}
 
 
 def test_changes_reach_the_cloth() -> None:

@@ -69,7 +69,7 @@ REFERENCES = (
         "doubling, springs",
         "linear bending",
         elastica.doubling_by_springs,
-        ("explicit", "lines"),
+        ELASTIC,
     ),
     Reference("A4.3", "cantilever", "heavy elastica", elastica.droop, ELASTIC),
     Reference("A4.4", "pear loop", "elastica", elastica.loop, ELASTIC),
