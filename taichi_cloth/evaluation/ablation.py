@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,8 @@ from ..scene.schema import COLLIDERS, Scene
 from ..simulation.copies import feature_cost
 from ..simulation.simulation import Simulation
 from ..solvers import SOLVERS
-from ..system.console import machine, markdown_table, printed_table, wide_console
+from ..system.console import commit_of, machine, markdown_table, printed_table, wide_console
+from ..system.errors import UsageError, error_text
 from ..system.files import atomic_file
 
 Floats = NDArray[np.float64]
@@ -206,11 +209,45 @@ def print_tables(all_found: Sequence[Ablations]) -> None:
     console.print(EXPLANATION, soft_wrap=True)
 
 
-def write_markdown(path: Path, all_found: Sequence[Ablations]) -> None:
+@dataclass(frozen=True)
+class Run:
+    """The ablations of a run, with the machine, the time [UTC] and the commit of the program."""
+
+    machine: dict[str, str]
+    date: str
+    commit: str
+    scenes: list[Ablations]
+
+
+def this_machine(scenes: list[Ablations]) -> Run:
+    """Return a run that ends now, on this machine."""
+    return Run(machine(), datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), commit_of(), scenes)
+
+
+def write_json(path: Path, run: Run) -> None:
+    """Write a run. Raises OSError."""
+    with atomic_file(path) as file:
+        file.write(json.dumps(asdict(run), indent=1).encode())
+
+
+def read_json(path: Path) -> Run:
+    """Return a run that `write_json` wrote. Raises UsageError if the file cannot be read or is not one."""
+    try:
+        words = json.loads(path.read_text(encoding="utf-8"))
+        scenes = [Ablations(**one | {"rows": [Ablation(**row) for row in one["rows"]]}) for one in words["scenes"]]
+        return Run(**words | {"scenes": scenes})
+    except OSError as error:
+        raise UsageError(error_text(error)) from None
+    except (ValueError, KeyError, TypeError):
+        raise UsageError(f"{path} was not written by `ablate --json`") from None
+
+
+def write_markdown(path: Path, run: Run) -> None:
     """Write a page with a section for each scene. Raises OSError."""
     lines = ["# Features of the scenes: all rows", "", "Written by `taichi-cloth ablate` on:", ""]
-    lines += [" · ".join(machine().values()), "", *EXPLANATION.splitlines(), ""]
-    for found in all_found:
+    lines += [" · ".join([*run.machine.values(), run.date, f"commit {run.commit[:8]}"]), ""]
+    lines += [*EXPLANATION.splitlines(), ""]
+    for found in run.scenes:
         title = load_scene(found.scene).title if found.scene in scene_names() else found.scene
         lines += [f"## {found.scene}", "", title, "", heading(found), "", *markdown_table(table(found)), ""]
     with atomic_file(path) as file:

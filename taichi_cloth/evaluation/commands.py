@@ -85,17 +85,14 @@ def add_commands(command: Command) -> None:
     )
     stress.add_argument("--markdown", type=file_path, metavar="FILE", help="write the report as Markdown")
     stress.add_argument(
-        "--image-dir",
-        type=file_path,
-        default=Path("out/stress"),
-        metavar="DIR",
-        help="images of failed frames",
+        "--image-dir", type=file_path, default=Path("out/stress"), metavar="DIR", help="images of failed frames"
     )
     stress.add_argument("--force", action="store_true", help="replace FILE if it exists, drop results of removed cases")
 
     ablation = command("ablate", run_ablate, "measure what each feature of a scene costs and changes", "ablate curtain")
     ablation.add_argument("scenes", nargs="+", metavar="SCENE", help="shipped scenes or TOML files")
     ablation.add_argument("--frames", type=count, default=120, metavar="N", help="largest number of frames to compare")
+    ablation.add_argument("--json", type=file_path, metavar="FILE", help="write all results")
     ablation.add_argument("--markdown", type=file_path, metavar="FILE", help="write the tables as Markdown")
     ablation.add_argument("--force", action="store_true", help="replace FILE if it exists")
 
@@ -385,8 +382,8 @@ def run_ablate(args: argparse.Namespace) -> int:
     from ..system.console import check_output_file, steps_progress
     from . import ablation
 
-    if args.markdown:
-        check_output_file(args.markdown, force=args.force)
+    for path in filter(None, (args.json, args.markdown)):
+        check_output_file(path, force=args.force)
     runtime.start("cpu")
     found = []
     with steps_progress(len(scenes)) as on_step:
@@ -394,6 +391,9 @@ def run_ablate(args: argparse.Namespace) -> int:
             on_step(scene.name)
             found.append(ablation.ablate(scene, args.frames))
     ablation.print_tables(found)
+    run = ablation.this_machine(found)
+    if args.json:
+        ablation.write_json(args.json, run)
     if args.markdown:
-        ablation.write_markdown(args.markdown, found)
+        ablation.write_markdown(args.markdown, run)
     return 0

@@ -8,12 +8,16 @@ import pytest
 
 from taichi_cloth import load_scene
 from taichi_cloth.__main__ import main
+from taichi_cloth.evaluation import ablation
 from taichi_cloth.evaluation.ablation import ablate, ablated_scenes, horizon, motion, outlines
 from taichi_cloth.geometry.grid import triangles
+from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.collider_schema import Ground
 from taichi_cloth.scene.overrides import scene_without
 from taichi_cloth.scene.schema import Cloth, Scene, Solver, VerletSprings, Wind
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system.console import machine
+from taichi_cloth.system.errors import UsageError
 
 pytestmark = pytest.mark.usefixtures("running", "serial_layout")
 
@@ -72,17 +76,39 @@ def test_the_command_prints_and_writes_tables(
     Path("small.toml").write_text(
         "[cloth]\nrows = 6\ncolumns = 6\n[verlet]\nshear = 0.0\nbend = 0.0\n[wind]\nturbulence = 0.0\nlift = 0.0\n"
     )
-    words = ["ablate", "small.toml", "--frames", "3", "--markdown", "o.md"]
+    words = ["ablate", "small.toml", "--frames", "3", "--json", "o.json", "--markdown", "o.md"]
     assert main(words) == 0
     assert "small: " in capsys.readouterr().out
     text = Path("o.md").read_text(encoding="utf-8")
+    run = ablation.read_json(Path("o.json"))
+    ablation.write_markdown(Path("again.md"), run)
+    assert Path("again.md").read_text(encoding="utf-8") == text
+    assert " · ".join([*machine().values(), run.date, f"commit {run.commit[:8]}"]) in text
     assert "\n## small\n" in text
     assert [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| ")] == [
         *("without", "damping", "wind"),
     ]
     assert main(words) == 2
+    Path("o.json").unlink()
+    assert main(words) == 2  # the page exists
     assert main(["ablate", "curtian"]) == 2
     assert "curtain" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"machine": {}, "date": "", "commit": "", "scenes": [{}]}'])
+def test_another_file_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.json"
+    path.write_text(text)
+    with pytest.raises(UsageError, match="was not written by `ablate --json`"):
+        ablation.read_json(path)
+
+
+def test_the_page_matches_the_stored_run(tmp_path: Path) -> None:
+    top = Path(__file__).parents[2]
+    run = ablation.read_json(top / "benchmarks" / "results" / "two-cores" / "ablation.json")
+    ablation.write_markdown(tmp_path / "page.md", run)
+    assert (top / "docs" / "scenes_rows.md").read_text(encoding="utf-8") == (tmp_path / "page.md").read_text("utf-8")
+    assert {one.scene for one in run.scenes} == {*scene_names()} - {"walker"}, "run: make validate"
 
 
 def test_each_layer_has_its_own_outline() -> None:

@@ -61,7 +61,6 @@ EXPLAINED = {
     **dict.fromkeys(("A3.1", "B3"), ("xpbd",)),
     **dict.fromkeys(("A2.3", "B1"), ("verlet",)),
     **dict.fromkeys(("A2.5", "A6.2"), ("xpbd",)),
-    "A7.2": ("explicit", "rk4"),
     "A8.5": ("rk4",),
     "A8.7": ("verlet", "xpbd"),
     "A8.9": ("verlet",),
