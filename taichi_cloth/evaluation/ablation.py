@@ -22,7 +22,6 @@ from ..simulation.copies import feature_cost
 from ..simulation.simulation import Simulation
 from ..solvers import SOLVERS
 from ..system.console import commit_of, machine, markdown_table, printed_table, wide_console
-from ..system.errors import UsageError, error_text
 from ..system.files import atomic_file
 
 Floats = NDArray[np.float64]
@@ -227,25 +226,13 @@ def this_machine(scenes: list[Ablations]) -> Run:
 def write_json(path: Path, run: Run) -> None:
     """Write a run. Raises OSError."""
     with atomic_file(path) as file:
-        file.write(json.dumps(asdict(run), indent=1).encode())
-
-
-def read_json(path: Path) -> Run:
-    """Return a run that `write_json` wrote. Raises UsageError if the file cannot be read or is not one."""
-    try:
-        words = json.loads(path.read_text(encoding="utf-8"))
-        scenes = [Ablations(**one | {"rows": [Ablation(**row) for row in one["rows"]]}) for one in words["scenes"]]
-        return Run(**words | {"scenes": scenes})
-    except OSError as error:
-        raise UsageError(error_text(error)) from None
-    except (ValueError, KeyError, TypeError):
-        raise UsageError(f"{path} was not written by `ablate --json`") from None
+        file.write(json.dumps(asdict(run), indent=1, allow_nan=False).encode())
 
 
 def write_markdown(path: Path, run: Run) -> None:
     """Write a page with a section for each scene. Raises OSError."""
     lines = ["# Features of the scenes: all rows", "", "Written by `taichi-cloth ablate` on:", ""]
-    lines += [" · ".join([*run.machine.values(), run.date, f"commit {run.commit[:8]}"]), ""]
+    lines += [" · ".join([*run.machine.values(), run.date, f"commit {run.commit}"]), ""]
     lines += [*EXPLANATION.splitlines(), ""]
     for found in run.scenes:
         title = load_scene(found.scene).title if found.scene in scene_names() else found.scene

@@ -96,10 +96,10 @@ def test_hundreds_of_starts_with_simulations_open(collecting: str) -> None:
 MANY = """
 runtime.start("cpu", random_seed=0)
 sizes = [(4, 8), (5, 9), (3, 12)]
-layouts = ["serial", "simd"]
+layouts = ["serial", "simd", "parallel"]
 def one(k):
     rows, columns = sizes[k % 3]
-    simulation = Simulation(scene(rows=rows, columns=columns), layouts[k // 3 % 2])
+    simulation = Simulation(scene(rows=rows, columns=columns), layouts[k // 3 % 3])
     if k % 7 == 0:
         simulation.step()
     if k % 11:

@@ -224,7 +224,7 @@ def test_a_ball_is_teleported_into_the_sheet_and_grows_within_a_frame() -> None:
     assert [value for name, value in grown.sets if name == "sphere_radius"] == [0.5, 1e-3]
 
 
-def test_slow_cases_have_the_limits_that_their_rows_name() -> None:
+def test_slow_cases_have_limits_of_their_own() -> None:
     limits = {number: walks(number)[0].limit_ms for number in (15, 16, 39)}
     assert limits == {15: 550.0, 16: 550.0, 39: 400.0}
 

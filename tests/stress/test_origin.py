@@ -1,5 +1,6 @@
-"""A result is repeated if a file that it depends on has changed, and only then."""
+"""A result is repeated if something that it depends on has changed, and only then."""
 
+import ast
 import shutil
 from pathlib import Path
 
@@ -74,7 +75,9 @@ def test_a_changed_file_changes_the_fingerprints_of_its_results(package: Path, n
         ("loads.py", "YANKED_STRAIN = 0.05", "YANKED_STRAIN = 0.06", {"yank"}),  # a value that the function uses
         ("loads.py", "for z in (0.0, distance, 0.0):", "for z in (0.0, distance):", {"yank"}),
         ("loads.py", "CHATTER = 1e-3", "CHATTER = 2e-3", set()),
-        ("loads.py", "import partial", "import partial, reduce", set()),  # nothing of the package
+        ("loads.py", "from functools import partial", "from functools import reduce as partial", {"yank"}),
+        ("loads.py", "from functools import partial", "from functools import partial, reduce", set()),
+        ("loads.py", "from .invariants import ROUNDING", "from .setup import ROUNDING", set()),
         ("contact.py", "CREEP = 1e-3", "CREEP = 2e-3", {"slope"}),
         ("contact.py", "shake - np.outer", "2 * shake - np.outer", {"slope"}),  # in a function that it calls
         ("contact.py", "MARGIN = 0.01", "MARGIN = 0.02", {"slope", "ball"}),  # imported by another module with cases
@@ -95,6 +98,17 @@ def test_only_what_a_variant_uses_of_a_module_with_cases_counts(
     module.sources.cache_clear()
     assert {key for key, one in units.items() if fingerprint(one) != unchanged[key]} == others
     module.sources.cache_clear()
+
+
+@pytest.mark.parametrize("name", ["changes", "contact", "extremes", "layered_cloth", "loads", "refresh_rates"])
+def test_every_statement_of_a_module_with_cases_binds_its_names(name: str) -> None:
+    """The fingerprint follows names to these statements only, and would miss any other."""
+    [docstring, *statements] = module.statements((module.PACKAGE / f"evaluation/stress/{name}.py").read_bytes())
+    assert module.is_text(docstring)
+    assert [ast.unparse(one) for one in statements if not module.bound_names(one)] == []
+    assert "*" not in set().union(*map(module.bound_names, statements))
+    inside = [one for outer in statements for one in ast.walk(outer) if one is not outer]
+    assert [ast.unparse(one) for one in inside if isinstance(one, ast.Import | ast.ImportFrom)] == []
 
 
 def test_every_unit_has_its_own_fingerprint() -> None:

@@ -267,7 +267,7 @@ CASES = (
     Case(
         33,
         "far away",
-        "100, 1000, 10,000 m from the origin; falls within 1 % (and the first substep), sags alike within 1 %",
+        "100, 1000, 10,000 m from the origin; falls ½gt² within 1 % plus one substep, sags alike within 1 %",
         variants(extremes.far_away, {f"{away:g} m": away for away in (100.0, 1000.0, 10_000.0)}),
     ),
     Case(
@@ -292,7 +292,7 @@ CASES = (
     Case(
         36,
         "rotating ball",
-        "radius 0.3 m, 180°/s, μ = 0.4; the sheet as a whole turns at half to all of the ball's rate",
+        f"radius 0.3 m, 180°/s, μ = 0.4; the sheet never faster, and at {contact.TURNED:g} of its rate at the end",
         (Variant("180°/s", contact.rotating_ball),),
         note="the ball stops after eight seconds, so that the sheet can come to rest",
     ),

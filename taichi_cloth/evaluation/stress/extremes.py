@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from math import log10
+from os import sep
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +107,8 @@ def open_or_refused(trial: Trial, scene: Scene, name: str, rest: Scene | None) -
         named = any(reason in str(error) for reason in reasons)
         trial.check("refusals that name nothing", not named, 0)
         trial.record("refused", 1)
-        trial.note(f"refused: {one_line(str(error))}")
+        message = str(error).replace(f"{folder()}{sep}", "")  # the folder is another one in each run
+        trial.note(f"refused: {one_line(message)}")
         return
     trial.start()
     trial.run(5.0)

@@ -85,18 +85,21 @@ def sources(solver: str, functions: frozenset[Symbol]) -> list[tuple[str, str]]:
 
 
 def symbols(functions: Iterable[Symbol]) -> tuple[dict[Symbol, list[ast.stmt]], set[Path]]:
-    """Return what functions of modules with cases use of these modules: definitions, and the files they import from."""
+    """Return what functions of modules with cases use of these modules, and the files that they import from.
+
+    A name stands for the statements that define or import it (`bound_names`).
+    """
     used: dict[Symbol, list[ast.stmt]] = {}
     files: set[Path] = set()
     pending = {(module, name) for module, name in functions if module not in JUDGING_MODULES}
     while pending:
         module, name = symbol = pending.pop()
         path = PACKAGE / f"{CASES}{module}.py"
-        nodes = [node for node in statements(path.read_bytes()) if name in bound_names(node)]
-        used[symbol] = [node for node in nodes if not isinstance(node, ast.ImportFrom)]
+        nodes = [binding(node, name) for node in statements(path.read_bytes()) if name in bound_names(node)]
+        used[symbol] = nodes
         for node in nodes:
             if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module not in (None, *JUDGING_MODULES):
-                pending |= {(str(node.module), a.name) for a in node.names if name == (a.asname or a.name)}
+                pending.add((str(node.module), node.names[0].name))
             elif isinstance(node, ast.ImportFrom):
                 files |= set(imported_by(path, node))
             else:
@@ -104,6 +107,15 @@ def symbols(functions: Iterable[Symbol]) -> tuple[dict[Symbol, list[ast.stmt]], 
                 pending |= {(module, other) for other in names}
         pending -= used.keys()
     return {symbol: nodes for symbol, nodes in used.items() if nodes}, files
+
+
+def binding(node: ast.stmt, name: str) -> ast.stmt:
+    """Return a statement that binds a name; of an import only what binds this name."""
+    match node:
+        case ast.ImportFrom():
+            [one] = [alias for alias in node.names if name == (alias.asname or alias.name)]
+            return ast.ImportFrom(node.module, [one], node.level)
+    return node
 
 
 def bound_names(node: ast.stmt) -> set[str]:
@@ -115,8 +127,8 @@ def bound_names(node: ast.stmt) -> set[str]:
             return {one.id for target in node.targets for one in ast.walk(target) if isinstance(one, ast.Name)}
         case ast.AnnAssign(target=ast.Name(id=name)):
             return {name}
-        case ast.ImportFrom():
-            return {alias.asname or alias.name for alias in node.names}
+        case ast.Import() | ast.ImportFrom():
+            return {alias.asname or alias.name.partition(".")[0] for alias in node.names}
     return set()
 
 
@@ -253,7 +265,7 @@ class Store:
         if again.digest != earlier.digest:
             return False
         now, cause = datetime.now(UTC).strftime(MINUTES), self.cause(earlier)
-        self.results[again.key] = replace(earlier, origin=self.origins[again.key], repeated=now)
+        self.results[again.key] = self._renamed(replace(earlier, origin=self.origins[again.key], repeated=now))
         if cause is not None:
             self.explain(again.key, cause)
         self.save()
@@ -272,10 +284,13 @@ class Store:
             one, there = others[0], count_noun(len(others), "result")
             example = f"{one.case} {one.name}, {one.variant}, {one.setting}"
             raise UsageError(f"{older.path} has {there} that this run does not include ({example}): use another file")
-        found = [key for key in self.planned if key in older.results]
-        results = {key: replace(older.results[key], **self.texts[key]) for key in found}
+        results = {key: self._renamed(older.results[key]) for key in self.planned if key in older.results}
         count = sum(not self._is_new(result) for result in results.values())
         return replace(self, results=results, causes=older.causes, older=count)
+
+    def _renamed(self, result: Result) -> Result:
+        """Return a result of this version with the present texts of its case, which are not in its fingerprint."""
+        return replace(result, **self.texts[result.key]) if self._is_new(result) else result
 
     def explain(self, key: Key, cause: Cause) -> None:
         """Add or replace the cause of a failure, and write the file. Raises OSError."""

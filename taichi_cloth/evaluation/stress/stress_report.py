@@ -339,15 +339,17 @@ The static strain is that of the same cloth in float64 with the constants of its
 is not part of it. For a cloth without pins, which comes to lie on something, it is that of the cloth hung from two
 corners, an upper bound. Additional bounds of a case, and what it judges differently, are in its row. Cases 19 and 20
 have no gravity. Sheets that swing or fall without damping (cases 32, 33 and 37) get damping before they must come to
-rest. Other cloth gives the static strain in four cases. A sheet with one stiff half (case 2) is judged by that of a
+rest. Some cases take the static strain of other cloth. A sheet with one stiff half (case 2) is judged by that of a
 sheet as soft as the other half. For layers (cases 15, 16 and 39) it is that of a single one, hung from two corners. A
-mesh with slivers (case 24) is judged by that of the same mesh without them, and flat cells by that of a square sheet. A
-solver that refuses a mesh in case 24, because of its defect, the substeps it would need or because the solver needs a
-grid, counts as alive: the row has the message.
+mesh with slivers (case 24) is judged by that of the same mesh without them, and flat cells by that of a square sheet.
+
+A solver may refuse the cloth of case 24: because of its defect, because of the substeps it would need, or because the
+solver needs a grid. This counts as alive, and the row has the message.
+
 
 Sheets that collide with themselves keep a distance of {thickness:g} cells: {twist:.1f} cm in case 14, {layers:.1f} cm
 in case 15 and {many:.1f} cm in case 16. Intersections of case 14 and gaps of case 15 are looked for every
-{look_every} frames, intersections of cases 15 and 16 at the end, and the gap of case 16 once, after 5 s. A gap is the
+{look_every} frames, intersections of cases 14 to 16 at the end, and the gap of case 16 once, after 5 s. A gap is the
 distance between adjacent layers: of particles from triangles, and of edges from edges. Case 16 has {many_particles:,}
 particles; the published run whose time bounds its frames has 246,000.
 

@@ -25,6 +25,7 @@ from .exact import GRAVITY, Floats, buckled, cantilever, pear_loop
 LINKS = 32
 CUBIC = "springs to the particle after the next bend with the cube of the angle: 2^⅓"
 DROOP = (5e-2, 1e-2)  # A4: 5 %, 1 %
+DENSITY = 0.2  # [kg/m²] of `base`
 DOUBLED = 0.1  # Γ from which the weight is doubled
 BUCKLED = (2e-2, 5e-3)  # A3: 2 %, 0.5 %
 GAMMAS = (0.1, 1.0, 3.0, 8.0, 10.0, 30.0, 100.0, 1000.0, 10000.0)
@@ -71,7 +72,7 @@ def rest_column(scene: Scene, seconds: float, start: Floats | None = None) -> Fl
 
 def doubling(solver: str) -> Iterator[Check]:
     """Measure the droop of a slightly bent strip with twice the weight: it nearly doubles."""
-    bending = 0.2 / DOUBLED  # [N·m] the sheet has 0.2 kg/m², and with a gravity of 1 m/s² the parameter Γ is `DOUBLED`
+    bending = DENSITY / DOUBLED  # [N·m] with a gravity of 1 m/s² the parameter Γ is `DOUBLED`
     droops = [-float(rest_column(beam(solver, 8, bending, gravity), 10.0)[-1, 1]) for gravity in (1.0, 2.0)]
     exact = cantilever(2 * DOUBLED)[0] / cantilever(DOUBLED)[0]
     yield relative("droop at twice the gravity over droop", exact, droops[1] / droops[0], *DROOP)
@@ -97,7 +98,7 @@ def droop(solver: str) -> Iterator[Check]:
     """Compare the droop of strips of various stiffness with the elastica."""
     for gamma in GAMMAS:
         links = max(LINKS, round(LINKS_A_BEND * gamma ** (1 / 3)))
-        yield from drooped(f"Γ = {gamma:g}", beam(solver, links, 0.2 * GRAVITY / gamma), cantilever(gamma))
+        yield from drooped(f"Γ = {gamma:g}", beam(solver, links, DENSITY * GRAVITY / gamma), cantilever(gamma))
 
 
 def tip_load(solver: str) -> Iterator[Check]:
