@@ -232,7 +232,8 @@ def write_json(path: Path, run: Run) -> None:
 def write_markdown(path: Path, run: Run) -> None:
     """Write a page with a section for each scene. Raises OSError."""
     lines = ["# Features of the scenes: all rows", "", "Written by `taichi-cloth ablate` on:", ""]
-    lines += [" · ".join([*run.machine.values(), run.date, f"commit {run.commit}"]), ""]
+    commit = run.commit[:8] + "+" * run.commit.endswith("+")
+    lines += [" · ".join([*run.machine.values(), run.date, f"commit {commit}"]), ""]
     lines += [*EXPLANATION.splitlines(), ""]
     for found in run.scenes:
         title = load_scene(found.scene).title if found.scene in scene_names() else found.scene

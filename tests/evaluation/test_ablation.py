@@ -83,7 +83,8 @@ def test_the_command_prints_and_writes_tables(
     run = read(Path("o.json"))
     ablation.write_markdown(Path("again.md"), run)
     assert Path("again.md").read_text(encoding="utf-8") == text
-    assert " · ".join([*machine().values(), run.date, f"commit {commit_of()}"]) in text
+    assert run.commit == commit_of()
+    assert " · ".join([*machine().values(), run.date, f"commit {run.commit[:8]}"]) in text
     assert "\n## small\n" in text
     assert [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| ")] == [
         *("without", "damping", "wind"),
