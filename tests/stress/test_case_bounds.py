@@ -895,7 +895,7 @@ def test_a_collapsed_sheet_must_end_alike_in_the_second_run(name: str) -> None:
     assert walk(run).broken == []
 
     def at_rest(one: Walk) -> None:
-        if one.settled == 2:
+        if one.settled == 4:
             move_particle(one.simulation, 30, 0.0)
 
     assert settling(run, at_rest).broken == ["numbers that are others the second time"]

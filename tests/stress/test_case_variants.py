@@ -151,7 +151,7 @@ def test_a_collapsed_sheet_is_at_one_point() -> None:
     assert 1e-4 < millimetre.std(axis=0).min() < millimetre.std(axis=0).max() < 1e-2
     for one in walks(9):
         assert np.array_equal(one.started[0], one.started[1])
-        assert one.frames == 2 * 300  # and five seconds at rest after each
+        assert one.settled == 4  # after five and after ten seconds, twice
 
 
 def test_a_flattened_sheet_is_flat() -> None:
