@@ -8,6 +8,7 @@ BODIES = "collision/test_colliders.py::"
 
 CLIPS = "collision/test_deforming_meshes.py::"
 PENETRATION_FREE = "collision/test_penetration_free.py::"
+STATIC_FRICTION = "collision/test_static_friction.py::"
 
 COLLISION = [
     Mutation(
@@ -221,5 +222,40 @@ COLLISION = [
         "        if not len(found):\n            self.clean_since = frame",
         "        if found is not None:\n            self.clean_since = frame",
         (PENETRATION_FREE + "test_untangle_lets_parts_come_apart_and_tells_when",),
+    ),
+    Mutation(
+        "friction-bounded-by-one-iteration",
+        "collision/static_friction.py",
+        "    push_sums[i], friction_sums[i] = push_sum, friction_sum + correction\n",
+        "    friction_sums[i] = friction_sum + correction\n",
+        (STATIC_FRICTION + "test_cloth_on_a_ball_does_not_creep[particles-serial]",),
+    ),
+    Mutation(
+        "friction-of-triangles-bounded-by-one-iteration",
+        "collision/triangle_collision.py",
+        "                    if ti.static(features.friction_sums):\n",
+        "                    if ti.static(False):\n",
+        (STATIC_FRICTION + "test_cloth_on_a_ball_does_not_creep[triangles-serial]",),
+    ),
+    Mutation(
+        "friction-of-bodies-bounded-by-one-iteration",
+        "collision/deforming_meshes.py",
+        "                if ti.static(features.friction_sums):\n",
+        "                if ti.static(False):\n",
+        (CLIPS + "test_cloth_on_a_body_does_not_creep",),
+    ),
+    Mutation(
+        "friction-sums-of-all-substeps",
+        "collision/static_friction.py",
+        "            cloth.friction_sums.push[i] = cloth.x[i] * 0.0\n",
+        "            cloth.friction_sums.push[i] = cloth.friction_sums.push[i] * 1.0\n",
+        (CLIPS + "test_a_moving_floor_drags_a_sheet_by_coulombs_law[0.1-0.25-serial]",),
+    ),
+    Mutation(
+        "friction-takes-back-that-of-another-collider",
+        "collision/static_friction.py",
+        "limit = ti.max(friction * length(push_sum), length(friction_sum))",
+        "limit = friction * length(push_sum)",
+        (STATIC_FRICTION + "test_friction_is_bounded_by_the_sum_of_a_substep[0.1--0.04-0.02-0.0]",),
     ),
 ]

@@ -313,6 +313,20 @@ KERNELS = [
         ("solvers/test_implicit.py::test_an_iteration_solves_its_linear_system_and_conserves_momentum",),
     ),
     Mutation(
+        "implicit-without-stiffness-across-springs",
+        "kernels/conjugate_gradient.py",
+        "across = k * ti.max(0.0, 1.0 - cloth.rest[e] * inverse)",
+        "across = 0.0 * k",
+        ("solvers/test_implicit.py::test_an_iteration_solves_its_linear_system_and_conserves_momentum",),
+    ),
+    Mutation(
+        "implicit-negative-stiffness-of-shortened-springs",
+        "kernels/conjugate_gradient.py",
+        "across = k * ti.max(0.0, 1.0 - cloth.rest[e] * inverse)",
+        "across = k * (1.0 - cloth.rest[e] * inverse)",
+        ("solvers/test_implicit.py::test_shortened_springs_have_no_stiffness_across_their_direction[serial]",),
+    ),
+    Mutation(
         "simd-without-the-last-row",
         "kernels/simd_sweep.py",
         "                if cloth.used[d] and 0 <= y + down < rows:",

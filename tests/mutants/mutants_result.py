@@ -7,6 +7,7 @@ from datetime import date
 from typing import Any
 
 from mutation import ROOT
+from mutations import digest
 
 from taichi_cloth.system.taichi_runtime import cpu_model, machine
 
@@ -18,12 +19,14 @@ KILLED, SURVIVED, BROKEN = "killed", "SURVIVED", "BROKEN"
 def reduced(verdicts: Mapping[str, str], commit: str, seconds: float) -> dict[str, dict[str, Any]]:
     """Return the counts, and the names of mutations that survived or could not be tried, from the verdicts by name.
 
-    `commit` is the tested commit, `seconds` the duration of the run.
+    `commit` is the tested commit, `seconds` the duration of the run. The digest of the table tells a result of another
+    table, even of as many mutations.
     """
     named = {verdict: [name for name, found in verdicts.items() if found == verdict] for verdict in (SURVIVED, BROKEN)}
     result = {
         "date": date.today().isoformat(),
         "commit": commit,
+        "table": digest(),
         "mutations": len(verdicts),
         "killed": sum(verdict == KILLED for verdict in verdicts.values()),
         "survived": named[SURVIVED],

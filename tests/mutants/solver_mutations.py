@@ -62,6 +62,25 @@ SOLVERS = [
         ("solvers/test_contract.py::test_free_fall_follows_its_discrete_closed_form[lines-simd]",),
     ),
     Mutation(
+        "two-stages-without-extrapolation",
+        "solvers/two_stage.py",
+        "        ahead = EXTRAPOLATION\n",
+        "        ahead = 0.0\n",
+        ("solvers/test_implicit.py::test_many_iterations_converge_to_the_two_stage_step[serial-False]",),
+    ),
+    Mutation(
+        "two-stages-extrapolate-impulses",
+        "solvers/two_stage.py",
+        "    prepare_extrapolation(cloth)\n    stage = ti.static(ctx._replace(dt_scale=STAGE_LENGTH))\n"
+        "    project_distance_bounds(cloth, features, stage)\n    project_self_contacts(cloth, features, stage)\n"
+        "    project_colliders(cloth, features, ti.static(stage._replace(s=stage_end(ctx) - 1.0)))\n",
+        "    stage = ti.static(ctx._replace(dt_scale=STAGE_LENGTH))\n"
+        "    project_distance_bounds(cloth, features, stage)\n    project_self_contacts(cloth, features, stage)\n"
+        "    project_colliders(cloth, features, ti.static(stage._replace(s=stage_end(ctx) - 1.0)))\n"
+        "    prepare_extrapolation(cloth)\n",
+        ("solvers/test_two_stage.py::test_a_sheet_that_lands_in_any_part_of_a_substep_stays_down[lines]",),
+    ),
+    Mutation(
         "lines-substeps-too-long",
         "geometry/stability_bounds.py",
         "COURANT = 1.4",
@@ -102,5 +121,12 @@ SOLVERS = [
             "simulation/test_reaction_forces.py"
             "::test_a_damped_sheet_that_is_lifted_evenly_weighs_what_it_weighs[explicit]",
         ),
+    ),
+    Mutation(
+        "implicit-never-leaves-the-linear-range",
+        "solvers/implicit.py",
+        "LINEAR_RANGE = 0.1 ",
+        "LINEAR_RANGE = 1e3 ",
+        ("solvers/test_implicit.py::test_an_iteration_takes_more_steps_where_particles_move_far[serial]",),
     ),
 ]

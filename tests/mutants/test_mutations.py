@@ -10,15 +10,17 @@ import sys
 import tomllib
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
 import mutants_result
+import mutations
 import pytest
 import run_mutants
 from mutants_result import BROKEN, KILLED, SURVIVED
 from mutation import ROOT, Mutation
-from mutations import MUTATIONS
+from mutations import MUTATIONS, digest
 from result_file import commit, written
 from run_mutants import Result, main, selected
 
@@ -67,7 +69,7 @@ def test_an_unknown_name_is_one_line(capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_the_last_run_is_stored_and_no_mutation_survived() -> None:
-    """The result is that of the present table: after a mutation is added, `make mutants` must run again."""
+    """The result is that of the present table: after a mutation is added or changed, `make mutants` must run again."""
     file = mutants_result.FILE
     if not file.exists():
         pytest.skip("`make mutants`, which writes tests/mutants_result.toml, has not been completed yet")
@@ -76,6 +78,7 @@ def test_the_last_run_is_stored_and_no_mutation_survived() -> None:
     assert result["survived"] == []
     assert result["broken"] == []
     assert result["killed"] == result["mutations"] == len(MUTATIONS)
+    assert result["table"] == digest()
     assert result["seconds"] > 0
     assert date.fromisoformat(result["date"]) > date(2026, 1, 1)
     assert result["commit"]
@@ -106,6 +109,16 @@ def test_the_result_of_the_complete_table_is_stored(file: Path) -> None:
     assert result["date"] == date.today().isoformat()
     assert result["commit"] == commit()
     assert tables == tomllib.loads(written(mutants_result.TITLE, tables))
+
+
+def test_another_table_has_another_digest(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = digest()
+    assert mutants_result.reduced({}, "", 0.0)["result"]["table"] == before
+    for other in (replace(MUTATIONS[0], new=""), replace(MUTATIONS[0], tests=())):
+        monkeypatch.setattr(mutations, "MUTATIONS", [other, *MUTATIONS[1:]])
+        assert digest() != before
+    monkeypatch.undo()
+    assert digest() == before
 
 
 def test_survivors_are_listed_in_the_order_of_the_table() -> None:
