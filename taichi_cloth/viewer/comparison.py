@@ -18,6 +18,7 @@ import taichi as ti
 from ..render.draw_list import VIEWS, DrawList
 from ..render.split_view import SplitRenderer, camera_for_both, nearest_vertex_map, rms_distance
 from ..scene import Scene, parameters_of
+from ..simulation.frame_clock import FrameClock
 from .error_process import error_lines
 from .input import HELD_KEY_RATES, OWN_FABRIC, SHORTCUTS
 from .panel import (
@@ -35,7 +36,6 @@ from .window import (
     STATISTICS_EVERY,
     WINDOW_POSITION,
     WINDOW_TITLE,
-    FrameClock,
     FrameLog,
     held_buttons,
     press_keys,

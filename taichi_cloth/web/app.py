@@ -14,11 +14,11 @@ from ..render.camera import OrbitCamera
 from ..scene import scene_names
 from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
+from ..simulation.frame_clock import MAX_FRAMES, FrameClock
 from ..viewer.dragging import pick_under_cursor
 from ..viewer.input import COMPILING_ACTIONS, LISTS, NEIGHBORS, SPEEDS
 from ..viewer.panel import GRAB_RADIUS
 from ..viewer.session import Session
-from ..viewer.window import MAX_FRAMES, FrameClock
 from .protocol import Command, MessageBuilder, PageView, ProtocolError, pack_message
 from .server import WebServer
 

@@ -115,14 +115,14 @@ EVALUATION = [
     ),
     Mutation(
         "frame-rates-not-compared",
-        "evaluation/stress/refresh_rates.py",
+        "evaluation/stress/extremes.py",
         "abs(sags[1] / sags[0] - 1), SAG_BETWEEN_RATES)",
         "0.0 * abs(sags[1] / sags[0] - 1), SAG_BETWEEN_RATES)",
         (BOUNDS + "test_the_sags_at_two_rates_are_compared",),
     ),
     Mutation(
         "pause-not-compared",
-        "evaluation/stress/refresh_rates.py",
+        "evaluation/stress/extremes.py",
         'trial.record("numbers that changed while paused", changed(before, session), 0)',
         'trial.record("numbers that changed while paused", 0, 0)',
         (BOUNDS + "test_a_position_that_changes_while_paused_is_a_violation",),
@@ -213,14 +213,14 @@ EVALUATION = [
     ),
     Mutation(
         "frames-while-paused-allowed",
-        "evaluation/stress/refresh_rates.py",
+        "evaluation/stress/extremes.py",
         'trial.record("frames that passed while paused", session.simulation.frame, 0)',
         'trial.record("frames that passed while paused", session.simulation.frame, 1e9)',
         (BOUNDS + "test_frames_that_pass_while_paused_are_a_violation",),
     ),
     Mutation(
         "pause-not-compared-later",
-        "evaluation/stress/refresh_rates.py",
+        "evaluation/stress/extremes.py",
         'trial.record("numbers that a pause changed later", changed(after, session), 0)',
         'trial.record("numbers that a pause changed later", changed(after, session), 1e9)',
         (BOUNDS + "test_a_later_change_by_a_pause_is_a_violation",),

@@ -56,7 +56,7 @@ INTERFACES = [
     ),
     Mutation(
         "stalls-not-dropped",
-        "viewer/window.py",
+        "simulation/frame_clock.py",
         "return min(frames, MAX_FRAMES)",
         "return frames",
         ("viewer/test_frame_clock.py::test_frames_missed_in_a_stall_are_dropped",),

@@ -11,7 +11,7 @@ import pytest
 from walks import CELLS, SETTING, STATIC, Walk, breaks, small, walk
 
 from taichi_cloth.collision.colliders import pose
-from taichi_cloth.evaluation.stress import case_catalog, changes, contact, extremes, layered_cloth, loads, refresh_rates
+from taichi_cloth.evaluation.stress import case_catalog, changes, contact, extremes, layered_cloth, loads
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.loads import alternation
 from taichi_cloth.evaluation.stress.setup import sheet
@@ -19,9 +19,9 @@ from taichi_cloth.evaluation.stress.trial import Trial, close
 from taichi_cloth.scene import SceneError
 from taichi_cloth.scene.collider_schema import Plane
 from taichi_cloth.scene.schema import FRAME_SECONDS
+from taichi_cloth.simulation.frame_clock import FrameClock
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.viewer.session import Session
-from taichi_cloth.viewer.window import FrameClock
 
 WALL_TIME = "simulated time beside the wall's [s]"
 VARIANTS = {(case.number, one.name): one.run for case in case_catalog.CASES for one in case.variants}
@@ -566,7 +566,7 @@ def test_a_clock_that_loses_or_adds_time_is_a_violation(
             due = super().due(now)
             return due if due < 4 else frames
 
-    monkeypatch.setattr(refresh_rates, "FrameClock", Clock)
+    monkeypatch.setattr(extremes, "FrameClock", Clock)
     assert walk(VARIANTS[5, "1/144 and 1/20 s"]).broken == broken
     assert set(walk(VARIANTS[4, "10 Hz"]).broken) == set(broken)
 
@@ -630,21 +630,21 @@ def test_a_loose_sheet_without_friction_has_none(monkeypatch: pytest.MonkeyPatch
 
 def test_a_fast_clock_is_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:
     assert walk(VARIANTS[4, "240 Hz"]).broken == []
-    plain = refresh_rates.FrameClock.due
-    monkeypatch.setattr(refresh_rates.FrameClock, "due", lambda self, now: 2 * plain(self, now))
+    plain = extremes.FrameClock.due
+    monkeypatch.setattr(extremes.FrameClock, "due", lambda self, now: 2 * plain(self, now))
     assert "simulated time beside the wall's [s]" in walk(VARIANTS[4, "240 Hz"]).broken
 
 
 def test_the_sags_at_two_rates_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second sheet hangs 3 % lower."""
     run, opened = VARIANTS[4, "30 Hz"], []
-    plain = refresh_rates.sheet
+    plain = extremes.sheet
 
     def longer(cells: int) -> object:
         opened.append(cells)
         return plain(cells, size=(1.0, 1.0 if len(opened) == 1 else 1.06))
 
-    monkeypatch.setattr(refresh_rates, "sheet", longer)
+    monkeypatch.setattr(extremes, "sheet", longer)
     assert walk(run).broken == ["sag beside that at 60 a second, share"]
 
 
@@ -653,7 +653,7 @@ def run_paused() -> Trial:
     trial = Trial(replace(SETTING, solver=replace(SETTING.solver, substeps=20, iterations=4)), 0)
     trial.settle = lambda: None  # type: ignore[method-assign, misc, assignment]
     try:
-        refresh_rates.paused(trial)
+        extremes.paused(trial)
     finally:
         close()
     return trial
@@ -691,7 +691,7 @@ def test_frames_that_pass_while_paused_are_a_violation(monkeypatch: pytest.Monke
     monkeypatch.setattr(Session, "advance", advance)
     with pytest.raises(Violation, match="frames that passed while paused") as found:
         run_paused()
-    assert (found.value.value, found.value.bound) == (refresh_rates.PAUSED_REFRESHES, 0)
+    assert (found.value.value, found.value.bound) == (extremes.PAUSED_REFRESHES, 0)
 
 
 def test_a_later_change_by_a_pause_is_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from walks import CELLS, Walk, small, walk
 
-from taichi_cloth.evaluation.stress import case_catalog, extremes, loads, refresh_rates
+from taichi_cloth.evaluation.stress import case_catalog, extremes, loads
 from taichi_cloth.evaluation.stress.setup import DENSITY
 from taichi_cloth.evaluation.stress.unit import Case, Variant
 from taichi_cloth.geometry.cloth_builder import build_topology, spring_stiffness
@@ -123,8 +123,8 @@ def test_one_free_corner_is_heavy() -> None:
 
 def test_the_refreshes_of_a_rate() -> None:
     for rate in (240, 120, 60, 30, 10):
-        assert refresh_rates.at_rate(rate)[-1] == pytest.approx(10.0)
-        assert np.diff(refresh_rates.at_rate(rate)) == pytest.approx(1 / rate)
+        assert extremes.at_rate(rate)[-1] == pytest.approx(10.0)
+        assert np.diff(extremes.at_rate(rate)) == pytest.approx(1 / rate)
     frames = [one.frames for one in walks(4)]
     assert frames == [pytest.approx(600 + n, abs=1) for n in (600, 600, 600, 600, 400)]
 

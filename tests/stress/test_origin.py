@@ -100,7 +100,7 @@ def test_only_what_a_variant_uses_of_a_module_with_cases_counts(
     module.sources.cache_clear()
 
 
-@pytest.mark.parametrize("name", ["changes", "contact", "extremes", "layered_cloth", "loads", "refresh_rates"])
+@pytest.mark.parametrize("name", ["changes", "contact", "extremes", "layered_cloth", "loads"])
 def test_every_statement_of_a_module_with_cases_binds_its_names(name: str) -> None:
     """The fingerprint follows names to these statements only, and would miss any other."""
     [docstring, *statements] = module.statements((module.PACKAGE / f"evaluation/stress/{name}.py").read_bytes())

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_cloth.evaluation.stress import changes, contact, extremes, layered_cloth, loads, refresh_rates, setup, trial
+from taichi_cloth.evaluation.stress import changes, contact, extremes, layered_cloth, loads, setup, trial
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting
 from taichi_cloth.evaluation.stress.trial import Trial, close
@@ -19,7 +19,7 @@ from taichi_cloth.simulation.events import Event
 
 CELLS = 8
 SETTING = Setting("xpbd", Solver("xpbd", 2, 1))
-CASE_MODULES = (changes, contact, extremes, layered_cloth, loads, refresh_rates, setup)
+CASE_MODULES = (changes, contact, extremes, layered_cloth, loads, setup)
 STATIC = 0.02  # replaces the static strain
 
 

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.scene.schema import FRAME_SECONDS
+from taichi_cloth.simulation.frame_clock import INTERVAL_TOLERANCE, MAX_FRAMES, FrameClock
 from taichi_cloth.system import taichi_runtime as runtime
-from taichi_cloth.viewer.window import INTERVAL_TOLERANCE, MAX_FRAMES, FrameClock, MemoryWatch
+from taichi_cloth.viewer.window import MemoryWatch
 
 
 @given(st.lists(st.floats(0.001, 0.05), min_size=1, max_size=200))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf, nan
 
-from . import changes, contact, extremes, layered_cloth, loads, refresh_rates
+from . import changes, contact, extremes, layered_cloth, loads
 from .changes import MESHES
 from .unit import Case, Variant, variants
 
@@ -58,7 +58,7 @@ CASES = (
         4,
         "frame rates",
         "240 to 10 pictures a second; simulated time keeps up, the sag alike within 2 %",
-        variants(refresh_rates.frame_rates, {f"{rate} Hz": float(rate) for rate in (240, 120, 60, 30, 10)}),
+        variants(extremes.frame_rates, {f"{rate} Hz": float(rate) for rate in (240, 120, 60, 30, 10)}),
         note=(
             "the program advances in frames of 1/60 s whatever a display does, so a rate changes how many frames a"
             " picture has and not the step; below 15 Hz the clock drops time by design, which is reported"
@@ -68,7 +68,7 @@ CASES = (
         5,
         "uneven rates",
         "pictures 1/144 and 1/20 s apart, a second missed",
-        (Variant("1/144 and 1/20 s", refresh_rates.uneven_rates),),
+        (Variant("1/144 and 1/20 s", extremes.uneven_rates),),
         note=(
             "the program advances in frames of 1/60 s whatever a display does, and after a stall the clock drops all"
             " but four of them by design: the time simulated must be what is left"
@@ -78,7 +78,7 @@ CASES = (
         6,
         "paused",
         "100 pictures at one time through clock, session and drawing; equal bits, then and a second later",
-        (Variant("100 pictures", refresh_rates.paused),),
+        (Variant("100 pictures", extremes.paused),),
         note="a clock that has not advanced runs no frame, so there is never a substep of 0 s",
     ),
     Case(

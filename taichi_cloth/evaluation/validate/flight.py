@@ -16,8 +16,8 @@ from ...geometry.topology import spring_strains
 from ...scene.collider_schema import Ground, Sphere
 from ...scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, SelfCollision, StrainLimit, Tethers, Wind
 from ...simulation.error_estimate import unconverged_fraction
+from ...simulation.frame_clock import FrameClock
 from ...simulation.simulation import Simulation
-from ...viewer.window import FrameClock
 from .check import (
     ELASTIC,
     EULER,
