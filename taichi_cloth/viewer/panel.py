@@ -60,9 +60,8 @@ class Panel:
     def __init__(self, size: tuple[int, int], settings: Path) -> None:
         """`size`: of the window when it opens [pixels]. `settings`: the toolkit's imgui.ini."""
         self.window_size = size
-        self._initial_place = PanelRect(
-            PANEL_MARGIN, PANEL_MARGIN, PANEL_WIDTH, min(PANEL_HEIGHT, size[1] - 2 * PANEL_MARGIN)
-        )
+        height = min(PANEL_HEIGHT, size[1] - 2 * PANEL_MARGIN)
+        self._initial_place = PanelRect(PANEL_MARGIN, PANEL_MARGIN, PANEL_WIDTH, height)
         self._settings = settings
         self._moved = ""  # name of the slider that was moved last
 
@@ -271,7 +270,8 @@ def help_for(name: str, keys: Mapping[str, Parameter]) -> str:
         return FIRST_HELP
     key = keys[name]
     unit = f" {key.unit}" if key.unit else ""
-    return f"{key.label}: {key.help}; {key.slider_min:g} to {key.slider_max:g}{unit}, scene default {key.value:g}"
+    default = f"{key.value:g}" + ", which is raised" * (key.value < key.slider_min)  # to substeps that are stable
+    return f"{key.label}: {key.help}; {key.slider_min:g} to {key.slider_max:g}{unit}, scene default {default}"
 
 
 def draw_slider(gui: ti.ui.Gui, session: Session, key: Parameter) -> bool:

@@ -247,10 +247,13 @@ def pressed_keys(window: ti.ui.Window) -> list[str]:
 
 
 def press_keys(window: ti.ui.Window, session: WindowSession, pressed: list[str], seconds: float) -> None:
-    """Run the actions of keys that were pressed, and those of keys that are held down.
+    """Run the actions of keys that were pressed, and those of keys that are held down; none while Ctrl is held.
 
-    `seconds`: wall time for which held keys act [s].
+    Ctrl+A selects the text of a number field, which the toolkit does not tell us. `seconds`: wall time for which held
+    keys act [s].
     """
+    if ti.ui.CTRL in pressed or window.is_pressed(ti.ui.CTRL):
+        return
     for code in pressed:
         for key in SHORTCUTS:
             if key.code == code and not key.held:

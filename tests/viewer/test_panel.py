@@ -42,6 +42,7 @@ from taichi_cloth.viewer.panel import (
     Panel,
     acting_parameters,
     description,
+    help_for,
     slow_line,
     statistics,
 )
@@ -304,7 +305,10 @@ def test_the_slider_of_substeps_shows_how_many_run(drawn: Drawn) -> None:
     session.change_solver("explicit")
     session.simulation.params["substeps"] = 3
     fewest = session.simulation.substeps
-    assert acting_parameters(session.simulation)["substeps"].slider_min == fewest > 3
+    keys = acting_parameters(session.simulation)
+    assert keys["substeps"].slider_min == fewest > 3
+    assert help_for("substeps", keys).endswith(f"; {fewest} to 60, scene default 10, which is raised")
+    assert help_for("gravity", keys).endswith("; 0 to 20 m/s², scene default 9.81")
     gui = FakeGui()
     Panel(SIZE, Path("imgui.ini")).draw(gui, session, "")
     assert session.simulation.params["substeps"] == 3  # drawing changes nothing

@@ -313,6 +313,8 @@ def test_keys_run_their_actions(open_window: Start) -> None:
 
     app.press_key("g")
     app.wait_until(lambda line: not line["wind"], "wind off")
+    app.press_key("ctrl+h")
+    assert app.latest_entry()["panel"], "Ctrl with a letter is for number fields"
     app.press_key("h")
     app.wait_until(lambda line: not line["panel"], "the panel hidden")
     corner = app.screenshot()[PANEL_MARGIN : PANEL_MARGIN + 200, PANEL_MARGIN : PANEL_MARGIN + 50]
