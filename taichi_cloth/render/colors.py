@@ -165,6 +165,7 @@ def text_rectangles(text: str, left: float, top: float) -> NDArray[np.float64]:
 UNIT = 1 / 216  # [image heights] a pixel of a glyph
 STEPS = 40  # colors in the bar
 BAR_WIDTH, BAR_HEIGHT, MARGIN = 5, 80, 8  # [units]
+PADDING = 3  # [units] of the background around a centered scale
 TEXT_COLOR = (0.22, 0.23, 0.25)
 MAX_RECTANGLES = 500  # of a scale
 
@@ -219,12 +220,18 @@ def legend_rectangles(scale: Scale) -> tuple[Rectangles, Rectangles]:
 
 
 def draw_legend(image: Pixels, scale: Scale, *, is_centered: bool = False) -> Pixels:
-    """Draw a scale into an image, uint8 (height, width, 3), at the right edge or centered, and return the image."""
+    """Draw a scale into an image, uint8 (height, width, 3), at the right edge or centered, and return the image.
+
+    A centered scale has a white background, since it covers the seam of two images.
+    """
     height, right, _ = image.shape
     unit = max(1, round(UNIT * height))
     rectangles, colors = legend_rectangles(scale)
     if is_centered:
-        right = right // 2 - round(unit * (rectangles[:, 0].min() - MARGIN) / 2)
+        left, top = rectangles[:, :2].min(axis=0) - PADDING
+        width, depth = (rectangles[:, :2] + rectangles[:, 2:]).max(axis=0) + PADDING - (left, top)
+        rectangles, colors = np.insert(rectangles, 0, (left, top, width, depth), 0), np.insert(colors, 0, 1.0, 0)
+        right = right // 2 - round(unit * (left + width / 2))
     for (left, top, w, h), color in zip(rectangles, colors, strict=True):
         x, y = (max(0, round(c)) for c in (right + unit * left, height / 2 + unit * top))
         x_end, y_end = (max(0, round(c)) for c in (right + unit * (left + w), height / 2 + unit * (top + h)))

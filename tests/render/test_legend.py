@@ -133,6 +133,11 @@ def test_a_centered_scale_covers_as_much_on_both_sides() -> None:
     columns = np.flatnonzero((image != 200).any(axis=(0, 2)))
     assert abs((columns[0] + columns[-1] + 1) / 2 - 200) <= 1
     assert columns[-1] - columns[0] < 60
+    rows = np.flatnonzero((image != 200).any(axis=(1, 2)))
+    background = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    assert not (background == 200).all(axis=2).any(), "the image is seen through the background"
+    border = [background[0], background[-1], background[:, 0], background[:, -1]]
+    assert all((line == 255).all() for line in border)
 
 
 def test_two_halves_have_one_scale_of_their_largest_error_at_the_seam() -> None:
