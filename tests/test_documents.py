@@ -264,7 +264,7 @@ COMMON_TYPES = {
 def documented_members(generate: ModuleType) -> dict[str, Any]:
     """Return every function, class and member that the API reference documents, but the internals, by its name."""
     names = {name: getattr(tc, name) for name in tc.__all__ if not name.startswith("_")}
-    subjects = [of for subject, of in generate.SIMULATION_MEMBERS.items() if subject != "Internals"]
+    subjects = [of for subject, of in generate.program.SIMULATION_MEMBERS.items() if subject != "Internals"]
     names |= {f"Simulation.{name}": getattr(tc.Simulation, name) for of in subjects for name in of}
     names["Simulation.__init__"] = tc.Simulation.__init__
     for cls in (tc.GrabHandle, tc.Recorder):
@@ -281,7 +281,13 @@ def test_names_in_docstrings_of_the_api_can_be_reached(generate: ModuleType) -> 
     """A name in backticks is public, a parameter or a scene key; so is a type in a signature."""
     members = documented_members(generate)
     keys = {name for row in key_table() for name in (row[1], f"{row[0].strip('[]')}.{row[1]}")}
-    known = {*keys, *sections(), *SOLVER_NAMES, *generate.SIMULATION_ATTRIBUTES, *vars(tc.SceneError("", "", ""))}
+    known = {
+        *keys,
+        *sections(),
+        *SOLVER_NAMES,
+        *generate.program.SIMULATION_ATTRIBUTES,
+        *vars(tc.SceneError("", "", "")),
+    }
     known |= {"section_key", "ti.init", "with"}
     wrong = []
     for name, member in members.items():
@@ -304,10 +310,10 @@ def test_every_public_name_is_listed_and_can_be_imported(name: str) -> None:
 
 
 def test_completion_offers_the_documented_members_of_a_simulation(generate: ModuleType) -> None:
-    documented = {name for names in generate.SIMULATION_MEMBERS.values() for name in names}
+    documented = {name for names in generate.program.SIMULATION_MEMBERS.values() for name in names}
     with tc.Simulation({"cloth": {"rows": 3, "columns": 3}}) as simulation:
         offered = {name for name in dir(simulation) if not name.startswith("_")}
-    assert offered == documented | set(generate.SIMULATION_ATTRIBUTES) | {"frame_error"}
+    assert offered == documented | set(generate.program.SIMULATION_ATTRIBUTES) | {"frame_error"}
 
 
 def test_every_strip_of_parameters_has_a_small_image(generate: ModuleType) -> None:

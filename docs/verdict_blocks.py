@@ -1,0 +1,226 @@
+"""Blocks of the documents about verdicts: references with known solutions, and hard cases."""
+
+from __future__ import annotations
+
+import re
+
+import stored
+from error_blocks import default_row, errors_on_scenes, scene_rows
+from tables import Rows, table, with_runs
+
+from taichi_cloth.evaluation.stress.setup import ROBUST
+from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
+
+
+def choosing() -> str:
+    shown = ("curtain", "table", "denim")
+    rows = []
+    for solver in SOLVER_CATALOG:
+        measured = scene_rows(solver)
+        cells = [error_at_default(solver, measured[scene]) if scene in measured else "" for scene in shown]
+        rows.append([f"[`{solver}`](solvers/{solver}.md)", *cells, falls_short(solver), survives(solver)])
+    found = table(
+        ["solver", *(f"`{scene}`" for scene in shown), "references not reached", "stress cases survived"], rows
+    )
+    robust = f"Stress cases survived with the recommended setting `{ROBUST.name}`: {survives(ROBUST.name)}."
+    return with_runs(f"{found}\n\n{robust}", "bench --error --scene", "validate", "stress")
+
+
+def error_at_default(solver: str, rows: Rows) -> str:
+    setting, ms, error, *_ = default_row(solver, rows)
+    return f"{setting.removeprefix(solver).strip()}: {ms}\N{NO-BREAK SPACE}ms, {error}"
+
+
+# References to compare the default setting of each solver with.
+ALWAYS_SHOWN = ("A3.1", "A2.5")  # sheets in equilibrium under their weight
+SHOWN_IF_MISSED = ("A5.1", "A6.2")
+
+
+def unconverged() -> str:
+    return "\n".join(f"- [`{name}`](solvers/{name}.md): {distance(name)}" for name in SOLVER_CATALOG)
+
+
+def distance(solver: str) -> str:
+    """Return the error of a solver's default setting as a sentence: the worst row of each of these references."""
+    words = stored.load("validation")
+    if words is None:
+        return "difference of the default setting from exact values: no run is stored."
+    parts = []
+    for number in (*ALWAYS_SHOWN, *SHOWN_IF_MISSED):
+        rows = [row for row in words["rows"] if (row["reference"], row["solver"]) == (number, solver)]
+        if rows and (number in ALWAYS_SHOWN or any(row["verdict"] not in stored.PASSED for row in rows)):
+            parts.append(worst_row(rows))
+    info = SOLVER_CATALOG[solver]
+    setting = stored.setting_of({"solver": solver, "substeps": info.substeps, "iterations": info.iterations})
+    more = ", or as many substeps as stability needs" if info.is_explicit else ""
+    heading = f"with its default setting ({setting}{more}) it differs from exact values by"
+    return f"{heading} {'; '.join(parts)}." if parts else f"{heading} nothing that these references measure."
+
+
+def worst_row(rows: list[stored.Words]) -> str:
+    """Return the row of a reference with the largest relative error, and the number of rows without a result."""
+    measured = [(row["measured"] / row["exact"] - 1, row) for row in rows if row["measured"] is not None]
+    title = f"{rows[0]['reference']} {rows[0]['name']}"
+    parts = [title]
+    if measured:
+        share, row = max(measured, key=lambda one: abs(one[0]))
+        passed = "" if row["verdict"] in stored.PASSED else ", falls short"
+        what = re.sub(r" ?\[[^]]*\]$", "", row["what"])  # without its unit
+        parts = [f"{signed(share)} in {title} (*{what}*{passed})"]
+    if slow := len(rows) - len(measured):
+        parts.append(f"{slow} of {len(rows)} rows too slow to be measured")
+    return ", ".join(parts)
+
+
+def signed(share: float) -> str:
+    return ("−" if share < 0 else "+") + stored.per_cent(abs(share))
+
+
+def bar_friction() -> str:
+    """Return the solvers whose friction on a bar is too weak: ends slip at a smaller ratio than by the capstan law."""
+    words = stored.load("validation")
+    if words is None:
+        return "Friction around a bar: no run is stored."
+    rows = [row for row in words["rows"] if row["reference"] == "A7.4"]
+    parts = []
+    for name in dict.fromkeys(row["solver"] for row in rows):
+        own = [row for row in rows if row["solver"] == name]
+        missed = [row for row in own if row["verdict"] not in stored.PASSED and row["measured"] is not None]
+        weaker = [share for row in missed if (share := row["measured"] / row["exact"] - 1) < 0]
+        if weaker:
+            parts.append(f"`{name}` in {len(weaker)} of {len(own)} rows, by up to {signed(min(weaker))}")
+    return f"Too weak: {'; '.join(parts) or 'none'}."
+
+
+def falls_short(solver: str) -> str:
+    words = stored.load("validation")
+    if words is None:
+        return "no run is stored"
+    short, count = stored.shortfalls(words, solver)
+    return f"{len(short)} of {count}"
+
+
+def survives(setting: str) -> str:
+    words = stored.load("stability")
+    found = stored.survival(words).get(setting) if words is not None else None
+    if found is None:
+        return "no run is stored"
+    ran = found.total() - found[stored.NOT_RUN]
+    text = f"{found[stored.ALIVE]} of {ran}" if ran else "not run"
+    return f"{text}, {found[stored.NOT_RUN]} not run" if ran and found[stored.NOT_RUN] else text
+
+
+def solver(name: str) -> str:
+    """Return the errors on scenes, the errors of the default setting, and missed references and stress cases."""
+    errors = with_runs(errors_on_scenes(name), "bench --error --scene", "validate", "stress")
+    return "\n\n".join([errors, f"Convergence: {distance(name)}", references(name), hard_cases(name)])
+
+
+def references(name: str) -> str:
+    """Return the references with known solutions that a solver does not reach, and its largest errors."""
+    words = stored.load("validation")
+    if words is None:
+        return "References with known solutions: no run is stored."
+    short, count = stored.shortfalls(words, name)
+    heading = (
+        "References with known solutions ([validation](../validation.md)) of which rows fall short or are too slow to"
+        " be measured"
+    )
+    if not short:
+        return f"{heading}: none of {count}."
+    rows = [
+        [what, f"{missed} of {rows}", f"{slow} of {rows}", "-" if worst is None else f"{worst:.2g}"]
+        for what, missed, slow, rows, worst in short
+    ]
+    columns = ["reference", "rows that fall short", "rows too slow to be measured", "largest measured error"]
+    return f"{heading}: {len(short)} of {count}. The error of a row is in its unit.\n\n" + table(columns, rows)
+
+
+def hard_cases(setting: str) -> str:
+    """Return the stress cases that a setting does not survive, with the first violated limit of each."""
+    words = stored.load("stability")
+    found = [case for case in stored.hard_cases(words) if case.setting == setting] if words is not None else []
+    if not found:
+        return "Cases that break cloth: no run is stored."
+    lines = [f"Cases that break cloth ([stability](../stability.md)) and that it survives: {survives(setting)}."]
+    for case in found:
+        if case.state == stored.FAILED:
+            violated = case.failures[0]["failure"]
+            variants = ", ".join(row["variant"] for row in case.failures)
+            bounds = f"{violated['what']} {violated['value']:.4g}, bound {violated['bound']:.4g}"
+            lines.append(f"- {case.number} {case.name} fails ({variants}): {bounds}")
+        elif case.state == stored.SLOW:
+            lines.append(f"- {case.number} {case.name}: {case.state}")
+    return lines[0] + "\n\n" + "\n".join(lines[1:]) if len(lines) > 1 else lines[0]
+
+
+def nobody() -> str:
+    """Return the stress cases that no solver survives at its default setting, among those that all solvers have run."""
+    words = stored.load("stability")
+    if words is None:
+        return "No run is stored."
+    cases: dict[str, list[str]] = {}
+    for case in stored.hard_cases(words):
+        if case.setting in SOLVER_CATALOG:
+            cases.setdefault(f"{case.number} {case.name}", []).append(case.state)
+    known = {name: states for name, states in cases.items() if stored.ALIVE in states or stored.NOT_RUN not in states}
+    lost = [f"- {name}" for name, states in known.items() if stored.ALIVE not in states]
+    if missing := len(cases) - len(known):
+        lost.append(f"- Not known of {missing} cases: no solver that ran them survives them, and not all have.")
+    return "\n".join(lost) or "None."
+
+
+def stability_summary() -> str:
+    words = stored.load("stability")
+    if words is None:
+        return "Hard cases: no run is stored."
+    found = stored.survival(words)
+    states = [stored.ALIVE, stored.FAILED, stored.SLOW, stored.NOT_RUN]
+    order = sorted(found, key=lambda name: not name.startswith("robust"))
+    rows = [[f"`{name}`", *(f"{found[name][state]}" for state in states)] for name in order]
+    return with_runs(table(["setting", *states], rows), "stress")
+
+
+def validation_summary() -> str:
+    words = stored.load("validation")
+    if words is None:
+        return "References with known solutions: no run is stored."
+    rows = []
+    for name, found in stored.verdicts(words).items():
+        passed = sum(found[verdict] for verdict in stored.PASSED)
+        shares = [f"{passed / found.total():.1%}", f"{found['excellent'] / found.total():.1%}"]
+        rows.append([name if name == "all" else f"`{name}`", f"{found.total()}", *shares])
+    return with_runs(table(["solver", "rows", "pass", "excellent"], rows), "validate")
+
+
+PLURALS = {"falls short": "fall short", "pass": "more pass"}  # "pass" does not count excellent rows
+
+
+def validation_line() -> str:
+    words = stored.load("validation")
+    if words is None:
+        return "No run is stored."
+    found = stored.verdicts(words)["all"]
+    passed = sum(found[verdict] for verdict in stored.PASSED)
+    shares = f"{passed / found.total():.1%} pass, {found['excellent'] / found.total():.1%} are excellent"
+    states = ", ".join(
+        f"{count} {verdict if count == 1 else PLURALS.get(verdict, verdict)}" for verdict, count in found.most_common()
+    )
+    return with_runs(f"{found.total()} rows: {shares} ({states}).\n{unfinished(words)}".strip(), "validate")
+
+
+def unfinished(words: stored.Words) -> str:
+    """Return which default settings leave a hanging sheet or a taut square too soft, and by how much."""
+    parts = []
+    for solver in SOLVER_CATALOG:
+        worst = []
+        for number in ALWAYS_SHOWN:
+            rows = [row for row in words["rows"] if (row["reference"], row["solver"]) == (number, solver)]
+            missed = [row for row in rows if row["verdict"] not in stored.PASSED and row["measured"] is not None]
+            shares = [row["measured"] / row["exact"] - 1 for row in missed]
+            worst += [f"{signed(max(shares))} in {number}"] if max(shares, default=0.0) > 0 else []
+        parts += [f"`{solver}` ({', '.join(worst)})"] if worst else []
+    return f"Defaults that leave fine grids too soft: {', '.join(parts)}." if parts else ""
+
+
+BLOCKS = (choosing, unconverged, solver, validation_line, validation_summary, bar_friction, nobody, stability_summary)
