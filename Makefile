@@ -18,7 +18,7 @@ MACHINE ?= two-cores
 RESULTS := benchmarks/results/$(MACHINE)
 
 # The shipped scenes, in the order of the documents.
-SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack towel twist tear \
+SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack towel knot twist tear \
 	sphere flag sail hammock cape banner relief
 
 help:
@@ -96,7 +96,7 @@ stress: .venv/tools
 		status=$$?; $(BIN)/python docs/generate.py && exit $$status
 
 # Scenes without a float64 reference solution; docs/scene_errors.md gives the reasons.
-NO_REFERENCE := fold stack towel twist
+NO_REFERENCE := fold stack towel knot twist
 errors: .venv/tools
 	mkdir -p $(RESULTS)
 	$(BIN)/taichi-cloth bench --error --all --csv assets/error.csv --json $(RESULTS)/error.json --plot docs/pictures --force \

@@ -52,6 +52,7 @@ STILL_FRAME = {  # frame that the still shows
     "relief": 118,
     "tear": 105,
     "towel": 330,
+    "knot": 230,
     "walker": 100,
 }
 DEFAULT_STILL_FRAME = 85

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
@@ -34,10 +33,24 @@ def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def generate(results: Path) -> ModuleType:
-    import generate
+def tables(results: Path) -> ModuleType:
+    import tables
 
-    return sys.modules[generate.__name__]
+    return tables
+
+
+@pytest.fixture
+def errors(results: Path) -> ModuleType:
+    import error_blocks
+
+    return error_blocks
+
+
+@pytest.fixture
+def verdicts(results: Path) -> ModuleType:
+    import verdict_blocks
+
+    return verdict_blocks
 
 
 def variant(
@@ -83,20 +96,20 @@ def write(folder: Path, name: str, words: Words) -> None:
     (folder / f"{name}.json").write_text(json.dumps(words), encoding="utf-8")
 
 
-def test_documents_state_that_no_run_is_stored(generate: ModuleType) -> None:
-    blocks = ("stability_summary", "validation_summary", "validation_line", "nobody", "frames", "sheets")
-    for block in (*blocks, "scene_summary", "bar_friction"):
-        assert "o run is stored" in generate.BLOCKS[block](), block
-    assert generate.unconverged().count("no run is stored") == len(generate.SOLVER_CATALOG)
-    assert "no run is stored" in generate.choosing()
-    assert generate.goals().count("not measured") > 10
-    for solver in generate.SOLVER_CATALOG:
-        assert generate.solver(solver).count("no run is stored") == 4
+def test_documents_state_that_no_run_is_stored(errors: ModuleType, verdicts: ModuleType) -> None:
+    blocks = [verdicts.stability_summary, verdicts.validation_summary, verdicts.validation_line, verdicts.nobody]
+    for block in (*blocks, verdicts.bar_friction, errors.frames, errors.sheets, errors.scene_summary):
+        assert "o run is stored" in block(), block
+    assert verdicts.unconverged().count("no run is stored") == len(verdicts.SOLVER_CATALOG)
+    assert "no run is stored" in verdicts.choosing()
+    assert errors.goals().count("not measured") > 10
+    for solver in verdicts.SOLVER_CATALOG:
+        assert verdicts.solver(solver).count("no run is stored") == 4
 
 
-def test_a_case_fails_with_one_variant_and_counts_only_if_it_ran(results: Path, generate: ModuleType) -> None:
+def test_a_case_fails_with_one_variant_and_counts_only_if_it_ran(results: Path, verdicts: ModuleType) -> None:
     write(results, "stability", STABILITY)
-    assert generate.stability_summary().splitlines() == [
+    assert verdicts.stability_summary().splitlines() == [
         "| setting | alive | failed | too slow | not run |",
         "| --- | --- | --- | --- | --- |",
         "| `robust` | 1 | 0 | 0 | 1 |",
@@ -105,17 +118,17 @@ def test_a_case_fails_with_one_variant_and_counts_only_if_it_ran(results: Path, 
         "",
         "Runs: `stress`: a machine · date not stored.",
     ]
-    assert generate.hard_cases("xpbd").splitlines() == [
+    assert verdicts.hard_cases("xpbd").splitlines() == [
         "Cases that break cloth ([stability](../stability.md)) and that it survives: 0 of 2.",
         "",
         "- 1 stiffness fails (10 N/m): strain 0.175, bound 0.013",
         "- 2 gap: too slow",
     ]
-    assert generate.survives("robust") == "1 of 1, 1 not run"
-    assert generate.survives("xpbd") == "0 of 2"
-    assert generate.survives("explicit") == "not run"
+    assert verdicts.survives("robust") == "1 of 1, 1 not run"
+    assert verdicts.survives("xpbd") == "0 of 2"
+    assert verdicts.survives("explicit") == "not run"
     unknown = "- Not known of 1 cases: no solver that ran them survives them, and not all have."
-    assert generate.nobody().splitlines() == ["- 1 stiffness", unknown]
+    assert verdicts.nobody().splitlines() == ["- 1 stiffness", unknown]
 
 
 def test_documents_count_cases_as_the_report_of_stress_does(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,21 +145,21 @@ def test_documents_count_cases_as_the_report_of_stress_does(monkeypatch: pytest.
     assert found == {setting: {state: n for state, n in states.items() if n} for setting, states in counted}
 
 
-def test_rows_of_references_are_counted_by_verdict(results: Path, generate: ModuleType) -> None:
+def test_rows_of_references_are_counted_by_verdict(results: Path, verdicts: ModuleType) -> None:
     write(results, "validation", VALIDATION)
-    assert generate.validation_line().splitlines() == [
+    assert verdicts.validation_line().splitlines() == [
         "5 rows: 60.0% pass, 40.0% are excellent (2 excellent, 1 falls short, 1 pass, 1 too slow).",
         "",
         "Runs: `validate`: one · 2 cores · date not stored · commit not stored.",
     ]
-    assert generate.validation_summary().splitlines()[2:5] == [
+    assert verdicts.validation_summary().splitlines()[2:5] == [
         "| all | 5 | 60.0% | 40.0% |",
         "| `xpbd` | 3 | 66.7% | 33.3% |",
         "| `explicit` | 2 | 50.0% | 50.0% |",
     ]
-    assert generate.references("xpbd").splitlines()[-1] == "| A1 fall | 1 of 2 | 0 of 2 | 0.25 |"
-    assert generate.references("explicit").splitlines()[-1] == "| A2 fall | 0 of 1 | 1 of 1 | - |"
-    assert generate.falls_short("xpbd") == "1 of 2"
+    assert verdicts.references("xpbd").splitlines()[-1] == "| A1 fall | 1 of 2 | 0 of 2 | 0.25 |"
+    assert verdicts.references("explicit").splitlines()[-1] == "| A2 fall | 0 of 1 | 1 of 1 | - |"
+    assert verdicts.falls_short("xpbd") == "1 of 2"
 
 
 def exact_row(number: str, solver: str, what: str, verdict: str, exact: float, measured: float | None) -> Words:
@@ -154,7 +167,7 @@ def exact_row(number: str, solver: str, what: str, verdict: str, exact: float, m
     return found | {"exact": exact, "measured": measured, "error": None}
 
 
-def test_the_error_of_a_default_setting_is_that_of_its_worst_rows(results: Path, generate: ModuleType) -> None:
+def test_the_error_of_a_default_setting_is_that_of_its_worst_rows(results: Path, verdicts: ModuleType) -> None:
     rows = [
         exact_row("A3.1", "xpbd", "16 rows: longer by [m]", "excellent", 2.0, 2.0002),
         exact_row("A3.1", "xpbd", "128 rows: longer by [m]", "falls short", 2.0, 4.4),
@@ -169,19 +182,19 @@ def test_the_error_of_a_default_setting_is_that_of_its_worst_rows(results: Path,
     write(results, "validation", {"machine": "a machine", "rows": rows})
     differs = "it differs from exact values by"
     space = "\N{NO-BREAK SPACE}"
-    substeps, iterations = generate.SOLVER_CATALOG["xpbd"].defaults
-    assert generate.distance("xpbd") == (
+    substeps, iterations = verdicts.SOLVER_CATALOG["xpbd"].defaults
+    assert verdicts.distance("xpbd") == (
         f"with its default setting ({substeps}×{iterations}) {differs} +120{space}% in A3.1 sheet"
         f" (*128 rows: longer by*, falls short); −14{space}% in A5.1 sheet (*on the bias*, falls short)."
     )
-    assert generate.distance("lines").endswith(
+    assert verdicts.distance("lines").endswith(
         f"{differs} −0.05{space}% in A3.1 sheet (*16 rows: longer by*), 1 of 2 rows too slow to be measured."
     )
-    assert generate.distance("rk4").endswith(f"{differs} A2.5 sheet, 1 of 1 rows too slow to be measured.")
-    assert generate.distance("explicit").endswith(f"{differs} nothing that these references measure.")
+    assert verdicts.distance("rk4").endswith(f"{differs} A2.5 sheet, 1 of 1 rows too slow to be measured.")
+    assert verdicts.distance("explicit").endswith(f"{differs} nothing that these references measure.")
 
 
-def test_friction_on_a_bar_is_too_weak_if_the_ends_slip_too_early(results: Path, generate: ModuleType) -> None:
+def test_friction_on_a_bar_is_too_weak_if_the_ends_slip_too_early(results: Path, verdicts: ModuleType) -> None:
     rows = [
         exact_row("A7.4", "verlet", "μ = 0.1", "falls short", 2.0, 1.5),
         exact_row("A7.4", "verlet", "μ = 0.3", "falls short", 4.0, 1.0),
@@ -190,14 +203,14 @@ def test_friction_on_a_bar_is_too_weak_if_the_ends_slip_too_early(results: Path,
         exact_row("A7.4", "rk4", "μ = 0.1", "too slow", 2.0, None),
     ]
     write(results, "validation", {"machine": "a machine", "rows": rows})
-    assert generate.bar_friction() == "Too weak: `verlet` in 2 of 2 rows, by up to −75\N{NO-BREAK SPACE}%."
+    assert verdicts.bar_friction() == "Too weak: `verlet` in 2 of 2 rows, by up to −75\N{NO-BREAK SPACE}%."
 
 
 RUNS = (("one", "2026-01-04 09:00"), ("two", "2026-01-02 23:59"), ("one", "2026-01-03 00:00"))
 
 
 def test_documents_name_machine_date_and_commit_of_a_run(
-    results: Path, generate: ModuleType, monkeypatch: pytest.MonkeyPatch
+    results: Path, tables: ModuleType, errors: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from taichi_cloth.evaluation.bench import bench_report
     from taichi_cloth.system.console import machine
@@ -205,23 +218,23 @@ def test_documents_name_machine_date_and_commit_of_a_run(
     monkeypatch.setattr(bench_report, "commit_of", lambda: "0123456789abcdef+")
     bench_report.write_json(results / "bench.json", [], [], {})
     today = datetime.now(UTC).date().isoformat()
-    assert generate.frames().splitlines()[0] == " · ".join([*machine().values(), today, "commit 01234567+"])
+    assert errors.frames().splitlines()[0] == " · ".join([*machine().values(), today, "commit 01234567+"])
     units = [variant(1, "stiffness", "1 N/m", "xpbd") | {"machine": name, "date": date} for name, date in RUNS]
     write(results, "stability", STABILITY | {"results": units, "older": 1})
-    line = generate.runs_line("bench --goals", "stress")
+    line = tables.runs_line("bench --goals", "stress")
     assert line == "Runs: `stress`: one and two · 2026-01-02 to 2026-01-04 (1 of 3 results are of an older version)."
 
 
-def test_the_machine_of_the_curtain_is_that_of_the_run_with_the_same_times(results: Path, generate: ModuleType) -> None:
+def test_the_machine_of_the_curtain_is_that_of_the_run_with_the_same_times(results: Path, tables: ModuleType) -> None:
     import stored
 
     with stored.ERRORS.open(encoding="utf-8", newline="") as file:
         points = [{"median_ms": float(row["median_ms"])} for row in csv.DictReader(file)]
-    assert generate.machine_and_date_of_curtain() == "machine and date not stored in assets/error.csv"
+    assert tables.machine_and_date_of_curtain() == "machine and date not stored in assets/error.csv"
     write(results, "error", {"machine": "a machine", "date": "2026-01-02", "commit": 40 * "a", "points": points})
-    assert generate.machine_and_date_of_curtain() == "a machine · 2026-01-02 · commit aaaaaaaa"
+    assert tables.machine_and_date_of_curtain() == "a machine · 2026-01-02 · commit aaaaaaaa"
     write(results, "error", {"machine": "a machine", "points": points[1:]})
-    assert generate.machine_and_date_of_curtain() == "machine and date not stored in assets/error.csv"
+    assert tables.machine_and_date_of_curtain() == "machine and date not stored in assets/error.csv"
 
 
 @pytest.mark.parametrize(
@@ -293,7 +306,7 @@ def test_errors_have_two_significant_digits(share: float, text: str, results: Pa
     assert stored.per_cent(share) == f"{text}\N{NO-BREAK SPACE}%"
 
 
-def test_cloth_that_is_not_finite_is_never_chosen(results: Path, generate: ModuleType) -> None:
+def test_cloth_that_is_not_finite_is_never_chosen(results: Path, errors: ModuleType, verdicts: ModuleType) -> None:
     """NaN compares as neither larger nor smaller: `min` would return the first of the rows."""
     import stored
 
@@ -303,14 +316,14 @@ def test_cloth_that_is_not_finite_is_never_chosen(results: Path, generate: Modul
     good = fast | {"median_ms": 2.0, "max_error": 0.01, "rms_error": 0.001}
     assert stored.most_accurate([*broken, good]) == stored.fastest([*broken, good], 0.1) == good
     assert stored.most_accurate(broken) is None
-    assert generate.most_accurate(broken) == "none"
+    assert errors.most_accurate(broken) == "none"
 
     point: Words = {"scene": "s", "p95_ms": 1.0, "max_strain": 0.1, "median_ms": 1.0, "max_error": 0.02}
     points = [point | {"setting": f"xpbd {n}×1", "rms_error": error} for n, error in ((1, nan), (2, 0.01))]
     points += [point | {"setting": "lines 5×1", "rms_error": nan}]
     scene: Words = {"scene": "s", "horizon": 9, "rms_uncertainty": 1e-6, "max_uncertainty": 1e-6, "points": points}
     write(results, "scene_errors", {"machine": {"cpu": "one"}, "scenes": [scene], "left_out": {}})
-    [row] = [line for line in generate.scene_summary().splitlines() if line.startswith("| `s`")]
-    cells = dict(zip(generate.SOLVER_CATALOG, row.strip("| ").split(" | ")[2:], strict=False))
+    [row] = [line for line in errors.scene_summary().splitlines() if line.startswith("| `s`")]
+    cells = dict(zip(verdicts.SOLVER_CATALOG, row.strip("| ").split(" | ")[2:], strict=False))
     assert cells["xpbd"].startswith("1% (2×1: ")
     assert cells["lines"] == "not finite"

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from taichi_cloth.mesh.rings import rings
+
+from taichi_cloth.evaluation.validate.drape import rings
 
 HERE = Path(__file__).parent
 RINGS, SPOKES = 46, 44
@@ -86,20 +87,66 @@ def disc() -> tuple[NDArray[np.float64], list[list[int]]]:
     return np.concatenate([low, high, [[0.0, -0.05, 0.0], [0.0, 0.05, 0.0]]]), around + below + above
 
 
+# The ribbon runs along the curve (t³ − 3t, t⁴ − 4t²), which crosses itself three times, over and under itself in turn
+# (Shastri, *Polynomial representations of knots*, Tohoku Math. J. 44, 1992). Its width is along z, across the plane of
+# the curve, so that it is bent and not stretched.
+KNOT_SCALE, RIBBON_CELL, RIBBON_WIDTH = 0.045, 0.0125, 3  # [m], [m], [cells]
+LIFT = 0.033  # [m] distance of each crossing part from the plane; twice as much is more than the width
+CROSSINGS = (-1.949, -1.732, -0.515, 0.504, 1.732, 1.936)  # parameters t, over and under in turn
+BEND, TAIL, KNOT_END = 0.08, 0.2, 2.0  # radius [m] and straight length [m] of each end, and t where it begins
+
+
+def knot() -> tuple[NDArray[np.float64], list[list[int]]]:
+    """A ribbon with a loose overhand knot [m]; its ends are level and point to the left and the right."""
+    t = np.linspace(0, KNOT_END, 20_001)
+    half = KNOT_SCALE * np.stack([t**3 - 3 * t, t**4 - 4 * t**2], axis=-1)  # the other half is its mirror image
+    rise = np.arctan2(4 * KNOT_END**3 - 8 * KNOT_END, 3 * KNOT_END**2 - 3)  # direction of the end
+    angle = np.linspace(rise, 0, 2001)[1:]
+    arc = half[-1] + BEND * np.stack([np.sin(rise) - np.sin(angle), np.cos(angle) - np.cos(rise)], axis=-1)
+    straight = arc[-1] + np.stack([np.linspace(0, TAIL, 2001)[1:], np.zeros(2000)], axis=-1)
+    right = np.concatenate([half, arc, straight])
+    t = np.concatenate([t, KNOT_END + np.linspace(0, 1, 4001)[1:]])
+    x, y = np.concatenate([right[:0:-1] * [-1, 1], right]).T
+    t = np.concatenate([-t[:0:-1], t])
+
+    where = np.array([t[0], -KNOT_END - 0.3, *CROSSINGS, KNOT_END + 0.3, t[-1]])
+    height = LIFT * np.array([0.3, 0.8, 1, -1, 1, -1, 1, -1, -0.8, -0.3])
+    k = np.clip(np.searchsorted(where, t) - 1, 0, len(where) - 2)
+    share = (t - where[k]) / (where[k + 1] - where[k])
+    z = height[k] + (height[k + 1] - height[k]) * share**2 * (3 - 2 * share)
+
+    curve = np.stack([x, y, z], axis=-1)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    even = np.linspace(0, length[-1], round(length[-1] / RIBBON_CELL) + 1)
+    middle = np.stack([np.interp(even, length, column) for column in curve.T], axis=-1)
+    across = RIBBON_CELL * (np.arange(RIBBON_WIDTH + 1) - RIBBON_WIDTH / 2)
+    points = middle[:, None] + across[:, None] * [0.0, 0.0, 1.0]
+    index = np.arange(points[..., 0].size).reshape(points.shape[:2])
+    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
+    return points.reshape(-1, 3), quads.reshape(-1, 4).tolist()
+
+
 MESHES = {
     "bust": (bust, "A head on its shoulders"),
     "round": (round_sheet, "A round sheet of radius 1"),
     "disc": (disc, "A round plate of radius 1"),
+    "knot": (knot, "A ribbon with a loose overhand knot"),
 }
 
 
+def obj(name: str) -> str:
+    """The content of an OBJ file."""
+    make, what = MESHES[name]
+    points, faces = make()
+    lines = [f"# {what}; written by make.py."]
+    lines += ["v " + " ".join(f"{c:.4f}".rstrip("0").rstrip(".") for c in point + 0.0) for point in points]
+    lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
-    for name, (make, what) in MESHES.items():
-        points, faces = make()
-        lines = [f"# {what}; written by make.py."]
-        lines += ["v " + " ".join(f"{c:.4f}".rstrip("0").rstrip(".") for c in point + 0.0) for point in points]
-        lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
-        (HERE / f"{name}.obj").write_text("\n".join(lines) + "\n")
+    for name in MESHES:
+        (HERE / f"{name}.obj").write_text(obj(name), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

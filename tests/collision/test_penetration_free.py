@@ -154,6 +154,21 @@ def test_the_towel_is_folded_in_four_without_an_intersection() -> None:
         assert simulation.metrics().max_strain < 0.15
 
 
+def test_the_knot_is_drawn_tight_and_holds() -> None:
+    """A ribbon whose knot had come undone would hang 0.4 m below the hands: it is 0.29 m longer than their distance."""
+    with Simulation(load_scene("knot")) as simulation:
+        hands = simulation.topology.pinned
+        for frame in range(320):
+            simulation.step()
+            if frame % 20 == 0:
+                assert count(simulation) == 0
+        x = simulation.positions()
+        assert count(simulation) == 0
+        assert np.ptp(x[hands, 0]) == pytest.approx(1.32, abs=0.01)
+        assert x[hands, 1].mean() - x[:, 1].min() < 0.2
+        assert simulation.metrics().max_strain < 0.25
+
+
 def test_tearing_tethers_and_a_moving_sphere() -> None:
     ball = Sphere(
         center=(0.0, 0.6, 0.0),

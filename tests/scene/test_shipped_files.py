@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Callable
 from pathlib import Path
 
@@ -85,3 +86,12 @@ def test_an_installed_package_uses_its_own_scenes(tmp_path: Path, monkeypatch: p
     (package / "assets" / "scenes" / "inside.toml").unlink()
     (package / "assets" / "scenes").rmdir()
     assert scene_names() == ["outside"]
+
+
+MESHES = Path(__file__).parents[2] / "assets" / "meshes"
+MAKE = runpy.run_path(str(MESHES / "make.py"))
+
+
+@pytest.mark.parametrize("name", MAKE["MESHES"])
+def test_the_script_writes_the_shipped_meshes(name: str) -> None:
+    assert MAKE["obj"](name) == (MESHES / f"{name}.obj").read_text(encoding="utf-8")
