@@ -25,12 +25,11 @@ from .panel import (
     NOTE_COLORS,
     PANEL_MARGIN,
     PANEL_WIDTH,
-    has_changed,
     milliseconds,
     wrap,
 )
 from .session import Session
-from .toolkit import PanelRect, saved_panel_rect
+from .toolkit import PanelRect, has_changed, saved_panel_rect
 from .window import (
     MAX_HOLD_SECONDS,
     STATISTICS_EVERY,

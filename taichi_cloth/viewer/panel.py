@@ -28,7 +28,7 @@ from . import charts
 from .error_process import error_lines
 from .input import HELP, MENU, OWN_FABRIC, PAGES, SPEEDS, Progress, Refusal, chosen, display_name, help_lines, names
 from .session import Session
-from .toolkit import PanelRect, saved_panel_rect
+from .toolkit import PanelRect, has_changed, saved_panel_rect
 
 # -- panel -------------------------------------------------------------------------------------------------------------
 
@@ -43,6 +43,7 @@ HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 6
 SUMMARY_LINES = 6  # lines of the statistics that most pages show; pages with lists show the first: scenes are many
 LIST_SUMMARY_LINES = 1
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
+LIST_LENGTH = 20  # names on a page; a longer list has several pages
 MAX_ZOOM_LEVEL = 15.0  # end of the zoom slider [steps], in both directions
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
 FIRST_HELP = "Drag the cloth; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
@@ -64,6 +65,7 @@ class Panel:
         self._initial_place = PanelRect(PANEL_MARGIN, PANEL_MARGIN, PANEL_WIDTH, height)
         self._settings = settings
         self._moved = ""  # name of the slider that was moved last
+        self._list_part = 0  # of a list that is longer than a page
 
     @property
     def place(self) -> PanelRect:
@@ -138,10 +140,13 @@ class Panel:
         return bool(pressed)
 
     def _list_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
-        """A button for each name of a list. The one in use is marked."""
+        """A button for each name of a list, or of a part of it. The one in use is marked."""
         kind = LIST_PAGES[session.page]
-        in_use = chosen(session, kind)
-        labels = {name: name or own_fabric(session) for name in names(session, kind)}
+        listed, in_use = names(session, kind), chosen(session, kind)
+        parts = -(-len(listed) // LIST_LENGTH)
+        self._list_part += int(parts > 1 and gui.button(f"More {session.page.lower()}"))
+        first = self._list_part % parts * LIST_LENGTH
+        labels = {name: name or own_fabric(session) for name in listed[first : first + LIST_LENGTH]}
         pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
         for name in pressed:
             if kind == "speed":
@@ -294,14 +299,6 @@ def draw_rewind(gui: ti.ui.Gui, session: Session) -> bool:
         return False
     session.go_back(min(max(back, 0.0), session.rewind_buffer.seconds))
     return True
-
-
-def has_changed(after: float, before: float) -> bool:
-    """Return whether the user moved a slider from `before` to `after`.
-
-    The toolkit returns values rounded to float32. After Ctrl+click it returns any number that the user types.
-    """
-    return math.isfinite(after) and not math.isclose(after, before, rel_tol=1e-6, abs_tol=1e-9)
 
 
 def acting_parameters(simulation: Simulation) -> dict[str, Parameter]:

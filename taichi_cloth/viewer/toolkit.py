@@ -1,4 +1,4 @@
-"""What the UI toolkit does not report: whether a window can open, and where its panel is.
+"""What the UI toolkit does not report: whether a window can open, where its panel is, if a slider moved.
 
 If a window cannot open, Taichi ends the process.
 """
@@ -6,6 +6,7 @@ If a window cannot open, Taichi ends the process.
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import re
 import sys
@@ -126,3 +127,11 @@ def saved_panel_rect(settings: Path, name: str) -> PanelRect | None:
         return None
     left, top, width, height, collapsed = map(int, match.groups())
     return PanelRect(left, top, width, TITLE_HEIGHT if collapsed else height)
+
+
+def has_changed(after: float, before: float) -> bool:
+    """Return whether the user moved a slider from `before` to `after`.
+
+    The toolkit returns values rounded to float32. After Ctrl+click it returns any number that the user types.
+    """
+    return math.isfinite(after) and not math.isclose(after, before, rel_tol=1e-6, abs_tol=1e-9)

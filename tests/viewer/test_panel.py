@@ -15,6 +15,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
+from taichi_cloth.viewer import panel as panel_module
 from taichi_cloth.viewer.charts import CHART_SECONDS, History
 from taichi_cloth.viewer.comparison import HEIGHT as COMPARISON_HEIGHT
 from taichi_cloth.viewer.comparison import Comparison, ComparisonPanel
@@ -181,6 +182,22 @@ def test_a_list_marks_what_is_in_use_and_a_press_chooses(
     assert f"> {in_use}" in gui.labels
     assert [label for label in gui.labels if label.startswith(">")] == [f"> {in_use}"]
     assert chosen_by(session) == press
+
+
+def test_a_long_list_has_a_button_for_its_next_part(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(panel_module, "LIST_LENGTH", 10)
+    session, _, _ = drawn("drape15", "Scenes")
+    panel = Panel(SIZE, Path("imgui.ini"))
+    seen = []
+    for more in (False, True, True, True):
+        gui = FakeGui(**{"More scenes": True} if more else {})
+        assert not panel.draw(gui, session, ""), "it changes nothing"
+        seen.append([label.removeprefix("> ") for label in gui.labels if label.removeprefix("> ") in session.scenes])
+    assert [len(part) for part in seen[:2]] == [10, 10]
+    assert seen[3] == seen[0]
+    assert [name for part in seen[:3] for name in part] == list(session.scenes)
+    _, gui, _ = drawn("drape15", "Solvers")
+    assert not [label for label in gui.labels if label.startswith("More")]
 
 
 def test_the_own_fabric_of_a_scene_is_named_with_its_preset(drawn: Drawn) -> None:
