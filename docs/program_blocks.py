@@ -6,12 +6,16 @@ import inspect
 import re
 import runpy
 import textwrap
+from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tables import table
 
 import taichi_cloth as tc
+from taichi_cloth.geometry.obj_reader import parse_obj
 from taichi_cloth.geometry.topology import Topology
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import key_table, schema
@@ -19,6 +23,8 @@ from taichi_cloth.scene.keys import KEYS_TITLE, keys_of
 from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.scene.schema import PRESET_NAMES
 from taichi_cloth.viewer import input as controls
+
+DOCS = Path(__file__).parent
 
 
 def keys() -> str:
@@ -69,9 +75,32 @@ def sources() -> str:
     return "\n\n".join(blocks)
 
 
+# What the meshes of assets/meshes are.
+MESHES = {
+    "round": "a round sheet",
+    "knot": "a ribbon with a loose knot",
+    "walker_clothes": "a skirt and a cape for `walker`",
+    "disc": "a round plate, such as a table top",
+    "bust": "a head on its shoulders",
+    "walker": "a figure; its walk is the clip `walker.pc2`",
+}
+
+
+def meshes() -> str:
+    """Return the shipped meshes with their sizes."""
+    rows = []
+    for name, what in MESHES.items():
+        obj = parse_obj(DOCS.parent / "assets" / "meshes" / f"{name}.obj")
+        sides = Counter(frozenset(side) for face in obj.faces for side in pairwise((*face, face[0])))
+        size = " × ".join(f"{length:g}" for length in np.ptp(obj.vertices, axis=0).round(2))
+        triangles = sum(len(face) - 2 for face in obj.faces)
+        use = "`[cloth]`" if 1 in sides.values() else "`[[meshes]]`, `[cloth]`"
+        rows.append([f"`{name}`", what, size, f"{len(obj.vertices):,}", f"{triangles:,}", use])
+    return table(["file", "what", "size [m]", "vertices", "triangles", "for"], rows)
+
+
 def parameters() -> str:
-    file = Path(__file__).parents[1] / "screenshots" / "parameters.py"
-    strips = runpy.run_path(str(file))["STRIPS"]
+    strips = runpy.run_path(str(DOCS.parent / "screenshots" / "parameters.py"))["STRIPS"]
     blocks = []
     for strip in strips:
         says = strip.says[0].upper() + strip.says[1:]
@@ -187,4 +216,4 @@ def described(member: Any) -> str:
     return text.strip()
 
 
-BLOCKS = (keys, presets, sources, parameters, bindings, api)
+BLOCKS = (keys, presets, sources, meshes, parameters, bindings, api)

@@ -105,8 +105,26 @@ def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     mine, twist, denim = capsys.readouterr().out.splitlines()
     assert mine.startswith(f"{path}: valid · 9×7 particles · 4.35×3.45 m · 300 springs · verlet 5×12 · about 0.")
     assert mine.endswith(" ms per frame of 16.7 ms")
-    assert ", without self_collision · not converged: " in twist
+    assert ", without self_collision, which may take longer than all else: --time measures a frame · " in twist
     assert " · 16,002 springs and 23,938 bending links · lines 5×1 · " in denim
+
+
+@pytest.mark.parametrize(
+    ("keys", "note"),
+    [
+        ("[cloth]\nwidth = 120\nheight = 90", "a side of more than 20 m: lengths are in meters"),
+        ("[forces]\ngravity = -9.81", "gravity points up"),
+        ("[cloth]\nwidth = 2\nheight = 20", ""),
+    ],
+)
+def test_check_tells_values_that_are_often_mistakes(
+    keys: str, note: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f"{keys}\n")
+    assert cli.main(["check", str(path)]) == 0
+    line = capsys.readouterr().out.rstrip()
+    assert line.endswith(f" · {note}") if note else "meters" not in line
 
 
 def test_check_tells_that_verlet_does_not_use_the_springs_of_a_fabric(
@@ -237,9 +255,10 @@ def test_check_measures_frames(here: None, capsys: pytest.CaptureFixture[str]) -
 
 
 def test_frame_times_are_compared_with_real_time() -> None:
-    assert [scenes.frame_time(ms) for ms in (0.0512, 9.96, 33.3, 25_000)] == [
+    assert [scenes.frame_time(ms) for ms in (0.0512, 9.96, 16.8, 33.3, 25_000)] == [
         "0.051 ms per frame of 16.7 ms",
         "10 ms per frame of 16.7 ms",
+        "17 ms per frame of 16.7 ms",
         "33 ms per frame, 2.0 times slower than real time",
         "25 s per frame, 1,500 times slower than real time",
     ]
@@ -248,6 +267,15 @@ def test_frame_times_are_compared_with_real_time() -> None:
 def test_schema(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["schema"]) == 0
     assert "area_density" in capsys.readouterr().out
+
+
+def test_schema_of_a_section(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["schema", "spheres"]) == 0
+    table = capsys.readouterr().out
+    assert "radius" in table
+    assert "area_density" not in table
+    assert cli.main(["schema", "sphere"]) == 2
+    assert capsys.readouterr().err == "taichi-cloth: unknown section 'sphere'; did you mean 'spheres'?\n"
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -364,7 +392,7 @@ def test_render_writes_images_and_their_settings(tmp_path: Path) -> None:
     assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert lines[0] == "curtain · verlet 5×12 · simd · 30×24 · structural shear bend wind sphere ground · cpu · seed 0"
-    assert lines[-1] == "3 images in o, and contact_sheet.png"
+    assert lines[-1] == "3 images in o (frames 0 to 6, every 3), and contact_sheet.png"
     names = sorted(p.name for p in (tmp_path / "o").iterdir())
     assert names == ["contact_sheet.png", "frame_00000.png", "frame_00001.png", "frame_00002.png", "run.json"]
     with Image.open(tmp_path / "o" / "frame_00002.png") as image:

@@ -123,6 +123,10 @@ def test_generated_blocks_are_up_to_date(document: Path, generate: ModuleType) -
     assert generate.brought_up_to_date(text_of(document)) == text_of(document), "run: python docs/generate.py"
 
 
+def test_all_shipped_meshes_are_described(generate: ModuleType) -> None:
+    assert {path.stem for path in (TOP / "assets" / "meshes").glob("*.obj")} == set(generate.program.MESHES)
+
+
 def test_an_outdated_block_is_replaced(generate: ModuleType) -> None:
     old = "a\n<!-- generated: presets -->\nnothing\n<!-- end -->\nb"
     new = generate.brought_up_to_date(old)

@@ -249,7 +249,7 @@ def write_video(session: Session, plan: RenderPlan, path: Path) -> None:
 def write_images(session: Session, plan: RenderPlan, *, force: bool) -> None:
     """Render a session to numbered PNG files in the folder `plan.out`."""
     from ..render.sequence import background_writer, claim_folder
-    from ..system.console import count_noun, frames_progress
+    from ..system.console import frames_progress
     from ..viewer.replay import session_images
 
     number = itertools.count()
@@ -259,4 +259,4 @@ def write_images(session: Session, plan: RenderPlan, *, force: bool) -> None:
         frames_progress(plan.frames) as advance,
     ):
         session_images(session, plan, lambda image: write(plan.path(next(number)), image), advance)
-    print(f"{count_noun(plan.image_count, 'image')} in {plan.out}")
+    print(plan.images)

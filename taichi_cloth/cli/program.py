@@ -264,13 +264,19 @@ def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> 
         "--target-error",
         type=percent,
         metavar="P",
-        help="largest error [%% of the longer side]; selects the fastest measured setting that meets it",
+        help="largest RMS error [%% of the longer side]; selects the fastest stored setting that meets it",
     )
     parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi backend")
 
 
+SELECTED_KEYS = {key for name in ("substeps", "iterations") for key in (name, f"solver.{name}")}  # by --target-error
+
+
 def chosen_scene(args: argparse.Namespace) -> Scene:
-    """Return the scene that the options select. Raises SceneError, and UsageError for an error target out of reach."""
+    """Return the scene that the options select.
+
+    Raises SceneError, and UsageError for an error target out of reach or beside a setting of its own.
+    """
     from ..geometry.scene_loader import load_scene
 
     overrides = dict(parse_override(text) for text in args.set)
@@ -281,8 +287,12 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
         return scene
     from ..simulation.error_estimate import settings_for_error
 
-    scene, why = settings_for_error(scene, args.target_error / 100, args.solver)
-    print(why, flush=True)
+    if selected := sorted(overrides.keys() & SELECTED_KEYS):
+        raise UsageError(f"--target-error selects substeps and iterations: leave out --set {selected[0]}")
+    only = scene.solver.name if overrides.keys() & {"solver", "solver.name"} else None
+    scene, why = settings_for_error(scene, args.target_error / 100, only)
+    here = f"`{PROGRAM} bench --error --scene {args.scene}` measures this scene on this machine"
+    print(f"{why}\nThese are stored RMS errors and times; {here}", flush=True)
     return scene
 
 

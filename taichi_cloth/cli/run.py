@@ -187,7 +187,7 @@ def render_images(
     """Render a scene to numbered PNG files in the folder `plan.out`."""
     from ..render import sequence
     from ..simulation.simulation import Simulation
-    from ..system.console import count_noun, frames_progress
+    from ..system.console import frames_progress
 
     arch = runtime.start(args.arch)
     with (
@@ -199,10 +199,7 @@ def render_images(
             report = sequence.render(simulation, plan, advance)
     if report.median_error is not None:
         print(f"error of a frame: median {1e3 * report.median_error:.2g} mm")
-    print(
-        f"{count_noun(plan.image_count, 'image')} in {plan.out}"
-        + (", and contact_sheet.png" if plan.contact_sheet else "")
-    )
+    print(plan.images + (", and contact_sheet.png" if plan.contact_sheet else ""))
     return 0
 
 

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 from ..scene import Scene, key_table, scene_names
 from ..scene.overrides import removable_sections
 from ..scene.presets import load_preset
-from ..scene.schema import FRAME_SECONDS, PRESET_NAMES
+from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, sections
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
-from ..system.errors import UsageError
+from ..system.errors import UsageError, choose_from
 from .program import Command, inside_at_start, keys_without_effect
 
 if TYPE_CHECKING:
     from ..geometry.topology import Topology
 
+UNUSUAL_SIDE = 20.0  # [m] of a sheet
 MAX_TIMED_MS = 20_000.0  # [ms] estimated frame time above which `check --time` does not run a scene
 
 
@@ -37,7 +38,8 @@ def add_commands(command: Command) -> None:
     check.add_argument(
         "--time", action="store_true", help="run frames and measure their time, instead of estimating it"
     )
-    command("schema", print_schema, "list all scene keys with default, unit and range", "schema")
+    schema = command("schema", print_schema, "list scene keys with default, unit and range", "schema self_collision")
+    schema.add_argument("section", nargs="?", metavar="SECTION", help="section of a scene file (default: all)")
 
 
 def list_scenes(args: argparse.Namespace) -> int:
@@ -128,10 +130,21 @@ def describe(scene: Scene, *, timed: bool) -> str:
     else:
         time = f"{'about' if cost.is_measured_size else 'more than'} {frame_time(cost.ms)}"
         if features := removable_sections(scene):
-            time += f", without {', '.join(features)}"
+            time += f", without {', '.join(features)}, which may take longer than all else"
+            time += "" if timed else ": --time measures a frame"
         time += " (too slow to measure)" if timed else ""
-    idle = keys_without_effect(scene)
-    return " · ".join(filter(None, [particles, size, springs, cost.setting, time, memory, unfinished, inside, idle]))
+    words = [particles, size, springs, cost.setting, time, memory, unfinished, inside, keys_without_effect(scene)]
+    return " · ".join(filter(None, [*words, unusual(scene)]))
+
+
+def unusual(scene: Scene) -> str:
+    """Return values that are valid but often mistakes of unit or sign; empty if there are none."""
+    cloth, notes = scene.cloth, []
+    if not cloth.file and max(cloth.width, cloth.height) > UNUSUAL_SIDE:
+        notes.append(f"a side of more than {UNUSUAL_SIDE:g} m: lengths are in meters")
+    if scene.forces.gravity < 0:
+        notes.append("gravity points up")
+    return ", ".join(notes)
 
 
 def measured_ms(scene: Scene) -> float:
@@ -150,7 +163,7 @@ def measured_ms(scene: Scene) -> float:
 def frame_time(ms: float) -> str:
     """Return a frame time [ms] as text, compared with real time."""
     real = 1e3 * FRAME_SECONDS
-    if ms <= real:
+    if ms < 1.05 * real:
         return f"{ms:.2g} ms per frame of {real:.1f} ms"
     time = f"{ms:.0f} ms" if ms < 1000 else f"{two_digits(ms / 1000)} s"
     return f"{time} per frame, {two_digits(ms / real)} times slower than real time"
@@ -162,7 +175,7 @@ def two_digits(value: float) -> str:
 
 
 def print_schema(args: argparse.Namespace) -> int:
-    """Run the command `schema`: print the table of keys."""
+    """Run the command `schema`: print the table of keys, or of those of a section. Raises UsageError for no section."""
     from rich.table import Table
 
     from ..system.console import wide_console
@@ -170,7 +183,10 @@ def print_schema(args: argparse.Namespace) -> int:
     table = Table("section", "key", "default", "unit", "range", "help")
     for column in table.columns[:2]:
         column.no_wrap, column.min_width = True, 12
+    if args.section not in (None, *sections()):
+        raise UsageError(f"unknown section {args.section!r}{choose_from(args.section, tuple(sections()))}")
     for row in key_table():
-        table.add_row(*map(str, row))
+        if args.section in (None, row[0].strip("[]")):
+            table.add_row(*map(str, row))
     wide_console().print(table)
     return 0

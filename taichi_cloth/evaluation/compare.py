@@ -133,7 +133,7 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
     from ..render import sequence, split_view
     from ..render.split_view import half_width
     from ..simulation.simulation import Simulation
-    from ..system.console import count_noun, frames_progress, printed_table, wide_console
+    from ..system.console import frames_progress, printed_table, wide_console
 
     half_width(args.size[0])
     plan = sequence.RenderPlan(
@@ -165,7 +165,7 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
             print(line)
         if len(reference) and any(run.simulation.solver.name == "verlet" for run in (left, right)):
             print(VERLET_NOTE)
-    print(f"{count_noun(plan.image_count, 'image')} in {plan.out}; a is on the left, b on the right")
+    print(f"{plan.images}; a is on the left, b on the right")
     return 0
 
 
@@ -272,5 +272,5 @@ def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:
         return f"{line}; no error: the sides differ in more than the solver, or the scene has no reference solution"
     if len(reference) >= len(distances):
         return line
-    why = "" if len(reference) == scene_error.FRAMES else ", beyond which the motion is chaotic"
+    why = "" if len(reference) == scene_error.FRAMES else ", beyond which a tiny change of the start grows a hundredfold (chaos)"
     return f"{line}; RMS error: of the first {len(reference)} frames{why}"

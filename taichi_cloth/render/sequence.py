@@ -56,6 +56,14 @@ class RenderPlan:
         """Number of images."""
         return -(-self.frames // self.every)
 
+    @property
+    def images(self) -> str:
+        """How many images there are, where, and of which frames, in words."""
+        from ..system.console import count_noun
+
+        frames = f" (frames 0 to {(self.image_count - 1) * self.every}, every {self.every})" if self.every > 1 else ""
+        return f"{count_noun(self.image_count, 'image')} in {self.out}{frames}"
+
     def path(self, image: int) -> Path:
         """Return the path of image number `image`."""
         return self.out / f"frame_{image:05d}.png"
@@ -204,8 +212,8 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
                 report.frames.append(entry)
                 on_frame(k)
         if sheet_images:
-            factor = max(1, plan.width // 320)
-            write_png(plan.out / "contact_sheet.png", contact_sheet(sheet_images, SHEET_COLUMNS, factor))
+            factor, columns = max(1, plan.width // 320), min(SHEET_COLUMNS, len(sheet_images))
+            write_png(plan.out / "contact_sheet.png", contact_sheet(sheet_images, columns, factor))
         report.complete = True
     except BaseException:
         with suppress(OSError):  # if the disk is full, the older report with fewer frames remains

@@ -134,7 +134,25 @@ def test_the_option_target_error(capsys: pytest.CaptureFixture[str]) -> None:
     args = build_parser([run]).parse_args(["render", "curtain", "--target-error", "0.5"])
     scene = chosen_scene(args)
     assert scene.solver != Solver()
-    assert "is the fastest setting with an error of at most 0.5 %, about " in capsys.readouterr().out
+    first, second = capsys.readouterr().out.splitlines()
+    assert "is the fastest setting with an error of at most 0.5 %, about " in first
+    assert second.endswith(
+        "RMS errors and times; `taichi-cloth bench --error --scene curtain` measures this scene on this machine"
+    )
+
+
+@pytest.mark.parametrize("words", [["--solver", "xpbd"], ["--set", "solver=xpbd"], ["--set", "solver.name=xpbd"]])
+def test_a_target_error_keeps_the_solver_that_is_given(words: list[str]) -> None:
+    args = build_parser([run]).parse_args(["render", "curtain", "--target-error", "5", *words])
+    assert chosen_scene(args).solver.name == "xpbd"
+
+
+@pytest.mark.parametrize("key", ["substeps", "iterations", "solver.substeps", "solver.iterations"])
+def test_a_target_error_beside_a_setting_is_one_line(key: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "curtain", "--target-error", "5", "--set", f"{key}=3"]) == 2
+    assert capsys.readouterr().err == (
+        f"taichi-cloth: --target-error selects substeps and iterations: leave out --set {key}\n"
+    )
 
 
 # -- cost ----------------------------------------------------------------------------------------------------
