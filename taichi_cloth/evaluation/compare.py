@@ -272,5 +272,6 @@ def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:
         return f"{line}; no error: the sides differ in more than the solver, or the scene has no reference solution"
     if len(reference) >= len(distances):
         return line
-    why = "" if len(reference) == scene_error.FRAMES else ", beyond which a tiny change of the start grows a hundredfold (chaos)"
+    chaos = ", beyond which the motion is chaotic: a tiny change of the start has grown a hundredfold"
+    why = "" if len(reference) == scene_error.FRAMES else chaos
     return f"{line}; RMS error: of the first {len(reference)} frames{why}"
