@@ -132,5 +132,5 @@ def test_an_invalid_scene_is_refused_in_one_line(
 
 @pytest.mark.parametrize("scene", [Scene(cloth=Cloth(file="disk")), Scene(meshes=(Mesh(file="disk.stl"),))])
 def test_the_name_of_a_mesh_is_checked_in_a_scene_made_in_python_too(scene: Scene) -> None:
-    with pytest.raises(SceneError, match=r"file: 'disk(\.stl)?' is not a shipped mesh; use bust, disc, round"):
+    with pytest.raises(SceneError, match=r"file: 'disk(\.stl)?' is not a shipped mesh; use bust, disc, knot, round"):
         check_scene(scene)
