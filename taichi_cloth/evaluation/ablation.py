@@ -23,6 +23,7 @@ from ..simulation.simulation import Simulation
 from ..solvers import SOLVERS
 from ..system.console import commit_of, machine, markdown_table, printed_table, wide_console
 from ..system.files import atomic_file
+from .bench.scene_error import digest_of
 
 Floats = NDArray[np.float64]
 
@@ -64,6 +65,8 @@ class Ablations:
     frames: int
     """Number of frames compared: up to the horizon."""
     rows: list[Ablation]
+    digest: str = ""
+    """Digest of the scene (see `digest_of`)."""
 
 
 def ablated_scenes(scene: Scene) -> dict[str, Scene]:
@@ -172,7 +175,7 @@ def ablate(scene: Scene, frames: int) -> Ablations:
             outline = float(np.abs(np.subtract(*areas)).mean()) / layer_area
             rows.append(Ablation(feature, saved_ms, change, outline, reduced_kinetic / kinetic - 1 if kinetic else 0.0))
             all_ms.append(ms)
-    return Ablations(scene.name, float(np.median(all_ms)) if all_ms else 0.0, compared, rows)
+    return Ablations(scene.name, float(np.median(all_ms)) if all_ms else 0.0, compared, rows, digest_of(scene))
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------

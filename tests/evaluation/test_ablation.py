@@ -11,6 +11,7 @@ from taichi_cloth import load_scene
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation import ablation
 from taichi_cloth.evaluation.ablation import ablate, ablated_scenes, horizon, motion, outlines
+from taichi_cloth.evaluation.bench.scene_error import digest_of
 from taichi_cloth.geometry.grid import triangles
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.collider_schema import Ground
@@ -112,6 +113,8 @@ def test_the_page_matches_the_stored_run(tmp_path: Path) -> None:
     ablation.write_markdown(tmp_path / "page.md", run)
     assert (top / "docs" / "scenes_rows.md").read_text(encoding="utf-8") == (tmp_path / "page.md").read_text("utf-8")
     assert {one.scene for one in run.scenes} == {*scene_names()} - {"walker"}, "run: make validate"
+    digests = {one.scene: digest_of(load_scene(one.scene)) for one in run.scenes}
+    assert {one.scene: one.digest for one in run.scenes} == digests, "a scene was changed; run: make validate"
 
 
 def test_each_layer_has_its_own_outline() -> None:

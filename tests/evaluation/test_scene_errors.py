@@ -11,7 +11,7 @@ from taichi_cloth import list_scenes, load_scene
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench import scene_error
 from taichi_cloth.scene.collider_schema import Capsule, Ground, Sphere
-from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver, Wind
+from taichi_cloth.scene.schema import SOLVER_NAMES, Camera, Cloth, Fabric, Scene, Solver, Wind
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
@@ -177,6 +177,17 @@ def test_the_page_matches_the_stored_run() -> None:
     assert (root / "docs/scene_errors_rows.md").read_text(encoding="utf-8") == scene_error.page(run)
     assert run["left_out"] == scene_error.scenes_without_reference()
     assert {one["scene"] for one in run["scenes"]} == set(list_scenes()) - set(run["left_out"])
+    digests = {one["scene"]: scene_error.digest_of(load_scene(one["scene"])) for one in run["scenes"]}
+    assert {one["scene"]: one["digest"] for one in run["scenes"]} == digests, "a scene was changed; run: make errors"
+
+
+def test_a_digest_changes_with_what_moves_the_cloth_only() -> None:
+    digest = scene_error.digest_of(WINDY)
+    assert {scene_error.digest_of(scene) for scene in WRONG.values()}.isdisjoint({digest})
+    assert scene_error.digest_of(replace(WINDY, solver=replace(WINDY.solver, substeps=41))) != digest
+    assert (
+        scene_error.digest_of(replace(WINDY, name="other", title="other", camera=Camera(eye=(9.0, 9.0, 9.0)))) == digest
+    )
 
 
 def test_the_command_prints_and_writes_errors(

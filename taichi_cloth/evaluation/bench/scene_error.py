@@ -11,6 +11,7 @@ Reference solutions take seconds to compute and are cached on disk.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from ...geometry.cloth_builder import build_particles
 from ...geometry.scene_loader import load_scene
-from ...scene import scene_names
+from ...scene import scene_names, scene_to_toml
 from ...scene.schema import Camera, Look, Scene
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.builder import unsupported_by
@@ -86,6 +87,8 @@ class SceneErrors:
     max_uncertainty: float
     """Largest distance of a particle between these two, as a share of the longer side."""
     points: list[ScenePoint]
+    digest: str = ""
+    """Digest of the scene (see `digest_of`)."""
 
 
 def settings(scene: Scene) -> list[tuple[str, int, int]]:
@@ -101,9 +104,19 @@ def settings(scene: Scene) -> list[tuple[str, int, int]]:
     return list(dict.fromkeys([(own.name, own.substeps, own.iterations), *every]))
 
 
+def motion_of(scene: Scene) -> Scene:
+    """Return the scene without what does not move the cloth: names, camera and look."""
+    return replace(scene, title="", name="", camera=Camera(), look=Look())
+
+
+def digest_of(scene: Scene) -> str:
+    """Return a digest of all values that move the cloth, 12 hex digits: results with another are of another scene."""
+    return hashlib.sha256(scene_to_toml(motion_of(scene)).encode()).hexdigest()[:12]
+
+
 def solution(scene: Scene, frames: int) -> Solution:
     """Return the reference solution of a scene for up to `frames` frames. It is cached on disk."""
-    motion = replace(scene, title="", name="", camera=Camera(), look=Look())
+    motion = motion_of(scene)
     positions, coarser = cached(f"{motion} {frames}", Path(reference.__file__).parent, lambda: solve(motion, frames))
     return Solution(positions, coarser, build_particles(scene).longest_side)
 
@@ -150,7 +163,7 @@ def errors(scene: Scene) -> Iterator[str | SceneErrors]:
     for name, substeps, iterations in settings(scene):
         yield f"{scene.name}: {name} {substeps}×{iterations}"
         points.append(measure(scene, name, substeps, iterations, truth))
-    yield SceneErrors(scene.name, truth.horizon, *truth.uncertainty, points)
+    yield SceneErrors(scene.name, truth.horizon, *truth.uncertainty, points, digest_of(scene))
 
 
 def scenes_without_reference() -> dict[str, str]:
