@@ -113,11 +113,17 @@ BY_LAW = {
     ("elastica", "doubling_by_springs"),
     ("swing", "curtain_mode"),
     ("swing", "swinging_curtain"),
-    ("swing", "finer_curtain"),
     ("hanging", "compare_sag"),
     ("membrane", "sagging"),
+    ("membrane", "bias_pull"),
+    ("flight", "falling"),
     ("flight", "sail"),
+    ("symmetry", "explain_finer"),
+    ("symmetry", "on_a_ball"),
     ("symmetry", "order_row"),
+    ("strand", "at_rest"),
+    ("strand", "residual"),
+    ("strand", "strains"),
 }
 
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.bench.error_sweep import Curtain, curtain_solution
-from taichi_cloth.evaluation.validate import check, exact, hanging, membrane, strand, swing, symmetry
+from taichi_cloth.evaluation.validate import check, exact, flight, hanging, membrane, strand, swing, symmetry
 from taichi_cloth.evaluation.validate import validation_report as report
 from taichi_cloth.evaluation.validate.check import FAIL, Check, Result, at_most
+from taichi_cloth.geometry.cloth_builder import build_particles
 from taichi_cloth.scene.schema import FRAME_SECONDS
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation import error_estimate
@@ -47,6 +48,12 @@ def verlet_mode(links: int, mode: int) -> float:
     return swing.unconverged_mode(links, mode - 1, SOLVER_CATALOG["verlet"].iterations / h**2, h)
 
 
+def way_of_verlet() -> float:
+    terminal = exact.terminal_speed(AREA_DENSITY, flight.STILL.air_density, flight.STILL.drag)
+    fallen = exact.fall_in_air(0.2, terminal)[1]
+    return flight.euler_fall(0.2, terminal, substep_of("verlet")) / fallen - 1
+
+
 BOUNDED = [
     *(
         ("A2.5", "xpbd", f"sag of a taut square of {n} cells under its weight [m]", partial(sag_of_square, n))
@@ -62,6 +69,11 @@ BOUNDED = [
         for n in (32, 64)
     ),
     ("A8.7", "xpbd", "sag with 128 links, against 64 [m]", partial(hanging.exact_sag_change, "xpbd", 64, 128)),
+    *(
+        ("A5.1", "xpbd", f"on the bias, diagonals of {k:g} N/m [N/m]", partial(membrane.unconverged_bias, k))
+        for k in (500.0, 1000.0)
+    ),
+    ("A6.1", "verlet", "way after 0.2 s [m]", way_of_verlet),
     ("B1", "verlet", "16 cells: every row, error of the side after 1 s", partial(every_row, 16)),
     ("B1", "verlet", "32 cells: every row, error of the side after 0.5 s", partial(every_row, 32)),
 ]
@@ -75,7 +87,7 @@ SLOW = [
         "A8.9",
         "verlet",
         "bottom row of 64 cells after 1 s, against 32, of the side",
-        partial(strand.exact_change, "verlet", 32, 64),
+        partial(symmetry.exact_change, "verlet", 32, 64),
     ),
 ]
 
@@ -166,6 +178,90 @@ def test_a_law_that_is_a_function_is_not_computed_if_the_row_passes() -> None:
 
 def test_the_exact_bottoms_of_the_curtain_differ_by_more_than_a_thousandth_past_64_cells() -> None:
     """docs/accuracy.md says so: no solver can pass this row without an error of its own."""
-    change = strand.exact_change("explicit", 64, 128)
+    change = symmetry.exact_change("explicit", 64, 128)
     assert change == pytest.approx(1.97e-3, rel=0.01)
     assert change > check.FINER[64, 128][0]
+
+
+@pytest.mark.parametrize(
+    ("rate", "iterations", "published"), [(400, 1, 0.0010), (100, 4, 0.0040), (25, 16, 0.0152), (12.5, 32, 0.0317)]
+)
+def test_short_steps_reduce_the_error_of_stiff_links_only(rate: float, iterations: int, published: float) -> None:
+    """400 iterations per second (B4): stiff links are longer by the published share; soft ones hardly differ."""
+    lengths = hanging.released_chain(32, rate, iterations, np.inf, 4.0)
+    assert lengths[len(lengths) // 2 :].mean() - 1 == pytest.approx(published, rel=0.04)
+    soft = hanging.released_chain(32, rate, iterations, 1e3, 4.0)
+    rigid = 1 + 1e-3 * 9.81 * 33 / 2  # the mean of the weights below
+    assert soft[len(soft) // 2 :].mean() / rigid - 1 == pytest.approx(0.012, abs=0.002)
+
+
+def test_steps_of_euler_fall_by_the_sum_of_their_speeds() -> None:
+    steps, h = 30, 0.01
+    assert flight.euler_fall(steps * h, np.inf, h) == pytest.approx(9.81 * h * h * steps * (steps + 1) / 2, rel=1e-12)
+
+
+def heavy_chain() -> strand.Chain:
+    """The chain of B6: 19 links, the last mass 1000 times as heavy; springs to the particle after the next too."""
+    links = strand.LINKS
+    mass = np.ones(links + 1)
+    mass[-1] = strand.HEAVY
+    pairs = [*((n, n + 1) for n in range(links)), *((n, n + 2) for n in range(links - 1))]
+    constant = np.array([strand.CONSTANT] * links + [strand.SKIP] * (links - 1))
+    rest = strand.LINK * np.array([1.0] * links + [2.0] * (links - 1))
+    return strand.Chain(mass, np.array(pairs), rest, constant, strand.STRAND_GRAVITY)
+
+
+def test_xpbd_in_float64_ends_as_far_from_the_solution_as_the_stored_row() -> None:
+    chain = heavy_chain()
+    angle = np.radians(strand.START_ANGLE)
+    start = strand.LINK * np.arange(strand.LINKS + 1.0)[:, None] * [np.cos(angle), -np.sin(angle)]
+    row = stored("B6.2", "xpbd", "residual of a step, over 10 N")
+    assert strand.xpbd_residual(chain, start) / strand.STRAND_GRAVITY == pytest.approx(row.error, rel=1e-4)
+
+
+def test_xpbd_in_float64_converges_to_the_solution_of_a_step() -> None:
+    """On one line, where the directions of its corrections are exact."""
+    chain = strand.hanging_chain(5, 300.0)
+    start = np.stack([np.zeros(6), -np.arange(6) / 4.5], axis=-1)  # stretched
+    velocity = 0 * start
+    velocity[1:, 1] = -1.0
+    solved = strand.backward_euler_step(chain, start, velocity, 0.02)
+    found = strand.xpbd_step(chain, start, velocity, 0.02, 200)
+    for a, b in zip(found, solved, strict=True):
+        assert a == pytest.approx(b, abs=1e-9)
+
+
+def test_a_fold_is_as_far_from_its_mirror_images_as_its_largest_displacement() -> None:
+    flat = symmetry.base("rk4", 17, 17, rotation=(-90.0, 0.0, 0.0))
+    sheet = build_particles(flat).start.copy()
+    assert symmetry.difference_of_images(sheet) == pytest.approx(0.0, abs=1e-7)
+    sheet[3, 1] += 0.02
+    assert symmetry.difference_of_images(sheet) == pytest.approx(0.02, abs=1e-7)
+
+
+@pytest.mark.parametrize("solver", check.ALL)
+def test_the_folds_on_a_ball_are_unsymmetric_in_float64_too(solver: str) -> None:
+    """docs/accuracy.md says so: no solver can pass this row. Rounding to 1e-16 is enough."""
+    difference = symmetry.exact_difference()
+    assert 100 * symmetry.ON_A_BALL[0] < difference < 0.5
+    row = stored("A8.8", solver, "difference to its mirror images 2 s after it fell on a ball [m]")
+    assert row.by_law("law", difference, deviation=difference).explained
+    assert at_most("", 2.1 * difference, *symmetry.ON_A_BALL).by_law("law", difference, deviation=difference).broken
+
+
+@pytest.mark.parametrize("solver", ["explicit", "lines", "rk4", "implicit"])
+def test_rounding_and_the_exact_bottoms_explain_a_finer_curtain(solver: str) -> None:
+    row = stored("A8.9", solver, "bottom row of 128 cells after 1 s, against 64, of the side")
+    rounding = symmetry.rounding_of_curtain(128, 60 * 256)
+    assert symmetry.explain_finer(row, solver, 64, 128, lambda: rounding).explained
+    far = at_most(
+        row.what, row.tolerance + symmetry.exact_change(solver, 64, 128) + 1.01 * rounding, *check.FINER[64, 128]
+    )
+    assert symmetry.explain_finer(far, solver, 64, 128, lambda: rounding).broken
+    assert symmetry.explain_finer(row, "xpbd", 64, 128, lambda: rounding).limit is None
+
+
+def test_rounding_of_the_curtain_grows_with_the_root_of_the_steps() -> None:
+    one, four = (symmetry.rounding_of_curtain(16, n) for n in (1000, 4000))
+    assert four == pytest.approx(2 * one)
+    assert one > check.rounding_error(1000, 1.0, 1.0, 4.43)  # a disturbance of the start grows

@@ -156,34 +156,6 @@ def damped_swing(omega: float, ratio: float, seconds: Floats) -> Floats:
     return displacement
 
 
-def xpbd_chain(links: int, rate: float, iterations: int, compliance: float, seconds: float) -> Floats:
-    """Return length over rest length of a hanging chain after every step from its release, computed by XPBD in float64.
-
-    The chain is on one line, with masses of 1 kg and links of 1 m, and red springs are solved before black ones
-    (Macklin 2016, Algorithm 1). `rate` is in steps per second, `compliance` in m/N.
-    """
-    h = 1 / rate
-    w = np.append(0.0, np.ones(links))
-    x, v = -np.arange(links + 1.0), np.zeros(links + 1)
-    alpha = compliance / h**2
-    steps = round(seconds / h)
-    lengths = []
-    for _ in range(steps):
-        before, total = x.copy(), np.zeros(links)
-        v[1:] -= GRAVITY * h
-        x = x + h * v
-        for _ in range(iterations):
-            for first in (0, 1):
-                j = np.arange(first, links, 2)
-                change = (1.0 - x[j] + x[j + 1] - alpha * total[j]) / (w[j] + w[j + 1] + alpha)
-                total[j] += change
-                x[j] += w[j] * change
-                x[j + 1] -= w[j + 1] * change
-        v = (x - before) / h
-        lengths.append(-x[-1])
-    return np.array(lengths) / links
-
-
 def sheet_modulus(structural: float, shear: float) -> float:
     """Return force per strain and width [N/m] of a grid with both diagonals, pulled along its threads.
 

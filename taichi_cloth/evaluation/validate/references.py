@@ -122,7 +122,7 @@ REFERENCES = (
     ),
     Reference("A8.7", "mesh, hammock", "-", hanging.finer_hammock, ALL),
     Reference("A8.8", "on a ball", "-", symmetry.on_a_ball, ALL),
-    Reference("A8.9", "mesh, swinging curtain", "-", swing.finer_curtain, ALL),
+    Reference("A8.9", "mesh, swinging curtain", "-", symmetry.finer_curtain, ALL),
     Reference("A8.10", "transposition", "-", symmetry.transposed, ALL),
     Reference(
         "B1",

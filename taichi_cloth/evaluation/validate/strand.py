@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from math import ceil, cos, radians, sqrt
+from math import cos, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from ...geometry.cloth_builder import spring_stiffness
 from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Scene, Solver, VerletSprings
-from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.simulation import Simulation
 from ..bench.error_sweep import Curtain
-from .check import REST_DAMPING, UNFINISHED_SOLVERS, Check, Timed, advance, at_most, base, effective_stiffness, relative
+from .check import REST_DAMPING, Check, Timed, advance, at_most, base, relative
 from .exact import GRAVITY, TWO_STAGE, Floats
 
 GAMMA = 1 - sqrt(0.5)  # share of a substep that each of the two stages solves (Alexander 1977)
@@ -134,6 +133,29 @@ def _system_matrix(chain: Chain, unit: Floats, weight: Floats) -> Floats:
     return blocks.transpose(0, 2, 1, 3).reshape(2 * count, 2 * count)
 
 
+def xpbd_step(chain: Chain, x: Floats, v: Floats, h: float, iterations: int) -> Step:
+    """Return the result of a substep of `xpbd` in float64 (Macklin 2016, Algorithm 1).
+
+    As in `solvers/xpbd.py`, springs to the particle after the next come first, and springs that share no particle are
+    solved at once.
+    """
+    y, inverse_mass = inertial_target(chain, x, v, h), 1 / chain.mass
+    inverse_mass[0] = 0.0
+    multiplier, compliance = np.zeros(len(chain.rest)), 1 / (chain.constant * h * h)
+    first, span = chain.ends[:, 0], chain.ends[:, 1] - chain.ends[:, 0]
+    groups = [np.flatnonzero((span == n) & (first // n % 2 == half)) for n in (2, 1) for half in (0, 1)]
+    for group in groups * iterations:
+        a, b = chain.ends[group].T
+        gap = y[b] - y[a]
+        length = np.hypot(*gap.T)
+        error = length - chain.rest[group] + compliance[group] * multiplier[group]
+        change = -error / (inverse_mass[a] + inverse_mass[b] + compliance[group])
+        multiplier[group] += change
+        y[a] -= (inverse_mass[a] * change / length)[:, None] * gap
+        y[b] += (inverse_mass[b] * change / length)[:, None] * gap
+    return Step(y, (y - x) / h, -multiplier / h**2)
+
+
 def sdirk_step(chain: Chain, x: Floats, v: Floats, h: float) -> Step:
     """Return the result of a substep of `lines` or `implicit` (`solvers/two_stage.py`).
 
@@ -145,18 +167,11 @@ def sdirk_step(chain: Chain, x: Floats, v: Floats, h: float) -> Step:
 
 # -- hanging chains, for the laws of iterations that end too early (`check.py`) ----------------------------------------
 
-MAX_PHASE = 0.5  # [rad] of the fastest vibration in a step of velocity Verlet, which is stable up to 2
 
-
-def hanging_chain(links: int, squared: float, last: float = 1.0) -> Chain:
-    """Return a chain of one meter with equal masses and springs, k/m = `squared` [1/s²].
-
-    The last mass is `last` times the others.
-    """
-    mass = np.ones(links + 1)
-    mass[-1] = last
+def hanging_chain(links: int, squared: float) -> Chain:
+    """Return a chain of one meter with equal masses and springs, k/m = `squared` [1/s²]."""
     ends = np.stack([np.arange(links), np.arange(1, links + 1)], axis=-1)
-    return Chain(mass, ends, np.full(links, 1 / links), np.full(links, squared))
+    return Chain(np.ones(links + 1), ends, np.full(links, 1 / links), np.full(links, squared))
 
 
 def euler_run(links: int, squared: float, start: Floats, h: float, frames: int) -> Floats:
@@ -176,49 +191,6 @@ def euler_curtain(cells: int, squared: float, h: float, frames: int = 60) -> Flo
     return euler_run(cells, squared, Curtain(cells).start, h, frames)
 
 
-@cache
-def bottom_by_area(cells: int, squared: float, frames: int = 60) -> Floats:
-    """Return the position of the curtain's bottom row, (2,), with masses by area: the last one is half.
-
-    It is computed by velocity Verlet with short steps. The first-order error of steps of h is left out: it is nearly
-    the same with twice as many cells.
-    """
-    chain, start = hanging_chain(cells, squared, last=0.5), Curtain(cells).start
-    steps = ceil(2 * sqrt(squared) * FRAME_SECONDS / MAX_PHASE)
-    h, x, v = FRAME_SECONDS / steps, start, np.zeros_like(start)
-
-    def acceleration(x: Floats) -> Floats:
-        unit, length = chain.gaps(x)
-        pull = (chain.constant * (length - chain.rest))[:, None] * unit
-        a = np.zeros_like(x)
-        a[1:] -= pull
-        a[1:-1] += pull[1:]
-        a /= chain.mass[:, None]
-        a[1:, 1] -= GRAVITY
-        return a
-
-    a = acceleration(x)
-    for _ in range(frames * steps):
-        v = v + h / 2 * a
-        x = x + h * v
-        a = acceleration(x)
-        v = v + h / 2 * a
-    bottom: Floats = x[-1]
-    return bottom
-
-
-def exact_change(solver: str, coarse: int, fine: int) -> float:
-    """Return the distance between the bottoms in float64, with the stiffness that the iterations leave."""
-    substeps, iterations = SOLVER_CATALOG[solver].defaults
-    bottoms = []
-    for cells in (coarse, fine):
-        mass, stiffness = Curtain(cells).mass, Curtain(cells).stiffness
-        if solver in UNFINISHED_SOLVERS:
-            stiffness = effective_stiffness(solver, stiffness, mass, FRAME_SECONDS / substeps, iterations)
-        bottoms.append(bottom_by_area(cells, stiffness / mass))
-    return float(np.linalg.norm(bottoms[1] - bottoms[0]))
-
-
 # -- strands -----------------------------------------------------------------------------------------------------------
 
 CONSTANT = 1e8  # [N/m]
@@ -235,6 +207,8 @@ STRAND_ITERATIONS = 100
 START_ANGLE = 30.0  # [degrees] below level at the start; above level it is compressed and could fold in many ways
 STRAND_FRAMES = 60
 STRAND = (2e-2, 1e-3)
+REST_SECONDS = 10.0
+IN_FLOAT64 = "iterations end too early: the same iterations in float64 end as far from the solution"
 RESIDUAL = (10.0, 2.0)  # weights of a particle
 
 
@@ -316,16 +290,31 @@ def force(solver: str) -> Iterator[Check]:
         yield relative(name, exact[k], forces[k], tolerance, tolerance / 10)
 
 
+def xpbd_run(chain: Chain, x: Floats, frames: int, damping: float = 0.0) -> list[Step]:
+    """Return the state after each frame of the strand in float64, from rest, with velocities damped at a rate [1/s]."""
+    steps = [Step(x, np.zeros_like(x), np.zeros(len(chain.rest)))]
+    for _ in range(frames):
+        before = steps[-1]
+        kept = before.v / (1 + damping * FRAME_SECONDS)
+        steps.append(xpbd_step(chain, before.x, kept, FRAME_SECONDS, STRAND_ITERATIONS))
+    return steps[1:]
+
+
 def at_rest(solver: str) -> Iterator[Check]:
     """Measure the elongation of the hanging strand."""
     scene = heavy_strand(solver, 90.0, 0.0)
     with Timed(replace(scene, solver=replace(scene.solver, damping=REST_DAMPING))) as simulation:
         chain = chain_of(simulation)
         start = left_strand(simulation.positions())
-        advance(simulation, 10.0)
+        advance(simulation, REST_SECONDS)
         carried = chain.mass[::-1].cumsum()[-2::-1] * STRAND_GRAVITY  # [N] by each link, from the top
         exact = float((carried / CONSTANT).sum())
-        yield relative("longer by [m]", exact, float((start - left_strand(simulation.positions()))[-1, 1]), *STRAND)
+        measured = float((start - left_strand(simulation.positions()))[-1, 1])
+        row = relative("longer by [m]", exact, measured, *STRAND)
+        if solver == "xpbd":
+            steps = xpbd_run(chain, start, round(REST_SECONDS / FRAME_SECONDS), REST_DAMPING)
+            row = row.by_law(IN_FLOAT64, float((start - steps[-1].x)[-1, 1]) / exact - 1)
+        yield row
 
 
 def residual(solver: str) -> Iterator[Check]:
@@ -335,8 +324,8 @@ def residual(solver: str) -> Iterator[Check]:
     """
     with Timed(heavy_strand(solver, START_ANGLE, SKIP)) as simulation:
         chain = chain_of(simulation)
-        x, v = left_strand(simulation.positions()), left_strand(simulation.velocities())
-        residuals = []
+        start = x = left_strand(simulation.positions())
+        v, residuals = left_strand(simulation.velocities()), []
         for _ in range(STRAND_FRAMES):
             simulation.step()
             x_new, v_new = left_strand(simulation.positions()), left_strand(simulation.velocities())
@@ -345,7 +334,19 @@ def residual(solver: str) -> Iterator[Check]:
                 h, y = second_stage(chain, x, v, x_new, v_new)
             residuals.append(float(step_residual(chain, y, x_new, h).max()))
             x, v = x_new, v_new
-        yield at_most(f"residual of a step, over {STRAND_GRAVITY:g} N", max(residuals) / STRAND_GRAVITY, *RESIDUAL)
+        row = at_most(f"residual of a step, over {STRAND_GRAVITY:g} N", max(residuals) / STRAND_GRAVITY, *RESIDUAL)
+        yield row.by_law(IN_FLOAT64, xpbd_residual(chain, start) / STRAND_GRAVITY) if solver == "xpbd" else row
+
+
+def xpbd_residual(chain: Chain, x: Floats) -> float:
+    """Return the largest residual of the strand's steps by `xpbd` in float64 [N]."""
+    v, residuals = np.zeros_like(x), []
+    for step in xpbd_run(chain, x, STRAND_FRAMES):
+        residuals.append(
+            float(step_residual(chain, inertial_target(chain, x, v, FRAME_SECONDS), step.x, FRAME_SECONDS).max())
+        )
+        x, v, _ = step
+    return max(residuals)
 
 
 def second_stage(chain: Chain, x: Floats, v: Floats, x_new: Floats, v_new: Floats) -> tuple[float, Floats]:
@@ -363,7 +364,8 @@ def strains(solver: str) -> Iterator[Check]:
     with Timed(heavy_strand(solver, START_ANGLE, SKIP)) as simulation:
         chain = chain_of(simulation)
         links = chain.constant == CONSTANT
-        x, v = left_strand(simulation.positions()), left_strand(simulation.velocities())
+        start = x = left_strand(simulation.positions())
+        v = left_strand(simulation.velocities())
         errors, exact = [], []
         for _ in range(STRAND_FRAMES):
             simulation.step()
@@ -371,4 +373,8 @@ def strains(solver: str) -> Iterator[Check]:
             exact.append(chain.strains(x)[links])
             errors.append(np.abs(chain.strains(left_strand(simulation.positions()))[links] - exact[-1]).max())
         largest = float(np.abs(exact).max())
-        yield Check("largest error of a strain", largest, largest + max(errors), max(errors) / largest, *STRAND)
+        row = Check("largest error of a strain", largest, largest + max(errors), max(errors) / largest, *STRAND)
+        if solver == "xpbd":
+            strains = [chain.strains(step.x)[links] for step in xpbd_run(chain, start, STRAND_FRAMES)]
+            row = row.by_law(IN_FLOAT64, float(np.abs(np.array(strains) - exact).max()) / largest)
+        yield row

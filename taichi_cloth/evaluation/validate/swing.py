@@ -17,15 +17,11 @@ from ...solvers import SOLVERS
 from ..bench.error_sweep import Curtain, curtain_solution
 from .check import (
     EULER,
-    FINER,
-    GRIDS,
     SOFTER_EULER,
     Check,
     Timed,
     advance,
-    at_most,
     base,
-    bottom_middle,
     frequency,
     relative,
     run_with_limit,
@@ -47,7 +43,7 @@ from .exact import (
     string_displacement,
     taut_modes,
 )
-from .strand import euler_curtain, euler_run, exact_change
+from .strand import euler_curtain, euler_run
 
 ANGLES = (10, 30, 60, 90, 120, 150, 170)  # [degrees] from hanging
 SWING = (1e-2, 1e-3)  # A2: 1 %, 0.1 %
@@ -374,26 +370,3 @@ def curtain_error(what: str, seen: Callable[[], Floats], exact: Floats) -> Check
     k = int(np.argmax(errors))
     length, error = float(np.linalg.norm(exact[k, -1])), float(errors[k])
     return Check(f"{what} after {CURTAIN_SECONDS[k]:g} s", length, length + error, error, *CURTAIN_ERROR)
-
-
-def finer_curtain(solver: str) -> Iterator[Check]:
-    """Measure how much the bottom position after 1 s changes with twice as many cells, for masses by area."""
-    bottoms: dict[int, Floats] = {}
-
-    def bottom(cells: int) -> Floats:
-        if cells not in bottoms:
-            with Timed(curtain(solver, cells, mass_lumping="area")) as simulation:
-                advance(simulation, 1.0)
-                bottoms[cells] = bottom_middle(simulation.positions())
-        return bottoms[cells]
-
-    for (coarse, fine), bounds in FINER.items():
-        what = f"bottom row of {fine} cells after 1 s, against {coarse}, of the side"
-
-        def difference(
-            what: str = what, coarse: int = coarse, fine: int = fine, bounds: tuple[float, float] = bounds
-        ) -> Check:
-            row = at_most(what, float(np.linalg.norm(bottom(fine) - bottom(coarse))), *bounds)
-            return row.by_law(GRIDS, partial(exact_change, solver, coarse, fine)) if solver == "verlet" else row
-
-        yield run_with_limit(what, *bounds, difference)
