@@ -119,7 +119,9 @@ SIMULATION_MEMBERS = {
     "Export": ("export", "export_clip"),
     "Metrics": ("metrics", "frame_error", "intersections", "colliders", "features", "method", "warnings"),
     "Forces": ("forces", "reaction_forces"),
-    "Grabs and pins": ("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins"),
+    "Grabs, pins and moved colliders": (
+        *("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins", "move_collider"),
+    ),
     "Changes": ("switch_solver", "switch_fabric", "switch_scene", "apply"),
     "Internals": ("solver", "cloth"),
 }

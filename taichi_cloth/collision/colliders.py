@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from math import pi, radians, sin
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,7 @@ from .shapes import SHAPES, Shape
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
+Body = TypeVar("Body", bound=Motion)
 
 # [m] A particle this near to the margin still touches the collider. A continuous test stops this far within the margin,
 # so that a particle at rest starts outside.
@@ -88,6 +89,14 @@ def _initial_pose(collider: Motion | Ground) -> tuple[Floats, Floats]:
     return center, axes
 
 
+def keyframe_offset(collider: Motion, seconds: float) -> Floats:
+    """Return what keyframes add at a time, (6,): an offset [m], then a rotation about x, y and z [degrees]."""
+    if not collider.keyframes:
+        return np.zeros(6)
+    rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in collider.keyframes])
+    return np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
+
+
 def pose(collider: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
     """Return center [m] and axes at a time, as `Motion` and `Collider` define them."""
     center, axes = _initial_pose(collider)
@@ -100,13 +109,25 @@ def pose(collider: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
         if any(collider.rocking):
             axes = rotation_matrix(tuple(np.array(collider.rocking) * wave)) @ axes
     if collider.keyframes:
-        rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in collider.keyframes])
-        offset = np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
+        offset = keyframe_offset(collider, seconds)
         center = center + offset[:3]
         axes = rotation_matrix(tuple(offset[3:])) @ axes
     if any(collider.spin):
         axes = rotation_from_vector(np.radians(collider.spin) * seconds) @ axes
     return center, axes
+
+
+def displaced(collider: Body, start: float, end: float, displacement: tuple[Floats, Floats]) -> Body:
+    """Return a collider that is also displaced from its prescribed motion, for times between `start` and `end` [s].
+
+    `displacement`: its displacement at both times [m], (3,) each; between, it changes linearly.
+    """
+    rows = []
+    for seconds, shift in zip((start, end), displacement, strict=True):
+        offset = keyframe_offset(collider, seconds)
+        offset[:3] += shift
+        rows.append((seconds, *map(float, offset)))
+    return replace(collider, keyframes=tuple(rows))
 
 
 def is_deforming(collider: Motion | Ground) -> bool:

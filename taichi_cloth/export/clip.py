@@ -120,6 +120,7 @@ INNER_NAMES = frozenset(
         "check_between_frames",
         "check_particle",
         "depenetration",
+        "displacements",
         "frames_stepped",
         "free_positions",
         "grabs",

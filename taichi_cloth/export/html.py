@@ -134,8 +134,9 @@ class Samples:
         """
         poses, first = np.array(self._poses), 0
         parts = [np.zeros((0, 4, 4))]
-        for k, (solid, moving) in enumerate(zip(solids, self._solids.moving, strict=True)):
-            parts.append(poses[:, k] if moving else poses[:1, k])
+        for k, solid in enumerate(solids):
+            moves = (poses[:, k] != poses[0, k]).any()
+            parts.append(poses[:, k] if moves else poses[:1, k])
             solid |= {"pose": first, "poses": len(parts[-1])}
             first += len(parts[-1])
         return np.concatenate(parts)

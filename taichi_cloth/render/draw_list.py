@@ -3,6 +3,7 @@
 Window and rasterizer draw the same mesh. Meshes of the colliders and the pole are built once, in local coordinates.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,14 +30,14 @@ TriangleSoup = tuple[Floats, Floats, Floats]  # positions, normals and colors of
 POLE_COLOR = (0.36, 0.24, 0.15)
 
 
-def split_colliders(colliders: list[PosedCollider]) -> tuple[list[PosedCollider], list[int]]:
-    """Return the static colliders, and the indices of the moving ones.
+def split_colliders(colliders: list[PosedCollider]) -> tuple[list[int], list[int]]:
+    """Return the indices of the static colliders, and of the moving ones.
 
     Spheres and the ground are in neither list. They are drawn separately: the radius of a sphere can change.
     """
     drawn = [k for k, one in enumerate(colliders) if shape_of(one.collider) is not SPHERE and not is_ground(one)]
-    static = [colliders[k] for k in drawn if is_static(colliders[k].collider)]
-    return static, [k for k in drawn if not is_static(colliders[k].collider)]
+    static = [k for k in drawn if is_static(colliders[k].collider)]
+    return static, [k for k in drawn if k not in static]
 
 
 def is_ground(posed: PosedCollider) -> bool:
@@ -168,12 +169,14 @@ class DrawList:
         self._floor_extent = FLOOR_EXTENT * distance  # [m] half the side of the floor
 
         colliders = simulation.colliders()
-        static, self._moving = split_colliders(colliders)
+        self._static, self._moving = split_colliders(colliders)
+        self._displaced = False  # whether a static collider was, when it was last drawn
         self._moving_meshes = [collider_mesh(colliders[k]) for k in self._moving]
         pole = [pole_mesh(scene, topology.start)] if scene.look.pole else []
-        static_meshes = [*pole, *(pose_mesh(posed, collider_mesh(posed)) for posed in static)]
+        static_meshes = [*pole, *(pose_mesh(colliders[k], collider_mesh(colliders[k])) for k in self._static)]
         floor = self._floor(distance)
         self._first_solid = sum(len(p) for p, _, _ in floor)
+        self._first_static = self._first_solid + sum(len(p) for p, _, _ in pole)
         self._first_moving = self._first_solid + sum(len(p) for p, _, _ in static_meshes)
         self._first_sphere = self._first_moving + sum(len(p) for p, _, _ in self._moving_meshes)
         sphere_corners = len(scene.spheres) * len(self._sphere) + (1 + len(self._pins)) * len(self._marker)
@@ -198,7 +201,12 @@ class DrawList:
         if simulation.topology is not self._topology:  # the cloth tore: it has fewer springs and triangles
             self._rebuild_topology()
         self._update_spheres()
-        colliders = simulation.colliders() if self._moving else []
+        displaced = any(row in simulation.displacements for row in self._static)
+        colliders = simulation.colliders() if self._moving or displaced or self._displaced else []
+        if displaced or self._displaced:
+            static = (pose_mesh(colliders[k], collider_mesh(colliders[k])) for k in self._static)
+            self._fill_meshes(self._first_static, static)
+        self._displaced = displaced
         moved = [
             pose_mesh(colliders[k], collider_mesh(colliders[k]) if is_deforming(colliders[k].collider) else local)
             for k, local in zip(self._moving, self._moving_meshes, strict=True)
@@ -290,7 +298,7 @@ class DrawList:
         shading.fill_spheres(self.mesh, first, unit, centers32, radii32, colors32)
         return first + len(centers32) * len(unit)
 
-    def _fill_meshes(self, first: int, meshes: list[TriangleSoup]) -> None:
+    def _fill_meshes(self, first: int, meshes: Iterable[TriangleSoup]) -> None:
         """Write meshes one after another, from corner `first` on."""
         for positions, normals, colors in meshes:
             shading.fill_mesh(self.mesh, first, positions, normals, colors)

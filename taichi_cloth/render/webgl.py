@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..collision.colliders import PosedCollider, is_deforming, is_static
+from ..collision.colliders import PosedCollider, is_deforming
 from ..collision.shapes import SPHERE
 from ..geometry import closed_surface
 from ..geometry.topology import Topology
@@ -88,11 +88,10 @@ class Solids:
         colliders = simulation.colliders()
         self._drawn = [k for k, posed in enumerate(colliders) if not isinstance(posed.collider, Ground)]
         self._sizes = [colliders[k].size[0] for k in self._drawn]
-        self.moving = [not is_static(colliders[k].collider) for k in self._drawn]
         self._meshes = [local_mesh(colliders[k]) for k in self._drawn]
         if simulation.scene.look.pole:
             self._meshes.append(pole_mesh(simulation.scene, simulation.topology.start))
-            self.moving.append(False)
+        self._own = len(self._meshes)
         self._meshes += more
         self._merged = [merge_corners(mesh) for mesh in self._meshes]
         self._deforming = [k for k, number in enumerate(self._drawn) if is_deforming(colliders[number].collider)]
@@ -113,7 +112,7 @@ class Solids:
         """Return the current pose of every solid as a matrix, (K, 4, 4), without the meshes `more`."""
         colliders = self._simulation.colliders()
         poses = [pose_matrix(colliders[k], size) for k, size in zip(self._drawn, self._sizes, strict=True)]
-        poses += [np.eye(4)] * (len(self.moving) - len(poses))
+        poses += [np.eye(4)] * (self._own - len(poses))
         return np.array(poses).reshape(-1, 4, 4)
 
     def pack(self) -> tuple[list[dict[str, object]], Floats, NDArray[np.int64]]:

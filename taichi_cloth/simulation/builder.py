@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from math import exp, hypot
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ from ..state.surface_data import acquire_surfaces, release_surfaces
 from ..system.errors import UsageError
 from .frame_contact import describe_intersections
 from .grabbing import Grab
+
+if TYPE_CHECKING:
+    from .running_cloth import RunningCloth
 
 MAX_SIDES = 1.5  # thickness with penetration_free, over the side of a cell: at 1.6 the list of near pairs is full
 MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles each by itself; a grid has at most 12
@@ -220,3 +223,20 @@ class StepRow:
             row[first : first + 3] = grab.start - grab.rest_positions[0]
             row[first + 3 : first + 6] = grab.target - grab.rest_positions[0]
         return row
+
+
+def warnings_of(simulation: RunningCloth) -> list[str]:
+    """Return what a running cloth does not do as requested: substeps, damping, bending, contact."""
+    lines = []
+    requested, name = int(simulation.params["substeps"]), simulation.solver.name
+    if requested < simulation.built.min_stable_substeps:
+        why = "fewer are unstable" + ("" if simulation.params["stiffness"] == 1 else " at stiffness 1")
+        lines.append(f"{name} takes {simulation.built.min_stable_substeps} substeps, not {requested}: {why}")
+    wanted, used = simulation.scene.fabric.damping_time, simulation.built.damping_time
+    if used < wanted:
+        lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
+    if simulation.scene.tearing is not None and simulation.scene.fabric.preset:
+        lines.append(f"tearing leaves out the bending stiffness of {simulation.scene.fabric.preset}")
+    if simulation.is_held_still:
+        lines.append("penetration-free contact holds the cloth still: more pairs are near than it can list")
+    return lines

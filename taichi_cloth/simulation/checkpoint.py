@@ -17,6 +17,7 @@ from ..scene.parameters import check_parameter
 from ..state.field_pool import upload_all
 from ..system.errors import one_line, short_repr
 from ..system.files import atomic_file
+from .frame_contact import displacement_array, displacements_from_array
 from .grabbing import grab_arrays, grabs_from_arrays, restored_grab
 from .parameter_values import check_vectors
 
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, NDArray[Any]]
 
-GRAB_ARRAYS = ("grabbed", "grabbed_at", "grabs", "grab_paths")  # vary in length
+MOVED = "displacements"  # of colliders; older checkpoints have none
+VARYING = (MOVED, "grabbed", "grabbed_at", "grabs", "grab_paths")  # in length
 MAX_BYTES = 1 << 24  # of what may vary: a scene's text, four bytes a character, and the grabs
 
 
@@ -57,6 +59,7 @@ def state_arrays(simulation: Simulation) -> Arrays:
         "params": np.array(list(simulation.params.values_by_name.values()), np.float64),
         "wind_on": np.array(simulation.params.wind_on),
         "pinned": simulation.topology.pinned,
+        MOVED: displacement_array(simulation.displacements),
         **grab_arrays(simulation.grabs),
     }
 
@@ -86,7 +89,8 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
         for parameter, v in numbers
     }
     grabs = grabs_from_arrays(arrays, simulation.topology.particle_count)
-    for key in ("x", "x_prev", "velocity", "grabbed_at", "grab_paths"):
+    displacements = displacements_from_array(arrays[MOVED], len(simulation.depenetration.reduction))
+    for key in ("x", "x_prev", "velocity", "grabbed_at", "grab_paths", MOVED):
         check_vectors(arrays[key], key, arrays[key].shape)
     if arrays["frame"] < 0:
         raise ValueError(f"frame is {arrays['frame']}")
@@ -94,6 +98,7 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
     simulation.params.values_by_name = values
     simulation.params.wind_on = bool(arrays["wind_on"])
     simulation.depenetration.reduction[:] = arrays["depenetration"]
+    simulation.displacements = displacements
     simulation.set_torn(arrays["torn"])
     simulation.set_frame(int(arrays["frame"]))
     upload_all(*((getattr(simulation.cloth, key), arrays[key]) for key in ("x", "x_prev", "velocity")))
@@ -118,7 +123,9 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             theirs = str(_entry(archive, "scene", np.array("")))
             if theirs == scene_text:
-                arrays = {key: _entry(archive, key, array) for key, array in like.items()}
+                arrays = {key: _entry(archive, key, array) for key, array in like.items() if key != MOVED}
+                is_older = f"{MOVED}.npy" not in archive.namelist()
+                arrays[MOVED] = np.zeros((0, 7)) if is_older else _entry(archive, MOVED, like[MOVED])
     except OSError:
         raise
     except Exception as error:  # the readers of zip, deflate and NumPy headers raise a dozen kinds
@@ -146,7 +153,7 @@ def _entry(archive: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[A
         header = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
         shape, _, dtype = header(stream)
     same_type = dtype == like.dtype or dtype.kind == like.dtype.kind == "U"
-    varies = name in GRAB_ARRAYS and len(shape) == like.ndim
+    varies = name in VARYING and len(shape) == like.ndim
     same_shape = shape == like.shape or (varies and shape[1:] == like.shape[1:])
     if not (same_type and same_shape) or prod(shape) * dtype.itemsize > max(like.nbytes, MAX_BYTES):
         raise ValueError(f"{name} is {dtype} of shape {shape}, not {like.dtype} of shape {like.shape}")

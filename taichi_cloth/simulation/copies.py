@@ -31,6 +31,7 @@ from ..geometry.tearing import TearState
 from ..scene import Scene
 from ..scene.overrides import removable_sections, scene_without
 from ..solvers import FrameInput
+from .frame_contact import Displacement
 from .grabbing import Grab
 from .parameter_values import check_vectors
 from .running_cloth import RunningCloth, time_frames
@@ -53,6 +54,7 @@ class FrameStart:
     torn: NDArray[np.int32]
     """Ends of the torn springs, (K, 2): a copy with another solver may have other springs."""
     grabs: dict[int, Grab]
+    displacements: dict[int, Displacement]
     depenetration: Floats
     """Depths from which colliders let the cloth out slowly (`Depenetration.reduction`)."""
 
@@ -70,6 +72,7 @@ class FrameStart:
             pinned=running.topology.pinned.copy(),
             torn=running.built.topology.ends[torn],
             grabs=grabs,
+            displacements=dict(running.displacements),
             depenetration=running.depenetration.reduction.copy(),
         )
 
@@ -106,6 +109,7 @@ class Copy(Simulation):
         )
         if len(start.depenetration) == len(self.depenetration.reduction):  # else a collider was removed
             self.depenetration.reduction = start.depenetration.copy()
+            self.displacements = dict(start.displacements)
 
     def _move_to(self, positions: Floats, velocities: Floats) -> None:
         """Set all positions and velocities, also if the cloth intersects itself, which `set_state` may refuse."""

@@ -21,7 +21,7 @@ from ..scene.schema import COLLIDERS, PRESET_NAMES
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint
-from .frame_contact import describe_intersections
+from .frame_contact import check_movable, describe_intersections, displacement_to
 from .grabbing import Grab, vertices_in_radius
 from .parameter_values import check_numbers, check_radius, check_target, check_vectors
 
@@ -44,7 +44,7 @@ Vectors = list[list[float]]
 
 def reset(simulation: Simulation) -> None:
     start = simulation.topology.start
-    simulation.grabs = {}
+    simulation.grabs, simulation.displacements = {}, {}
     simulation.set_pins(simulation.topology.pinned ^ simulation.built.pin_changes)
     simulation.set_frame(0)  # before placing, which tells penetration-free contact the frame
     simulation.place(start)
@@ -129,6 +129,11 @@ def move_grab(simulation: Simulation, number: int, *target: float) -> None:
     simulation.grabs[number].target = check_target(target)
 
 
+def move_collider(simulation: Simulation, row: int, *target: float) -> None:
+    check_movable(simulation, row)
+    simulation.displacements[row] = displacement_to(simulation, row, check_target(target))
+
+
 def release(simulation: Simulation, number: int) -> None:
     """Free particles get the mean velocity of the grab's last frames."""
     if number not in simulation.grabs:
@@ -184,6 +189,7 @@ EVENTS: dict[str, EventKind] = {
     "grab": EventKind(grab, ((int,), (float,), (int,))),  # particle, radius [m], number of the grab
     "move_grab": EventKind(move_grab, ((int,), (float,), (float,), (float,))),  # number, target [m]
     "release": EventKind(release, ((int,),)),
+    "move_collider": EventKind(move_collider, ((int,), (float,), (float,), (float,))),  # row, target [m]
     "pin": EventKind(pin, ((int,), (bool,))),
     "pin_within": EventKind(pin_within, ((int,), (float,), (bool,))),  # particle, radius [m]
     "reset": EventKind(reset),
@@ -271,6 +277,19 @@ def scene_event(scene: Scene) -> Event:
     """Return the event that switches to a scene. It has a folder only if the scene has files that are not shipped."""
     folder = folder_of(scene)
     return Event("switch_scene", (scene_to_toml(scene), *[folder] * bool(folder)))
+
+
+def collider_event(simulation: Simulation, collider: SupportsIndex | str, target: ArrayLike) -> Event:
+    """Return the event that moves a collider, by its row or its name, to a target [m]. Raises ValueError."""
+    row: object = collider
+    if isinstance(collider, str):
+        names = [getattr(one, "name", "") for one in colliders_of(simulation.scene)]
+        if not collider or collider not in names:
+            raise ValueError(f"no collider is named {collider!r}{choose_from(collider, filter(None, names))}")
+        row = names.index(collider)
+    elif isinstance(collider, bool) or not isinstance(collider, (int, np.integer)):
+        raise ValueError(f"a collider is an index or a name, not {short_repr(collider)}")
+    return Event("move_collider", (row, *map(float, check_target(target))))
 
 
 def pin_event(simulation: Simulation, particle: SupportsIndex, radius: float, on: bool) -> Event:

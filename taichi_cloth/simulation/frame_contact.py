@@ -5,28 +5,96 @@ Also what a running cloth reports of contact: how deep it is in colliders, and w
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..collision.colliders import collider_table, is_deforming, max_penetration, pose_colliders
+from ..collision.colliders import (
+    collider_table,
+    colliders_of,
+    displaced,
+    is_deforming,
+    max_penetration,
+    pose,
+    pose_colliders,
+)
 from ..collision.deforming_meshes import begin_frame, greatest_depth, upload_frame
 from ..collision.truncation import start_from
 from ..collision.untangling import count_intersections
 from ..geometry.intersections import find_intersections
 from ..geometry.topology import Topology
-from ..scene.collider_schema import Mesh
+from ..scene.collider_schema import Collider, Ground, Mesh
+from ..scene.schema import COLLIDERS, FRAME_SECONDS
 from ..solvers import Solver
 from ..state.contact_data import attach_self_contact
 from ..state.field_pool import layout_index, upload, upload_all
 from ..state.surface_data import DeformingSurfaces
+from ..system.errors import short_repr
 
 if TYPE_CHECKING:
     from .running_cloth import RunningCloth
 
 Floats = NDArray[np.float64]
 MAX_PLACES = 3  # that a message names
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """How far a collider is from the motion that its keys prescribe."""
+
+    start: Floats
+    """Before the next frame [m], (3,)."""
+    end: Floats
+    """After it [m], (3,)."""
+
+
+def present_colliders(simulation: RunningCloth) -> list[Collider | Ground]:
+    """Return the scene's colliders with the values of their runtime parameters, and displaced as in the next frame."""
+    colliders = colliders_of(simulation.scene)
+    for name, parameter in simulation.params.known().items():
+        if parameter.section in COLLIDERS:
+            changed = getattr(simulation.scene, parameter.section)[parameter.index]
+            row = [collider is changed for collider in colliders].index(True)
+            colliders[row] = replace(changed, **{parameter.key_name: simulation.params[name]})
+    now = simulation.seconds
+    for row, by in simulation.displacements.items():
+        moved = colliders[row]
+        if isinstance(moved, Collider):
+            colliders[row] = displaced(moved, now, now + FRAME_SECONDS, (by.start, by.end))
+    return colliders
+
+
+def displacement_array(displacements: Mapping[int, Displacement]) -> Floats:
+    """Return displacements as an array for a checkpoint, (K, 7): row, start and end."""
+    return np.array([(row, *one.start, *one.end) for row, one in displacements.items()], np.float64).reshape(-1, 7)
+
+
+def displacements_from_array(array: Floats, collider_count: int) -> dict[int, Displacement]:
+    """Return the displacements of a checkpoint. Raises ValueError for colliders that do not exist."""
+    rows = array[:, 0]
+    if not np.isin(rows, np.arange(collider_count)).all() or len(np.unique(rows)) != len(rows):
+        raise ValueError(f"displacements of colliders {short_repr(rows.tolist())}, of {collider_count}")
+    return {int(row): Displacement(values[:3], values[3:]) for row, values in zip(rows, array[:, 1:], strict=True)}
+
+
+def check_movable(simulation: RunningCloth, row: int) -> None:
+    """Raise ValueError unless there is such a collider, and it is not the ground."""
+    colliders = colliders_of(simulation.scene)
+    if type(row) is not int or not 0 <= row < len(colliders):
+        have = f"{simulation.scene.name} has {len(colliders)}" if colliders else f"{simulation.scene.name} has none"
+        raise ValueError(f"there is no collider {short_repr(row)}: {have}, numbered from 0 as in colliders()")
+    if isinstance(colliders[row], Ground):
+        raise ValueError(f"collider {row} is the ground, which cannot move: use a plane")
+
+
+def displacement_to(simulation: RunningCloth, row: int, target: Floats) -> Displacement:
+    """Return the displacement that moves the center of a collider to `target` [m], (3,), within the next frame."""
+    prescribed = pose(colliders_of(simulation.scene)[row], simulation.seconds + FRAME_SECONDS)[0]
+    before = simulation.displacements.get(row)
+    return Displacement(np.zeros(3) if before is None else before.start, target - prescribed)
 
 
 def move_colliders(simulation: RunningCloth, start: float, end: float) -> NDArray[np.float32]:

@@ -30,7 +30,7 @@ from ..system.errors import UsageError, short_repr
 from ..system.taichi_compat import ProgramRef
 from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
-from .frame_contact import IntersectionGuard, move_colliders
+from .frame_contact import Displacement, IntersectionGuard, move_colliders, present_colliders
 from .grabbing import Grab, all_grabbed
 from .parameter_values import HasParameters, Parameters, check_frames
 
@@ -47,6 +47,7 @@ class RunningCloth(HasParameters):
         self.original_scene = scene
         self._params = Parameters(on_set)
         self.grabs: dict[int, Grab] = {}
+        self.displacements: dict[int, Displacement] = {}  # of colliders, by their row
         self._frame, self._is_within_frame = 0, False
         self.frames_stepped = 0  # since the simulation was opened; a reset does not change it
         self._tear: TearState | None = None
@@ -61,7 +62,8 @@ class RunningCloth(HasParameters):
         self._solver: Solver | None = solver
         self._program = ProgramRef()
         self._row = StepRow(scene, built.topology.origin, built.damping_time)
-        self.depenetration = Depenetration(len(colliders_of(scene)))
+        self.depenetration = Depenetration(count := len(colliders_of(scene)))
+        self.displacements = {row: one for row, one in self.displacements.items() if row < count}
         self.has_self_contact = False
         self._guard = IntersectionGuard(solver, built.topology) if solver.features.penetration_free else None
         self.restart_guard()
@@ -207,20 +209,14 @@ class RunningCloth(HasParameters):
     def _end_frame(self) -> None:
         for grab in self.grabs.values():
             grab.end_frame()
+        self.displacements = {row: Displacement(one.end, one.end) for row, one in self.displacements.items()}
         self._frame += 1
         self.frames_stepped += 1
         if self._tear is not None:
             self._tear_overstretched(self._tear)
 
     def scene_colliders(self) -> list[Collider | Ground]:
-        """Return the scene's colliders with the values of their runtime parameters."""
-        colliders = colliders_of(self.scene)
-        for name, parameter in self.params.known().items():
-            if parameter.section in COLLIDERS:
-                changed = getattr(self.scene, parameter.section)[parameter.index]
-                row = [collider is changed for collider in colliders].index(True)
-                colliders[row] = replace(changed, **{parameter.key_name: self.params[name]})
-        return colliders
+        return present_colliders(self)
 
     # -- state ---------------------------------------------------------------------------------------------------------
 
@@ -277,6 +273,11 @@ class RunningCloth(HasParameters):
         """Set which particles are pinned, (N,), and rebuild what depends on it."""
         if (changes := self.topology.pinned ^ pinned).any():
             self.rebuild(self.scene, self.built.pin_changes ^ changes)
+
+    @property
+    def added_pins(self) -> NDArray[np.int64]:
+        """Indices of the particles that are pinned in addition to those of the scene."""
+        return np.flatnonzero(self.built.pin_changes & self.topology.pinned)
 
     def check_particle(self, particle: SupportsIndex) -> int:
         """Return a particle's index. Raises ValueError if there is none."""

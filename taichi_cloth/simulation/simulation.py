@@ -18,9 +18,19 @@ from ..geometry.scene_loader import check_scene
 from ..geometry.topology import ClothMetrics, energies, spring_strains
 from ..scene import Scene
 from ..system.errors import UsageError
-from .builder import feature_names
+from .builder import feature_names, warnings_of
 from .checkpoint import checkpoint_bytes, read_checkpoint, write_checkpoint
-from .events import EVENTS, RECORD_EVEN_IF_FAILED, Event, EventQueue, GrabHandle, check_event, pin_event, scene_event
+from .events import (
+    EVENTS,
+    RECORD_EVEN_IF_FAILED,
+    Event,
+    EventQueue,
+    GrabHandle,
+    check_event,
+    collider_event,
+    pin_event,
+    scene_event,
+)
 from .frame_contact import intersection_count, penetration
 from .grabbing import free_number
 from .parameter_values import check_radius, check_vectors
@@ -146,6 +156,13 @@ class Simulation(RunningCloth):
         """Handles of all grabs, also of those that `load` has restored."""
         return [GrabHandle(self, number) for number in self.grabs]
 
+    def move_collider(self, collider: SupportsIndex | str, target: ArrayLike) -> None:
+        """Move the center of a collider, by index in `colliders()` or by name, to `target` [m] within the next frame.
+
+        From there its own motion goes on until `reset`. Above 340 m/s it jumps. Raises ValueError, also for the ground.
+        """
+        self.apply(collider_event(self, collider, target))
+
     def pin(self, particle: SupportsIndex, radius: float = 0.0) -> None:
         """Pin a particle, and all within `radius` [m] on the sheet, where they are.
 
@@ -190,11 +207,6 @@ class Simulation(RunningCloth):
         return self.topology.triangles.copy()
 
     @property
-    def added_pins(self) -> NDArray[np.int64]:
-        """Indices of the particles that are pinned in addition to those of the scene."""
-        return np.flatnonzero(self.built.pin_changes & self.topology.pinned)
-
-    @property
     def features(self) -> tuple[str, ...]:
         """Names of spring families, constraints, forces and colliders in use."""
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
@@ -210,19 +222,7 @@ class Simulation(RunningCloth):
     @property
     def warnings(self) -> str:
         """One line if substeps, damping or bending are not as requested or the cloth is held still, else empty."""
-        lines = []
-        requested, name = int(self.params["substeps"]), self.solver.name
-        if requested < self.min_stable_substeps:
-            why = "fewer are unstable" + ("" if self.params["stiffness"] == 1 else " at stiffness 1")
-            lines.append(f"{name} takes {self.min_stable_substeps} substeps, not {requested}: {why}")
-        wanted, used = self.scene.fabric.damping_time, self.built.damping_time
-        if used < wanted:
-            lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
-        if self.scene.tearing is not None and self.scene.fabric.preset:
-            lines.append(f"tearing leaves out the bending stiffness of {self.scene.fabric.preset}")
-        if self.is_held_still:
-            lines.append("penetration-free contact holds the cloth still: more pairs are near than it can list")
-        return "; ".join(lines)
+        return "; ".join(warnings_of(self))
 
     def colliders(self) -> list[PosedCollider]:
         """Return every collider as it is now: spheres, capsules, boxes, planes with the ground, meshes."""

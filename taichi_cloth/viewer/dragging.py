@@ -1,9 +1,9 @@
-"""The mouse: what a press acts on, and dragging the cloth: pick the particle under the cursor, move it, release it.
+"""The mouse: what a press acts on, and dragging cloth or a sphere: pick what is under the cursor, move it, release it.
 
-A press of the mouse selects the panel, the cloth or the camera, until the button is released. The toolkit does not
-report whether its panel uses the mouse, so the position of the press decides: is it inside the panel's rectangle? That
-rectangle is out of date for some seconds after the user has moved the panel. If a widget changes during a drag of the
-cloth, the press was on the panel, and the cloth is released.
+A press of the mouse selects the panel, the cloth, a sphere or the camera, until the button is released. The toolkit
+does not report whether its panel uses the mouse, so the position of the press decides: is it inside the panel's
+rectangle? That rectangle is out of date for some seconds after the user has moved the panel. If a widget changes during
+a drag, the press was on the panel, and the cloth is released.
 
 Distances along a ray are in meters from its origin, infinity for a miss. Ray directions are unit vectors.
 """
@@ -151,18 +151,49 @@ Cursor = tuple[float, float]  # a screen point
 Size = tuple[int, int]  # of the image [pixels]
 
 
+class HeldSphere:
+    """A sphere that is dragged, with the methods of a grab. It stays where it is released, or moves on from there."""
+
+    particles = np.zeros(0, np.int64)  # no cloth is grabbed
+
+    def __init__(self, simulation: Simulation, row: int) -> None:
+        """`row`: of the sphere in `colliders()`."""
+        self._simulation, self.row = simulation, row
+        simulation.move_collider(row, self.center)
+
+    @property
+    def center(self) -> Floats:
+        """Where the sphere is [m], (3,)."""
+        return self._simulation.colliders()[self.row].center
+
+    @property
+    def active(self) -> bool:
+        """Whether it is still held. A reset releases it."""
+        return self.row in self._simulation.displacements
+
+    def move_to(self, target: Floats) -> None:
+        """Move the sphere toward `target` [m], (3,), by at most its radius in a frame: farther, it jumps over cloth."""
+        posed = self._simulation.colliders()[self.row]
+        way = target - posed.center
+        share = min(1.0, posed.size[0] / max(float(np.linalg.norm(way)), 1e-9))
+        self._simulation.move_collider(self.row, posed.center + share * way)
+
+    def release(self) -> None:
+        """Let it go."""
+
+
 @dataclass
 class Drag:
     """A drag in progress."""
 
-    grab: GrabHandle
+    grab: GrabHandle | HeldSphere
     plane: DragPlane
     position: NDArray[np.float64]
     """Position of the grab when the last displayed frame was simulated [m]."""
 
 
 class Dragger:
-    """Drags the cloth of one simulation with one cursor."""
+    """Drags the cloth or a sphere of one simulation with one cursor."""
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
@@ -178,24 +209,35 @@ class Dragger:
     @property
     def particle(self) -> int | None:
         """Index of the dragged particle, or None."""
-        return None if self.drag is None else int(self.drag.grab.particles[0])
+        return None if self.drag is None or not len(self.drag.grab.particles) else int(self.drag.grab.particles[0])
 
     def begin(self, camera: OrbitCamera, cursor: Cursor, size: Size, radius: float) -> bool:
-        """Grab the particle at a screen point, and all within a radius [m] of it. Ends a drag in progress.
+        """Grab the particle at a screen point and all within a radius [m] of it, or else a sphere. Ends another drag.
 
-        Return False if there is no particle at the point, or if it is grabbed already.
+        Return False if there is neither at the point, or if the particle is grabbed already.
         """
         self.end()
+        aspect = size[0] / size[1]
         particle = pick_under_cursor(self.simulation, camera, cursor, size)
-        if particle is None or particle in self.simulation.grabbed:
+        if particle is None:
+            row = sphere_under_cursor(self.simulation, camera, cursor, aspect)
+            if row is not None:
+                center = self.simulation.colliders()[row].center
+                self._begin_sphere(row, DragPlane(camera, cursor, aspect, center))
+            return row is not None
+        if particle in self.simulation.grabbed:
             return False
         position = self.simulation.positions()[particle]
-        self._begin(particle, DragPlane(camera, cursor, size[0] / size[1], position), radius)
+        self._begin(particle, DragPlane(camera, cursor, aspect, position), radius)
         return True
 
     def _begin(self, particle: int, plane: DragPlane, radius: float) -> None:
         position = self.simulation.positions()[particle]
         self._drag = Drag(self.simulation.grab(particle, radius), plane, position)
+
+    def _begin_sphere(self, row: int, plane: DragPlane) -> None:
+        held = HeldSphere(self.simulation, row)
+        self._drag = Drag(held, plane, held.center)
 
     def follow(self, camera: OrbitCamera, cursor: Cursor, size: Size) -> None:
         """Move the grab, if there is one, to the cursor."""
@@ -225,7 +267,11 @@ class Dragger:
             self.end()
         elif self.drag is None or self.drag.plane is not other.drag.plane:
             self.end()
-            self._begin(int(partner[other.drag.grab.particles[0]]), other.drag.plane, radius)
+            held = other.drag.grab
+            if not isinstance(held, HeldSphere):
+                self._begin(int(partner[held.particles[0]]), other.drag.plane, radius)
+            elif held.row < len(self.simulation.scene.spheres):
+                self._begin_sphere(held.row, other.drag.plane)
 
     def end(self) -> None:
         """Release the grab, if there is one."""
@@ -239,6 +285,17 @@ def pick_under_cursor(simulation: Simulation, camera: OrbitCamera, cursor: Curso
     blocked = partial(ray_cast, simulation.colliders())
     picked = pick_particle(camera, cursor, size, simulation.positions(), simulation.topology.triangles, blocked)
     return None if picked is None else picked.index
+
+
+def sphere_under_cursor(simulation: Simulation, camera: OrbitCamera, cursor: Cursor, aspect: float) -> int | None:
+    """Return the index in `colliders()` of the sphere at a screen point, or None if another collider is in front."""
+    colliders, (origin, direction) = simulation.colliders(), camera.ray(*cursor, aspect)
+    spheres = colliders[: len(simulation.scene.spheres)]  # they come first
+    distances = [ray_cast([one], origin, direction) for one in spheres]
+    nearest = min(distances, default=np.inf)
+    if not np.isfinite(nearest) or ray_cast(colliders[len(spheres) :], origin, direction) < nearest:
+        return None
+    return distances.index(nearest)
 
 
 # -- the mouse ---------------------------------------------------------------------------------------------------------
@@ -274,9 +331,9 @@ class Gesture:
     """What the mouse does in one displayed frame."""
 
     press: bool = False
-    """Try to grab the cloth here. The caller calls `Pointer.orbit_instead` if there is none."""
+    """Try to grab the cloth or a sphere here. The caller calls `Pointer.orbit_instead` if there is none."""
     release: bool = False
-    """Release the cloth."""
+    """Release it."""
     orbit: tuple[float, float] = (0.0, 0.0)
     """Motion of the camera to the right and up [heights of the window]."""
     zoom: float = 0.0

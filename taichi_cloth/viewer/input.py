@@ -77,8 +77,8 @@ SHORTCUTS = (
 ARROWS = ("Left", "Right", "Up", "Down")  # the panel has one help entry for all four
 
 MOUSE = (
-    ("left drag", "grab cloth"),
-    ("beside it", "orbit camera"),
+    ("left drag", "grab cloth or a ball"),
+    ("beside them", "orbit camera"),
     ("right drag", "orbit camera"),
     ("middle drag", "zoom"),
 )
@@ -95,8 +95,8 @@ def table() -> list[str]:
 
 KEY_COLUMN = 34  # [characters] width of the first column of the help
 FIRST_STEPS = (
-    "Pull the cloth with the left button; the ring shows what is grabbed. Drag beside it to look around. Sliders change"
-    " the scene while it runs; Menu lists scenes, solvers, fabrics and views."
+    "Pull the cloth or a ball with the left button; the ring shows what is grabbed. Drag beside them to look around."
+    " Sliders change the scene while it runs; Menu lists scenes, solvers, fabrics and views."
 )
 
 

@@ -46,7 +46,9 @@ NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 
 LIST_LENGTH = 20  # names on a page; a longer list has several pages
 MAX_ZOOM_LEVEL = 15.0  # end of the zoom slider [steps], in both directions
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
-FIRST_HELP = "Drag the cloth; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
+FIRST_HELP = (
+    "Drag cloth or a ball; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
+)
 GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
 # Kind of list of each page.
 LIST_PAGES = {"Scenes": "scene", "Solvers": "solver", "Fabrics": "fabric", "Views": "view", "Speeds": "speed"}

@@ -13,6 +13,8 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
 from taichi_cloth.render.draw_list import GRABBED_COLOR, VIEWS, DrawList, DrawMesh
 from taichi_cloth.render.rasterizer import Rasterizer
+from taichi_cloth.scene.collider_schema import Box, Sphere
+from taichi_cloth.scene.schema import Cloth, Scene
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -49,6 +51,29 @@ def test_the_cloth_is_drawn_at_its_positions() -> None:
         mesh = draw_list.update("shaded", EYE)
         corners = used(mesh.position, mesh)[mesh.cloth_from :].reshape(-1, 3, 3)
         assert corners == pytest.approx(simulation.positions()[simulation.topology.triangles], abs=1e-6)
+        draw_list.close()
+
+
+@pytest.mark.parametrize("name", ["boxes", "spheres"])
+def test_a_collider_is_drawn_where_it_was_moved(name: str) -> None:
+    """Meshes of static boxes are written once; those of spheres for each image."""
+    scene = Scene(
+        cloth=Cloth(pins=("top",)), **{name: ({"boxes": Box, "spheres": Sphere}[name](center=(5.0, 1.0, 0.0)),)}
+    )
+
+    def middle(mesh: DrawMesh) -> np.ndarray:
+        corners = used(mesh.position, mesh)[mesh.solids_from : mesh.cloth_from]
+        far = corners[corners[:, 0] > 4.0]  # without markers
+        return (far.min(axis=0) + far.max(axis=0)) / 2
+
+    with Simulation(scene) as simulation:
+        draw_list = DrawList(simulation)
+        assert middle(draw_list.update("shaded", EYE)) == pytest.approx([5.0, 1.0, 0.0], abs=1e-3)
+        simulation.move_collider(0, (7.0, 2.0, -1.0))
+        simulation.step()
+        assert middle(draw_list.update("shaded", EYE)) == pytest.approx([7.0, 2.0, -1.0], abs=1e-3)
+        simulation.reset()
+        assert middle(draw_list.update("shaded", EYE)) == pytest.approx([5.0, 1.0, 0.0], abs=1e-3)
         draw_list.close()
 
 

@@ -54,6 +54,23 @@ def test_a_grab_on_one_side_is_mirrored_on_the_other(comparison: Comparison, sid
     assert (len(here.grabbed), len(there.grabbed)) == (0, 0)
 
 
+def test_a_ball_dragged_on_one_side_moves_on_the_other(tmp_path: Path) -> None:
+    scenes = load_scene("curtain", **SMALL), load_scene("curtain", iterations=40, **SMALL)
+    with closing(Comparison(*scenes, ASPECT, tmp_path)) as comparison:
+        here, there = (side.simulation for side in comparison.sides)
+        for simulation in (here, there):
+            simulation.move_collider(0, (2.4, 1.0, 0.5))
+        comparison.advance(1)
+        (u, v), *_ = comparison.left.camera.to_screen(here.colliders()[0].center[None], ASPECT)[0]
+        point(comparison, (u / 2, v))
+        point(comparison, (u / 2, v), "left")
+        point(comparison, (u / 2, v + 0.1), "left")
+        comparison.advance(5)
+        centers = [simulation.colliders()[0].center for simulation in (here, there)]
+        assert centers[0][1] > 1.1
+        assert centers[1] == pytest.approx(centers[0], abs=1e-9)
+
+
 def test_both_sides_show_the_requested_view(tmp_path: Path) -> None:
     scenes = load_scene("drape15", **SMALL), load_scene("drape15", iterations=40, **SMALL)
     with closing(Comparison(*scenes, ASPECT, tmp_path, view="strain")) as comparison:

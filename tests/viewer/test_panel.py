@@ -363,7 +363,7 @@ def test_the_grab_radius_has_a_slider_with_help(drawn: Drawn) -> None:
 
 def test_the_first_page_says_how_to_begin(drawn: Drawn) -> None:
     _, gui, _ = drawn("curtain")
-    assert "Drag the cloth; drag beside it to orbit;" in " ".join(gui.texts)
+    assert "Drag cloth or a ball; drag beside it to orbit;" in " ".join(gui.texts)
 
 
 def test_a_slider_that_is_moved_shows_its_help(drawn: Drawn) -> None:

@@ -79,6 +79,89 @@ def test_a_press_grabs_the_particle_under_the_cursor_and_the_release_releases_it
     assert grabbed(session) is None
 
 
+def cursor_at(session: Session, point: Any) -> tuple[float, float]:
+    u, v = session.camera.to_screen(np.array([point]), ASPECT)[0][0]
+    return float(u), float(v)
+
+
+def ball_of(session: Session) -> np.ndarray:
+    return session.simulation.colliders()[0].center
+
+
+def clear_ball(session: Session) -> np.ndarray:
+    """Move the ball of the curtain beside the cloth, and return its center."""
+    session.simulation.move_collider(0, (2.6, 1.0, 0.5))
+    session.simulate(1)
+    return ball_of(session)
+
+
+def test_a_sphere_can_be_dragged_and_stays_where_it_is_released(session: Session) -> None:
+    center = clear_ball(session)
+    start = cursor_at(session, center)
+    point(session, start)
+    point(session, start, "left")
+    assert session.pointer.owner is Target.CLOTH
+    assert grabbed(session) is None  # no cloth
+    goal = center + [-0.3, 0.2, 0.0]
+    for _ in range(30):
+        point(session, cursor_at(session, goal), "left")
+        session.simulate(1)
+    depth = session.camera.to_screen(np.array([center, ball_of(session)]), ASPECT)[1]
+    assert depth[1] == pytest.approx(depth[0], abs=1e-3)  # on a plane parallel to the image
+    assert cursor_at(session, ball_of(session)) == pytest.approx(cursor_at(session, goal), abs=1e-3)
+    point(session, cursor_at(session, goal))
+    released = ball_of(session)
+    session.simulate(1)
+    assert np.linalg.norm(ball_of(session) - released) < 0.05  # it continues its own slow motion
+    assert session.dragger.drag is None
+
+
+def test_a_dragged_sphere_moves_by_at_most_its_radius_in_a_frame(session: Session) -> None:
+    center = clear_ball(session)
+    start, radius = cursor_at(session, center), session.simulation.colliders()[0].size[0]
+    point(session, start)
+    point(session, start, "left")
+    point(session, cursor_at(session, center + [0.0, 2.0, 0.0]), "left")
+    for _ in range(12):
+        before = ball_of(session)
+        session.simulate(1)
+        assert np.linalg.norm(ball_of(session) - before) < 1.001 * radius
+    assert ball_of(session)[1] == pytest.approx(3.0, abs=0.05)  # and arrives
+
+
+def test_a_reset_ends_the_drag_of_a_sphere(session: Session) -> None:
+    home = ball_of(session)
+    center = clear_ball(session)
+    point(session, cursor_at(session, center))
+    point(session, cursor_at(session, center), "left")
+    assert session.dragger.drag is not None
+    session.simulation.reset()
+    assert session.dragger.drag is None
+    assert ball_of(session) == pytest.approx(home)
+
+
+def test_a_drag_of_a_sphere_can_be_undone(session: Session) -> None:
+    center = clear_ball(session)
+    point(session, cursor_at(session, center))
+    point(session, cursor_at(session, center), "left")
+    for _ in range(5):
+        point(session, cursor_at(session, center + [0.5, 0.0, 0.0]), "left")
+        session.simulate(1)
+    point(session, cursor_at(session, center))
+    session.undo()
+    assert ball_of(session) == pytest.approx(center, abs=0.02)
+
+
+def test_cloth_in_front_of_a_sphere_is_grabbed_first(session: Session) -> None:
+    x = session.simulation.positions()
+    session.simulation.move_collider(0, x[PARTICLE] - [0.0, 0.0, 1.0])
+    session.simulate(1)
+    cursor = cursor_on(session, PARTICLE)
+    point(session, cursor)
+    point(session, cursor, "left")
+    assert grabbed(session) is not None
+
+
 def test_a_drag_is_the_same_on_a_slow_and_a_fast_display() -> None:
     after = []
     for displayed, frames in ((12, 1), (4, 3)):

@@ -118,6 +118,25 @@ def test_a_drag_moves_the_particle_to_the_cursor(page: Browser) -> None:
     page.until("update.dragged === 0")
 
 
+BALL = "update.poseMatrices.slice(12, 15)"
+
+
+def test_a_drag_moves_a_ball(page: Browser) -> None:
+    page.until(f"{BALL}[2] > 0.8")  # in front of the curtain
+    page.value("send('action', 'freeze')")
+    page.until("document.querySelector('[data-action=freeze]').ariaPressed === 'true'")
+    page.until(f"{BALL}[2] > 0.5")
+    x, y = page.value(ON_SCREEN % BALL)
+    page.mouse("Pressed", x, y, button="left", clickCount=1)
+    page.until("drag?.state === 'grabbing'")
+    page.value("send('action', 'freeze')")
+    for k in range(1, 11):
+        page.mouse("Moved", x + 8 * k, y - 4 * k, button="left", buttons=1)
+    page.until(f"Math.hypot(({ON_SCREEN % BALL})[0] - {x + 80}, ({ON_SCREEN % BALL})[1] - {y - 40}) < 20")
+    assert page.value("update.dragged") == 0  # no cloth
+    release(page, x + 80, y - 40)
+
+
 def test_a_drag_beside_the_cloth_orbits_and_the_wheel_zooms(page: Browser) -> None:
     azimuth, distance = page.value("[camera.azimuth, camera.orbitDistance]")
     page.mouse("Pressed", 700, 600, button="left", clickCount=1)

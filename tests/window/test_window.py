@@ -172,6 +172,48 @@ def test_a_drag_moves_the_particle_under_the_cursor(open_window: Start) -> None:
     app.wait_until(lambda line: line["max_strain"] < stretched / 2, "the relaxed cloth")
 
 
+BALL_SCENE = """
+[cloth]
+rows = 3
+columns = 3
+width = 0.1
+height = 0.1
+center = [0.0, 3.2, 0.0]
+pins = ["top"]
+
+[[spheres]]
+center = [0.5, 1.2, 0.0]
+radius = 0.3
+
+[camera]
+eye = [0.0, 1.5, 6.0]
+target = [0.0, 1.5, 0.0]
+"""
+
+
+def ball_middle(app: Any) -> tuple[float, float]:
+    """Return the screen point in the middle of the blue pixels."""
+    red, _, blue = np.moveaxis(app.screenshot()[:, PANEL_MARGIN + PANEL_WIDTH :].astype(int), 2, 0)
+    rows, columns = np.nonzero(blue > 1.8 * red + 20)
+    return (columns.mean() + PANEL_MARGIN + PANEL_WIDTH + 0.5) / app.width, 1 - (rows.mean() + 0.5) / app.height
+
+
+def test_a_drag_moves_a_ball(open_window: Start, tmp_path: Path) -> None:
+    (tmp_path / "ball.toml").write_text(BALL_SCENE)
+    app = open_window(str(tmp_path / "ball.toml"))
+    start = ball_middle(app)
+    app.move_mouse(*start)
+    pressed = app.press_mouse("left")
+    assert (pressed["mouse"], pressed["grabbed_count"]) == ("cloth", 0)
+    end = (start[0] + 0.1, start[1] + 0.15)
+    app.move_mouse(*end)
+    frame = app.latest_entry()["frame"]
+    app.wait_until(lambda line: line["frame"] > frame + 20, "the ball at the cursor")
+    assert distance(ball_middle(app), end) < 0.03
+    assert app.release_mouse("left")["eye"] == pressed["eye"]
+    assert distance(ball_middle(app), end) < 0.03
+
+
 def test_a_drag_moves_a_patch_of_a_fine_cloth_and_p_pins_it(open_window: Start) -> None:
     app = open_window("curtain", "--set", "rows=96", "--set", "columns=96", "--without", "spheres")
     app.press_key("space")
