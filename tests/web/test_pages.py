@@ -122,10 +122,8 @@ BALL = "update.poseMatrices.slice(12, 15)"
 
 
 def test_a_drag_moves_a_ball(page: Browser) -> None:
-    page.until(f"{BALL}[2] > 0.8")  # in front of the curtain
-    page.value("send('action', 'freeze')")
-    page.until("document.querySelector('[data-action=freeze]').ariaPressed === 'true'")
-    page.until(f"{BALL}[2] > 0.5")
+    page.value("send('action', 'freeze'); send('action', 'reset')")  # it starts in front of the curtain
+    page.until(f"update.frame === 0 && {BALL}[2] > 1.6")
     x, y = page.value(ON_SCREEN % BALL)
     page.mouse("Pressed", x, y, button="left", clickCount=1)
     page.until("drag?.state === 'grabbing'")
