@@ -119,7 +119,7 @@ BY_LAW = {
     ("flight", "falling"),
     ("flight", "sail"),
     ("symmetry", "explain_finer"),
-    ("symmetry", "on_a_ball"),
+    ("symmetry", "explain_folds"),
     ("symmetry", "order_row"),
     ("strand", "at_rest"),
     ("strand", "residual"),
