@@ -23,7 +23,7 @@ from ..scene.collider_schema import (
     Motion,
     RoundCollider,
 )
-from ..scene.keys import Vec3
+from ..scene.keys import Keyframes, Vec3
 from ..scene.schema import Scene
 from .shapes import SHAPES, Shape
 
@@ -93,8 +93,18 @@ def keyframe_offset(collider: Motion, seconds: float) -> Floats:
     """Return what keyframes add at a time, (6,): an offset [m], then a rotation about x, y and z [degrees]."""
     if not collider.keyframes:
         return np.zeros(6)
-    rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in collider.keyframes])
+    rows = _keyframe_rows(collider.keyframes)
+    if len(rows) == 1:
+        return rows[0, 1:]
     return np.array([np.interp(seconds, rows[:, 0], rows[:, k]) for k in range(1, 7)])
+
+
+@lru_cache(maxsize=256)  # called in every frame
+def _keyframe_rows(keyframes: Keyframes) -> Floats:
+    """Return keyframes as an array (K, 7), read-only: time [s], offset [m], rotation [degrees]."""
+    rows = np.array([(*row, 0.0, 0.0, 0.0)[:7] for row in keyframes])
+    rows.setflags(write=False)
+    return rows
 
 
 def pose(collider: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
@@ -111,7 +121,8 @@ def pose(collider: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
     if collider.keyframes:
         offset = keyframe_offset(collider, seconds)
         center = center + offset[:3]
-        axes = rotation_matrix(tuple(offset[3:])) @ axes
+        if offset[3:].any():
+            axes = rotation_matrix(tuple(offset[3:])) @ axes
     if any(collider.spin):
         axes = rotation_from_vector(np.radians(collider.spin) * seconds) @ axes
     return center, axes
@@ -122,9 +133,14 @@ def displaced(collider: Body, start: float, end: float, displacement: tuple[Floa
 
     `displacement`: its displacement at both times [m], (3,) each; between, it changes linearly.
     """
+    before, after = displacement
+    if np.array_equal(before, after):  # the same keyframes in every frame, so that caches find this collider again
+        keyframes = collider.keyframes or ((0.0, 0.0, 0.0, 0.0),)
+        shifted = tuple((row[0], *np.add(row[1:4], after).tolist(), *row[4:]) for row in keyframes)
+        return replace(collider, keyframes=shifted)
     rows = []
-    for seconds, shift in zip((start, end), displacement, strict=True):
-        offset = keyframe_offset(collider, seconds)
+    for seconds, shift in ((start, before), (end, after)):
+        offset = keyframe_offset(collider, seconds).copy()
         offset[:3] += shift
         rows.append((seconds, *map(float, offset)))
     return replace(collider, keyframes=tuple(rows))

@@ -110,6 +110,19 @@ def test_a_displaced_collider_has_its_own_keyframes_too() -> None:
         assert axes == pytest.approx(own_axes)
 
 
+def test_a_displaced_collider_at_rest_is_the_same_in_every_frame() -> None:
+    """The table of colliders is cached by collider: one that changed in every frame would miss the cache."""
+    keyframes = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0, 0.0, 90.0, 0.0), (1.1, 2.0, 0.0, 0.0))
+    for box in (Box(center=(1.0, 2.0, 3.0), keyframes=keyframes), Box(oscillation=(0.0, 0.3, 0.0)), Box()):
+        rest = (np.array([0.0, 1.0, 0.5]),) * 2
+        moved = displaced(box, 0.5, 0.6, rest)
+        assert displaced(box, 0.6, 0.7, rest) == moved
+        for seconds in (0.0, 0.5, 1.05, 3.0):
+            (center, axes), (own, own_axes) = pose(moved, seconds), pose(box, seconds)
+            assert center == pytest.approx(own + [0.0, 1.0, 0.5])
+            assert axes == pytest.approx(own_axes)
+
+
 def test_a_checkpoint_has_where_it_is_and_where_it_goes(tmp_path: Path) -> None:
     path = tmp_path / "state.npz"
     with Simulation(SCENE) as simulation, Simulation(SCENE) as other:
