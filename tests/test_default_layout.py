@@ -1,4 +1,4 @@
-"""Session, panel, recording, `compare` and web pages in the default layout.
+"""Session, panel, recording, rewind, frame error, moved colliders, `compare` and web pages in the default layout.
 
 Most tests of these use the serial layout, which compiles faster (`serial_layout`). Each test here repeats one of them
 in the layout that the program selects itself.
@@ -25,7 +25,10 @@ from taichi_cloth.export.output import Output
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.tensor_fields import simd_available
 from taichi_cloth.scene import Scene
+from taichi_cloth.scene.schema import FRAME_SECONDS
+from taichi_cloth.simulation.copies import FrameErrorMeter
 from taichi_cloth.simulation.recording import Recorder, read_recording
+from taichi_cloth.simulation.rollback import REWIND_EVERY, RewindBuffer
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.viewer.panel import Panel, statistics
 from taichi_cloth.viewer.replay import ReplaySession
@@ -177,3 +180,41 @@ def test_a_page_has_the_positions_of_the_simulation(scene: Scene, tmp_path: Path
         steps = np.cumsum(steps, axis=0, dtype=np.uint16)
     x = np.array(head["low"]) + np.array(head["step"]) * steps
     assert (np.abs(x - clip) <= 0.5 * np.ptp(np.array(clip), axis=(0, 1)) / 65535 + 1e-12).all()
+
+
+def test_rewind_goes_on_with_the_same_bits(scene: Scene) -> None:
+    with Simulation(scene) as simulation:
+        assert has_default_layout(simulation)
+        rewind = RewindBuffer(simulation)
+        for _ in range(4 * REWIND_EVERY):
+            simulation.step()
+            rewind.add()
+        end = simulation.positions()
+        rewind.go_back(2 * REWIND_EVERY * FRAME_SECONDS)
+        assert simulation.frame == 2 * REWIND_EVERY
+        simulation.step(2 * REWIND_EVERY)
+        np.testing.assert_array_equal(simulation.positions(), end)
+
+
+def test_the_error_of_a_frame_is_measured_and_changes_no_bit(scene: Scene) -> None:
+    with Simulation(scene) as simulation, Simulation(scene) as other, closing(FrameErrorMeter(scene)) as meter:
+        assert has_default_layout(simulation)
+        for _ in range(4):
+            found = meter.measure_frame(simulation)
+            other.step()
+        np.testing.assert_array_equal(simulation.positions(), other.positions())
+        assert found.reference_has_converged
+        assert 0.0 < found.error < found.motion
+
+
+def test_a_moved_ball_pushes_the_cloth(scene: Scene) -> None:
+    with Simulation(scene) as simulation, Simulation(scene, "serial") as serial:
+        assert has_default_layout(simulation)
+        path = [np.array([0.0, 1.8, 1.5 - 0.1 * k]) for k in range(15)]
+        for one in (simulation, serial):
+            for center in path:
+                one.move_collider(0, center)
+                one.step()
+        np.testing.assert_allclose(simulation.colliders()[0].center, path[-1], atol=1e-9)
+        np.testing.assert_allclose(simulation.positions(), serial.positions(), atol=1e-3)
+        assert np.abs(simulation.positions() - serial_positions(scene, len(path))).max() > 0.1

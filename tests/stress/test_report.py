@@ -189,6 +189,7 @@ def test_the_page_names_dates_hours_starts_and_versions() -> None:
         "1 to 10 starts per variant; run 2026-01-01 to 2026-01-02; 1.0 hours of CPU time.",
     ]
     again = result(repeated="2026-02-01 00:00")
+    assert report.row(again)[4:6] == ("10 of 10, 1 again", report.row(result())[5])
     assert report.origin_lines(store_of(again))[0] == (
         "1 results were confirmed once by a later version than the one that produced them: it repeated the last start"
         " of each bit by bit."

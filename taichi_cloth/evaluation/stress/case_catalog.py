@@ -86,6 +86,7 @@ CASES = (
         "pins apart",
         "×2, ×5, ×10 in 0.1 s, held 1 s, back; strain within 0.1 % of the static one",
         variants(loads.pins_apart, {"×2": 2.0, "×5": 5.0, "×10": 10.0}),
+        note="the pins return to their places in 0.1 s and stay pinned: a sheet without pins would fall",
     ),
     Case(
         8,
@@ -214,6 +215,7 @@ CASES = (
             *variants(extremes.too_small, {f"{rows}×{columns}": (rows, columns) for rows, columns in TOO_SMALL}),
             *variants(extremes.tiny, {f"{rows}×{columns}": (rows, columns) for rows, columns in GRIDS}),
         ),
+        note="cells are 3 cm wide, and a particle may be 2 m away, which on the smallest grids binds nothing",
     ),
     Case(
         26,
@@ -232,7 +234,8 @@ CASES = (
         variants(loads.edge_on_wind, {"n·v = 0": 0.0, "crossing zero": 0.01}),
         note=(
             "the sheet is taut between two edges, without gravity: one that hangs has free edges, and those flutter in"
-            " any edge-on wind, which is motion and not chatter"
+            " any edge-on wind, which is motion and not chatter. While it blows, chatter is a quarter of the second"
+            " difference of velocities between frames: all of an oscillation from frame to frame, half of one of 15 Hz"
         ),
     ),
     Case(

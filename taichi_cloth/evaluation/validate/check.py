@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite, isqrt, log2, nan, pi, sqrt
+from math import isfinite, isqrt, log, log2, nan, pi, sqrt
 from time import process_time
 from typing import Any, NamedTuple, SupportsIndex
 
@@ -297,6 +297,8 @@ UNFINISHED_SOLVERS = ("verlet", "xpbd")  # whose iterations leave springs softer
 GRIDS = "the exact solutions of the two grids differ, with the stiffness that the iterations leave"
 SOFTER_EULER = f"{SOFTER}; in backward Euler steps of h"
 ROUNDED = "rounding to float32, added up at random over n steps: ½u·√(n/3)·(|x| + |v|·t/√3), u = 2⁻²³"
+VELOCITY_ROUNDED = "rounding to float32 of the positions whose difference over h is the velocity: ⅙u·|x|·n√n, u = 2⁻²³"
+SAME_ITERATIONS = "the same iterations in float64"  # in laws that repeat the method: its error is none of rounding
 FLOAT32_EPSILON = 2.0**-23  # distance from 1 to the next number of float32
 
 
@@ -332,3 +334,52 @@ def order_lost(order: float, coarse: float, floor: float) -> float:
     log₂(e/(e/2^p + δ)) is p − log₂(1 + 2^p·δ/e).
     """
     return log2(1 + 2**order * floor / coarse)
+
+
+def velocity_rounding_error(steps: int, position: float) -> float:
+    """Return the error [m] after n steps if the velocity is the difference of two rounded positions [m] over h.
+
+    A position is rounded by ½u|x|/√3 root mean square, and the velocity is wrong by that over h from then on. It acts
+    for the remaining time, on average n·h/√3 root mean square, and n independent errors add up to √n times as much.
+    """
+    return FLOAT32_EPSILON / 2 * position * steps * sqrt(steps) / 3
+
+
+def largest_of(count: int) -> float:
+    """Return about how large the largest of many normal numbers is, in standard deviations (Leadbetter 1983)."""
+    return sqrt(2 * log(count))
+
+
+def swept_in_float64(scene: Scene, seconds: float, start: Floats | None = None) -> Floats:
+    """Return the positions that `verlet` or `xpbd` reaches after some seconds in float64 [m], (N, 3).
+
+    Only gravity and springs act. These are the sweeps of `solvers/verlet.py` and `solvers/xpbd.py`, with springs in the
+    same order: a difference that float64 has too is none of rounding. `start` is (N, 3) [m].
+    """
+    with Simulation(scene) as simulation:
+        topology, h, section = simulation.topology, substep(simulation), simulation.solver.info.stiffness_section
+    stiffness, free = spring_stiffness(scene, section, topology), ~topology.pinned
+    is_rigid = section == "verlet"  # a stiffness is then a share of the error
+    share = stiffness if is_rigid else np.ones(len(stiffness))
+    compliance = np.zeros(len(stiffness)) if is_rigid else 1 / (stiffness * h * h)
+    weight = np.where(free, 1 / topology.mass, 0.0)
+    batches = [slice(batch.first, batch.first + batch.count) for batch in topology.batches]
+    x = topology.start if start is None else start
+    v = np.zeros_like(x)
+    for _ in range(round(seconds / h)):
+        y = x + h * v
+        y[free, 1] -= h * h * scene.forces.gravity
+        multiplier = np.zeros(len(stiffness))
+        for one in batches * scene.solver.iterations:
+            a, b = topology.ends[one].T
+            gap = y[b] - y[a]
+            length = np.linalg.norm(gap, axis=1)
+            error = share[one] * (length - topology.rest[one] + compliance[one] * multiplier[one])
+            inverse = weight[a] + weight[b] + compliance[one]
+            change = np.where(weight[a] + weight[b] > 0, -error / np.maximum(inverse, 1e-12), 0.0)
+            multiplier[one] += change
+            pull = (change / length)[:, None] * gap
+            y[a] -= weight[a, None] * pull
+            y[b] += weight[b, None] * pull
+        x, v = y, (y - x) / h
+    return x

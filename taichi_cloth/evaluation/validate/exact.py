@@ -248,22 +248,34 @@ def spring_scheme(solver: str, omega: float, h: float, steps: int) -> Floats:
 
     It is a share of the initial displacement.
     """
-    w = omega * h
-    if solver == "rk4":
-        z = np.array([[0.0, 1.0], [-w * w, 0.0]])  # of (x, h·v)
-        step = np.eye(2) + z + z @ z / 2 + z @ z @ z / 6 + z @ z @ z @ z / 24
-    elif solver == "explicit":  # half kick, drift, half kick
-        step = np.array([[1 - w * w / 2, 1.0], [-w * w * (1 - w * w / 4), 1 - w * w / 2]])
-    elif solver in TWO_STAGE:  # two stages that each solve with 1 − γz (Alexander 1977)
-        z, gamma = np.array([[0.0, 1.0], [-w * w, 0.0]]), 1 - sqrt(0.5)
-        one = np.linalg.inv(np.eye(2) - gamma * z)
-        step = (np.eye(2) + (1 - 2 * gamma) * z) @ one @ one
-    else:  # backward Euler
-        step = np.array([[1.0, 1.0], [-w * w, 1.0]]) / (1 + w * w)
+    step = spring_step(solver, omega * h)
     states = [np.array([1.0, 0.0])]
     for _ in range(steps):
         states.append(step @ states[-1])
     return np.array(states)[:, 0]
+
+
+def spring_amplitude(solver: str, omega: float, h: float, steps: int) -> float:
+    """Return the amplitude √(x² + (v/ω)²) of one spring after some steps, as a share of that at its release."""
+    x, hv = np.linalg.matrix_power(spring_step(solver, omega * h), steps) @ [1.0, 0.0]
+    return float(np.hypot(x, hv / (omega * h)))
+
+
+def spring_step(solver: str, w: float) -> Floats:
+    """Return the matrix, (2, 2), of a solver's step h for the spring x″ = −ω²x, on (x, h·v); `w` is ω·h."""
+    if solver == "rk4":
+        z = np.array([[0.0, 1.0], [-w * w, 0.0]])
+        runge_kutta: Floats = np.eye(2) + z + z @ z / 2 + z @ z @ z / 6 + z @ z @ z @ z / 24
+        return runge_kutta
+    if solver == "explicit":  # half kick, drift, half kick
+        return np.array([[1 - w * w / 2, 1.0], [-w * w * (1 - w * w / 4), 1 - w * w / 2]])
+    if solver in TWO_STAGE:  # two stages that each solve with 1 − γz (Alexander 1977)
+        z, gamma = np.array([[0.0, 1.0], [-w * w, 0.0]]), 1 - sqrt(0.5)
+        one = np.linalg.inv(np.eye(2) - gamma * z)
+        two_stage: Floats = (np.eye(2) + (1 - 2 * gamma) * z) @ one @ one
+        return two_stage
+    euler: Floats = np.array([[1.0, 1.0], [-w * w, 1.0]]) / (1 + w * w)
+    return euler
 
 
 # -- elastica ----------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from .check import (
     FINER,
     GRIDS,
     REST_DAMPING,
+    SOFTER,
     UNFINISHED_SOLVERS,
     Check,
     Timed,
@@ -42,11 +43,20 @@ CONSTANT = 1000.0  # [N/m] of the base cloth
 SPANS = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99)
 SAG = (1e-2, 1e-3)  # A3: 1 %, 0.1 % of the discrete value
 FINER_SPAN = TENSION_SPAN = 0.8
-HAMMOCK_LINKS = 16
+HAMMOCK_LINKS, FINER_LINKS = 16, (32, 64, 128)  # A3
 HAMMOCK_CONSTANT = 1000.0  # [N/m] of a spring
 LAW_LINKS = 32
 # c of `stretch` for 33 particles per side; 0.343 and 0.342 for 9 and 17, ⅓ for many, ½ without diagonals.
 WITH_DIAGONALS = 0.338
+LAW_SETTINGS = (  # A3: links, substeps, iterations
+    (64, 10, 1),
+    (64, 30, 1),
+    (128, 1, 100),
+    (128, 10, 1),
+    (128, 20, 1),
+    (128, 30, 1),
+    (256, 30, 1),
+)
 LAW = (0.05, 0.01)
 INDEPENDENT = (1e-2, 1e-3)  # B3: within 1 % across iterations and h
 INDEPENDENT_CELLS = 64
@@ -175,19 +185,30 @@ def stretch(solver: str) -> Iterator[Check]:
     an entire row at once, and `implicit` all springs, so what they leave does not grow with N²·g·h²/iterations, and
     they have no c. A3.1 and B3 measure them.
     """
-    bare = strip(solver, LAW_LINKS, constant=1e9)
     square = base(solver, LAW_LINKS + 1, LAW_LINKS + 1, mass_lumping="uniform", pins=("top",))
     rigid = replace(square.fabric, warp=1e9, weft=1e9, shear=1e9, bend_spring=0.0)
-    for name, scene, coefficient in (
-        ("threads", replace(bare, verlet=VerletSprings(shear=0.0, bend=0.0)), 0.5),
-        ("threads and diagonals", replace(square, verlet=VerletSprings(bend=0.0), fabric=rigid), WITH_DIAGONALS),
-    ):
-        with Timed(damped(scene)) as simulation:
-            advance(simulation, 10.0)
-            columns = simulation.scene.cloth.columns
-            measured = float((simulation.topology.start - simulation.positions())[-(columns // 2) - 1, 1])
-            unit = 2 * artificial_stretch(LAW_LINKS, substep(simulation), scene.solver.iterations)
-            yield relative(f"stretch over N²·g·h²/iterations, {name}", coefficient, measured / unit, *LAW)
+    diagonals = replace(square, verlet=VerletSprings(bend=0.0), fabric=rigid)
+    yield stretch_row("threads", threads(solver, LAW_LINKS), 0.5)
+    yield stretch_row("threads and diagonals", diagonals, WITH_DIAGONALS)
+    for links, substeps, iterations in LAW_SETTINGS:
+        scene = threads(solver, links)
+        scene = replace(scene, solver=replace(scene.solver, substeps=substeps, iterations=iterations))
+        yield stretch_row(f"threads of {links} links, {substeps}×{iterations}", scene, 0.5)
+
+
+def threads(solver: str, links: int) -> Scene:
+    """Return a hanging strip whose springs do not stretch."""
+    return replace(strip(solver, links, constant=1e9), verlet=VerletSprings(shear=0.0, bend=0.0))
+
+
+def stretch_row(name: str, scene: Scene, coefficient: float) -> Check:
+    """Compare the stretch of a hanging sheet at rest with c·N²·g·h²/iterations."""
+    with Timed(damped(scene)) as simulation:
+        advance(simulation, 10.0)
+        rows, columns = simulation.scene.cloth.rows, simulation.scene.cloth.columns
+        measured = float((simulation.topology.start - simulation.positions())[-(columns // 2) - 1, 1])
+        unit = 2 * artificial_stretch(rows - 1, substep(simulation), scene.solver.iterations)
+        return relative(f"stretch over N²·g·h²/iterations, {name}", coefficient, measured / unit, *LAW)
 
 
 def hammock(solver: str) -> Iterator[Check]:
@@ -198,6 +219,22 @@ def hammock(solver: str) -> Iterator[Check]:
         if span == TENSION_SPAN:
             what = f"tension of the last links over the weight at {span:g} m"
             yield relative(what, exact.tension, measured.tension, *SAG)
+    for links in FINER_LINKS:
+        what = f"sag with {links} links at a span of {FINER_SPAN:g} m [m]"
+        yield run_with_limit(what, *SAG, partial(discrete_sag, what, solver, links))
+
+
+def discrete_sag(what: str, solver: str, links: int) -> Check:
+    """Measure the sag of a hammock of some links."""
+    exact, measured = measure_hammock(solver, FINER_SPAN, links)
+    row = relative(what, exact.sag, measured.sag, *SAG)
+    return row.by_law(SOFTER, partial(unconverged_sag_of, solver, links))
+
+
+def unconverged_sag_of(solver: str, links: int) -> float:
+    """Return the relative error of the sag that the iterations of the solver leave."""
+    own, left = exact_sags(solver, links)
+    return abs(left / own - 1)
 
 
 def finer_hammock(solver: str) -> Iterator[Check]:
@@ -215,15 +252,19 @@ def compare_sag(what: str, solver: str, coarse: int, fine: int, bounds: tuple[fl
 
 def exact_sag_change(solver: str, coarse: int, fine: int) -> float:
     """Return the relative change of the sag at rest, with the stiffness that the iterations of the solver leave."""
-    sags = []
-    for links in (coarse, fine):
-        with Simulation(hammock_strip(solver, links)) as simulation:
-            mass, constant = row_mass(simulation), strip_constant(simulation)
-            if solver in UNFINISHED_SOLVERS:
-                iterations = simulation.scene.solver.iterations
-                constant = effective_stiffness(solver, constant, mass, substep(simulation), iterations)
-            sags.append(exact_hammock(FINER_SPAN, links, 1.0, mass, constant)[0])
-    return abs(sags[1] / sags[0] - 1)
+    return abs(exact_sags(solver, fine)[1] / exact_sags(solver, coarse)[1] - 1)
+
+
+def exact_sags(solver: str, links: int) -> tuple[float, float]:
+    """Return the sag at rest [m] with the springs' own stiffness, and with that which the iterations leave."""
+    with Simulation(hammock_strip(solver, links)) as simulation:
+        mass, constant = row_mass(simulation), strip_constant(simulation)
+        left = constant
+        if solver in UNFINISHED_SOLVERS:
+            iterations = simulation.scene.solver.iterations
+            left = effective_stiffness(solver, constant, mass, substep(simulation), iterations)
+        own_sag, left_sag = (exact_hammock(FINER_SPAN, links, 1.0, mass, k)[0] for k in (constant, left))
+        return own_sag, left_sag
 
 
 def hammock_strip(solver: str, links: int) -> Scene:

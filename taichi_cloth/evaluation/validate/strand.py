@@ -18,7 +18,7 @@ from ...geometry.cloth_builder import spring_stiffness
 from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Scene, Solver, VerletSprings
 from ...simulation.simulation import Simulation
 from ..bench.error_sweep import Curtain
-from .check import REST_DAMPING, Check, Timed, advance, at_most, base, relative
+from .check import REST_DAMPING, SAME_ITERATIONS, Check, Timed, advance, at_most, base, relative
 from .exact import GRAVITY, TWO_STAGE, Floats
 
 GAMMA = 1 - sqrt(0.5)  # share of a substep that each of the two stages solves (Alexander 1977)
@@ -208,7 +208,7 @@ START_ANGLE = 30.0  # [degrees] below level at the start; above level it is comp
 STRAND_FRAMES = 60
 STRAND = (2e-2, 1e-3)
 REST_SECONDS = 10.0
-IN_FLOAT64 = "iterations end too early: the same iterations in float64 end as far from the solution"
+IN_FLOAT64 = f"iterations end too early: {SAME_ITERATIONS} end as far from the solution"
 RESIDUAL = (10.0, 2.0)  # weights of a particle
 
 

@@ -39,6 +39,7 @@ from .exact import (
     longitudinal_modes,
     pendulum_period,
     projected_swing,
+    spring_amplitude,
     spring_scheme,
     string_displacement,
     taut_modes,
@@ -48,6 +49,8 @@ from .strand import euler_curtain, euler_run
 ANGLES = (10, 30, 60, 90, 120, 150, 170)  # [degrees] from hanging
 SWING = (1e-2, 1e-3)  # A2: 1 %, 0.1 %
 SCHEME = (1e-4, 1e-5)  # A2: to 1e-4 of the scheme's own value
+SPRING_CONSTANT, SPRING_SUBSTEPS = 1000.0, (1, 4, 16, 100)  # A2: [N/m]; h = 1/60, 1/240, 1/960, 1/6000 s
+DAMPED_HERTZ, DAMPED_SUBSTEPS = (2.0, 5.0), (1, 10, 100)  # A2: h = 1/60, 1/600, 1/6000 s
 HANGING_LINKS = (10, 20, 50, 100)
 LINKS = 20
 MODES = 3
@@ -131,25 +134,50 @@ def pendulum_height(solver: str) -> Iterator[Check]:
 
 
 def one_spring(solver: str) -> Iterator[Check]:
-    """Compare 1 s of a spring (1000 N/m, 1 kg), released at 1.5 times its length, with its method's discrete law."""
-    scene = structural(base(solver, 2, 2, pins=("top",), area_density=4.0), 2000.0)
-    scene = replace(scene, forces=Forces(gravity=0.0), fabric=replace(scene.fabric, weft=0.0))
-    with Timed(scene) as simulation:
-        topology = simulation.topology
-        constant = spring_stiffness(scene, SOLVERS[solver].info.stiffness_section, topology)[0]
-        omega = sqrt(constant / topology.mass[2])
-        start = topology.start.copy()
-        start[2:, 1] -= 0.5
-        simulation.set_state(start)
-        h, steps = substep(simulation), simulation.substeps
-        law = spring_scheme(solver, omega, h, 60 * steps)[steps::steps]
+    """Compare a spring with a mass of 1 kg with the discrete law of the method: its motion for 1 s, and its damping."""
+    with released_spring(spring_scene(solver, SPRING_CONSTANT), 0.5) as simulation:
+        steps = simulation.substeps
+        law = spring_scheme(solver, sqrt(SPRING_CONSTANT), substep(simulation), 60 * steps)[steps::steps]
         samples = []
         for _ in range(60):
             simulation.step()
-            samples.append((topology.start[2, 1] - simulation.positions()[2, 1]) / 0.5)
+            samples.append((simulation.topology.start[2, 1] - simulation.positions()[2, 1]) / 0.5)
         worst = int(np.abs(np.array(samples) - law).argmax())
         name = f"length over rest, of the first 0.5 m, at frame {worst + 1}"
         yield Check(name, float(law[worst]), samples[worst], float(abs(samples[worst] - law[worst])), *SCHEME)
+    for substeps in SPRING_SUBSTEPS:
+        yield numerical_damping(solver, f"{SPRING_CONSTANT:g} N/m", SPRING_CONSTANT, substeps)
+    if solver in EULER:
+        for hertz in DAMPED_HERTZ:
+            for substeps in DAMPED_SUBSTEPS:
+                yield numerical_damping(solver, f"{hertz:g} Hz", (2 * pi * hertz) ** 2, substeps)
+
+
+def numerical_damping(solver: str, name: str, constant: float, substeps: int) -> Check:
+    """Measure which share of the amplitude of a spring, `constant` [N/m], survives a second."""
+    scene, omega = spring_scene(solver, constant), sqrt(constant)
+    with released_spring(replace(scene, solver=replace(scene.solver, substeps=substeps)), 0.1) as simulation:
+        steps = round(simulation.substeps / FRAME_SECONDS)
+        exact = spring_amplitude(solver, omega, substep(simulation), steps)
+        advance(simulation, 1.0)
+        displacement = simulation.topology.start[2, 1] - simulation.positions()[2, 1]
+        left = float(np.hypot(displacement, simulation.velocities()[2, 1] / omega)) / 0.1
+        what = f"share of the amplitude after 1 s, {name}, {steps} steps/s"
+        return Check(what, exact, left, abs(left - exact), *SCHEME)
+
+
+def spring_scene(solver: str, constant: float) -> Scene:
+    """Return the scene of two springs side by side, each of `constant` [N/m] with a mass of 1 kg, without gravity."""
+    sheet = base(solver, 2, 2, pins=("top",), area_density=1.0, mass_lumping="uniform")
+    scene = structural(sheet, constant)
+    return replace(scene, forces=Forces(gravity=0.0), fabric=replace(scene.fabric, weft=0.0))
+
+
+def released_spring(scene: Scene, stretch: float) -> Timed:
+    """Return a simulation of `spring_scene` whose springs are stretched by some length [m]."""
+    simulation = Timed(scene)
+    simulation.set_state(simulation.topology.start - np.outer([0.0, 0.0, stretch, stretch], [0.0, 1.0, 0.0]))
+    return simulation
 
 
 def curtain_modes(solver: str) -> Iterator[Check]:

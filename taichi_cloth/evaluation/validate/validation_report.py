@@ -18,7 +18,7 @@ import numpy as np
 from ...system.console import commit_of, machine, markdown_table, page_files, print_table
 from ...system.errors import UsageError, error_text
 from ...system.files import atomic_file
-from .check import EXCELLENT, FAIL, PASS, TOO_SLOW, Check, KnownLimit, Result
+from .check import EXCELLENT, FAIL, PASS, SAME_ITERATIONS, TOO_SLOW, Check, KnownLimit, Result
 
 HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
 UNEXPLAINED = "no law explains it"
@@ -95,12 +95,13 @@ def tally(results: Sequence[Result]) -> dict[str, float]:
 def summary_line(results: Sequence[Result]) -> str:
     """Return the last line of the report."""
     n = tally(results)
-    explained = sum(result.row.explained for result in results)
-    other = n["falls short"] - explained - n["broken"]
+    laws = [result.row.limit.law for result in results if result.row.explained and result.row.limit]
+    repeated = sum(SAME_ITERATIONS in law for law in laws)
+    other = n["falls short"] - len(laws) - n["broken"]
     return (
         f"{n['rows']} rows: {n['excellent']} excellent, {n['pass']} pass, {n['falls short']} fall short"
-        f" ({explained} by as much as theory predicts, {n['broken']} by more, {other} without a theory),"
-        f" {n['too slow']} too slow"
+        f" ({len(laws) - repeated} by as much as theory predicts, {repeated} by as much as {SAME_ITERATIONS},"
+        f" {n['broken']} by more, {other} without a theory), {n['too slow']} too slow"
     )
 
 
