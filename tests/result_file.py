@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from taichi_cloth.scene.toml_io import toml_value
+from taichi_cloth.scene.keys import toml_value
 
 ROOT = Path(__file__).parents[1]
 

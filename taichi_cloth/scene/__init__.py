@@ -5,8 +5,8 @@ from .collider_schema import Box, Ground, Sphere
 from .overrides import parse_override
 from .parameters import Parameter, check_parameter, parameters_of
 from .presets import scene_names
+from .reader import key_table, scene_to_toml
 from .schema import Camera, Cloth, Forces, Look, Scene, Solver, VerletSprings, Wind
-from .toml_io import key_table, scene_to_toml
 
 __all__ = [
     "Box",

@@ -1,8 +1,10 @@
-"""Metadata of scene keys, and checks against it: values (type, range, choices), tables of keys, and sections."""
+"""Metadata of scene keys, and checks against it: values (type, range, choices), tables of keys, and sections; TOML."""
 
 from __future__ import annotations
 
+import json
 import re
+import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache
@@ -312,3 +314,30 @@ def _classes_below(cls: type) -> Iterator[type]:
         yield from _classes_below(one)
     if not below:
         yield cls
+
+
+# -- TOML --------------------------------------------------------------------------------------------------------------
+
+MAX_DOTS = 100  # in one key; those of a scene have one
+_BETWEEN_KEYS = re.compile(r"[,=\[\]{}#\n]|\.\.")  # a key has no two adjacent dots
+
+
+def parse_toml(text: str) -> dict[str, object]:
+    """Parse a TOML text. Raises ValueError if it is invalid, and RecursionError if it is nested too deeply.
+
+    `tomllib` copies the start of a dotted key for each dot, which takes quadratic time: hours for half a million dots.
+    Keys with more than `MAX_DOTS` are therefore rejected first.
+    """
+    if any(part.count(".") > MAX_DOTS for part in _BETWEEN_KEYS.split(text)):
+        raise ValueError(f"more than {MAX_DOTS} dots in one key")
+    return tomllib.loads(text)
+
+
+def toml_value(value: object) -> str:
+    """Return a value of a scene in TOML syntax."""
+    value = without_numpy(value)  # whose numbers have a `repr` that is no TOML
+    if isinstance(value, (tuple, list)):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, str):  # TOML basic strings have the escapes of JSON
+        return json.dumps(value, ensure_ascii=False)
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -9,10 +9,9 @@ from functools import cache
 from typing import Any
 
 from ..system.errors import Mistakes, SceneError, nearest_name, new_key
-from .keys import Section, given_table, keys_of
+from .keys import Section, given_table, keys_of, parse_toml
 from .schema import GRID_KEYS, Cloth, Scene, sections
 from .solver_catalog import SOLVER_CATALOG
-from .toml_io import parse_toml
 
 KeyTarget = tuple[Section | None, str]  # a section and its key; None: a key of the scene itself
 

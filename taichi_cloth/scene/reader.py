@@ -1,19 +1,20 @@
-"""Reads scenes from TOML. Checks each key against its metadata in `schema.py`, then keys against each other."""
+"""Reads scenes from TOML, and writes them. Checks each key against its metadata in `schema.py`, then keys against each
+other.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import hypot
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ..system.errors import Mistakes, SceneError, nearest_name, short_repr
 from .collider_schema import PROJECTION, RESPONSES, ContactProperties, Mesh, RoundCollider
-from .keys import check_table, check_value, given_table, keys_of, types_of
+from .keys import check_table, check_value, given_table, keys_of, parse_toml, range_text, toml_value, types_of
 from .overrides import apply_override, is_section, plain_tables, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
 from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Maps, Scene, sections
-from .toml_io import parse_toml, scene_to_toml
 
 MAX_BYTES = 1_000_000  # of a scene file
 SOLVER_DEFAULT_KEYS = ("substeps", "iterations")  # keys of [solver] with defaults per solver
@@ -310,3 +311,51 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
     if hypot(x - tx, z - tz) <= 1e-6 * abs(y - ty) and not mistakes.concern("camera"):
         reason = "must differ from camera.target" if y == ty else "must not be straight above or below camera.target"
         mistakes.add("camera.eye", reason)
+
+
+# -- writing -----------------------------------------------------------------------------------------------------------
+
+
+def scene_to_toml(scene: Scene, table: str = "") -> str:
+    """Return a scene as a TOML text that `load_scene` reads back to an equal scene.
+
+    With `table` the scene is written as a table of that name, as part of a larger file.
+    """
+    prefix = f"{table}." if table else ""
+    lines = [f"[{table}]"] * bool(table) + _keys(scene)
+    for part in sections().values():
+        value = getattr(scene, part.name)
+        if part.is_array:
+            for element in value:
+                lines += ["", f"[[{prefix}{part.name}]]", *_keys(element)]
+        elif value is not None:
+            lines += ["", f"[{prefix}{part.name}]", *_keys(value)]
+    return "\n".join(lines) + "\n"
+
+
+def _keys(section: object) -> list[str]:
+    """Return a line for each key of a section, with its unit as a comment. Cloth from a mesh file has no grid keys."""
+    cls: type = type(section)
+    return [
+        f"{name} = {toml_value(getattr(section, name))}" + (f"  # {key.unit}" if key.unit else "")
+        for name, key in keys_of(cls).items()
+        if not (isinstance(section, Cloth) and section.file and name in GRID_KEYS)
+    ]
+
+
+KeyRow = tuple[str, str, str, str, str, str]
+
+
+def key_table() -> list[KeyRow]:
+    """Return a row for each scene key: section, key, default, unit, range, help."""
+    rows = _rows("", Scene)
+    for part in sections().values():
+        rows += _rows(f"[[{part.name}]]" if part.is_array else f"[{part.name}]", part.cls)
+    return rows
+
+
+def _rows(title: str, section: type) -> list[KeyRow]:
+    defaults = {field.name: toml_value(field.default) for field in fields(section)}
+    return [
+        (title, name, defaults[name], key.unit, range_text(key), key.help) for name, key in keys_of(section).items()
+    ]

@@ -13,9 +13,9 @@ from typing import Any
 import taichi as ti
 
 from ..scene import Scene, scene_to_toml
+from ..scene.keys import parse_toml, toml_value
 from ..scene.reader import folder_of, scene_from, with_folders
 from ..scene.solver_catalog import SOLVER_CATALOG
-from ..scene.toml_io import parse_toml, toml_value
 from ..system.errors import UsageError, short_repr
 from ..system.files import atomic_file
 from ..system.taichi_runtime import cpu_model, machine

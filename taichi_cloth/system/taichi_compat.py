@@ -1,13 +1,12 @@
 """Uses of Taichi internals, with checks that they exist and work.
 
-Only this module touches Taichi internals, which `tests/test_layers.py` checks. They are not part of Taichi's interface,
-so another release may change or remove them. Each use is checked before it is relied on: the release, the names, and
-for kernels a probe that must return the right numbers. If a check fails, the program does without the internals, prints
-one line, and is slower.
+Only this module and `kernel_parsing.py` touch Taichi internals, which `tests/test_layers.py` checks. They are not part
+of Taichi's interface, so another release may change or remove them. Each use is checked before it is relied on: the
+release, the names, and for kernels a probe that must return the right numbers. If a check fails, the program does
+without the internals, prints one line, and is slower.
 
-The uses are the running program (`PROGRAM`), SIMD kernels (`SIMD`), graphs of kernel launches (`GRAPHS`), the cache of
-kernel sources (`SOURCES`), serial loops (`LOOPS`) and the folder of compiled kernels (`CACHE`). `DeviceArray` is the
-array type of graphs.
+The uses are the running program (`PROGRAM`), SIMD kernels (`SIMD`), graphs of kernel launches (`GRAPHS`) and the folder
+of compiled kernels (`CACHE`). `DeviceArray` is the array type of graphs. `kernel_parsing.py` has two more.
 """
 
 from __future__ import annotations
@@ -15,10 +14,8 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial, reduce
-from types import CodeType, FunctionType
+from functools import reduce
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import taichi as ti
 
@@ -58,22 +55,6 @@ GRAPHS = InternalUse(
         "_lib.core.Program.delete_ndarray",
     ),
     "kernels are launched one by one, which is slower",
-)
-SOURCES = InternalUse(
-    (
-        "lang.kernel_impl.getsourcefile",
-        "lang.kernel_impl.getsourcelines",
-        "lang.ast.ast_transformer_utils.ASTTransformerContext.get_pos_info",
-    ),
-    "startup takes a second longer",
-)
-LOOPS = InternalUse(
-    (
-        "lang.ast.ast_transformer.ASTTransformer.build_range_for",
-        "lang.ast.ast_transformer.ASTTransformer.build_ndrange_for",
-        "_lib.core.ASTBuilder.strictly_serialize",
-    ),
-    "each loop that could be parallel takes 0.1 ms longer",
 )
 CACHE = InternalUse(
     ("lang.impl.default_cfg", "_lib.core.CompileConfig.offline_cache_file_path"),
@@ -254,142 +235,3 @@ def is_arch_available(name: str) -> bool:
 def default_cache_folder() -> str:
     """Return the folder in which Taichi caches compiled kernels. Needs `CACHE`."""
     return str(ti.lang.impl.default_cfg().offline_cache_file_path)
-
-
-# -- cache of kernel sources -------------------------------------------------------------------------------------------
-
-CACHED_PACKAGES = ("taichi_cloth", "taichi")  # packages whose sources are cached
-
-
-class SourceCache:
-    """A function that caches the results of a source look-up, as long as a function exists and has the same code.
-
-    Look-ups take half or more of the time in which Taichi 1.7.4 parses a kernel. At each call that it inlines, hundreds
-    per frame, it searches all modules and splits the file to find the lines of the function.
-
-    Only functions of this package and of Taichi are cached. Others may be edited while the program runs and are looked
-    up each time. A reload by an editor, which gives a function new code, is detected.
-    """
-
-    def __init__(self, look_up: Callable[[Any], Any]) -> None:
-        self._look_up = look_up
-        self._found: WeakKeyDictionary[FunctionType, tuple[CodeType, Any]] = WeakKeyDictionary()
-        self.hits = self.misses = 0
-
-    def __call__(self, function: Any) -> Any:
-        if not is_cached(function):
-            return self._look_up(function)
-        code, found = self._found.get(function, (None, None))
-        if code is function.__code__:
-            self.hits += 1
-            return found
-        self.misses += 1
-        found = self._look_up(function)
-        self._found[function] = function.__code__, found
-        return found
-
-
-def is_cached(function: Any) -> bool:
-    """Return whether the source of a function is cached."""
-    return isinstance(function, FunctionType) and function.__module__.partition(".")[0] in CACHED_PACKAGES
-
-
-class PositionCache:
-    """Caches Taichi's description of where a syntax node is, with its source lines and a row of carets.
-
-    Taichi 1.7.4 composes it for every node, for a message in case of an error: half a million times for the kernels of
-    all solvers, of which a tenth are different, because functions are inlined again and again.
-    """
-
-    def __init__(self, describe: Callable[[Any, Any], str]) -> None:
-        self._describe = describe
-        self._found: WeakKeyDictionary[FunctionType, tuple[CodeType, dict[Any, str]]] = WeakKeyDictionary()
-
-    def __call__(self, context: Any, node: Any) -> str:
-        function = context.func.func
-        if not is_cached(function):
-            return self._describe(context, node)
-        code, found = self._found.get(function, (None, {}))
-        if code is not function.__code__:
-            found = {}
-            self._found[function] = function.__code__, found
-        key = type(node), node.lineno, node.col_offset, node.end_lineno, node.end_col_offset
-        if key not in found:
-            found[key] = self._describe(context, node)
-        return found[key]
-
-
-_cache_of: dict[str, SourceCache] = {}  # by name of the look-up; kept for the next start
-
-
-def install_source_cache() -> None:
-    """Install the caches in Taichi, if `SOURCES` is usable. A second call has no effect."""
-    if not usable(SOURCES):
-        return
-    from taichi.lang import kernel_impl
-    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-
-    for name in ("getsourcefile", "getsourcelines"):
-        _replace(kernel_impl, name, partial(_source_cache, name))
-    _replace(ASTTransformerContext, "get_pos_info", _position_cache)
-
-
-def _source_cache(name: str, look_up: Callable[[Any], Any]) -> SourceCache:
-    return _cache_of.setdefault(name, SourceCache(look_up))
-
-
-def _position_cache(describe: Callable[[Any, Any], str]) -> Callable[[Any, Any], str]:
-    cache = PositionCache(describe)
-    return lambda context, node: cache(context, node)  # only a function is bound to its context
-
-
-def cache_hits_and_misses() -> tuple[int, int]:
-    """Return the number of hits and misses of the cache of function lines."""
-    cache = _cache_of["getsourcelines"]
-    return cache.hits, cache.misses
-
-
-# -- serial loops ------------------------------------------------------------------------------------------------------
-
-
-def serialize_loops() -> None:
-    """Compile every loop of later kernels as a serial one, if `LOOPS` is usable. A second call has no effect.
-
-    This is for Taichi on one thread. Its pool hands each parallel loop over to another thread even if that is the only
-    one: two context switches of 0.1 ms together, and more where all cores are busy.
-    """
-    if not usable(LOOPS):
-        return
-    from taichi.lang.ast.ast_transformer import ASTTransformer
-
-    for name in ("build_range_for", "build_ndrange_for"):
-        _replace(ASTTransformer, name, _serialized)
-
-
-def _serialized(build: Any) -> Any:
-    """Return a builder of loops that marks its loop as serial. `build`: that of Taichi, a static method."""
-
-    def build_serial(context: Any, node: Any) -> Any:
-        context.ast_builder.strictly_serialize()  # the next loop
-        return build.__func__(context, node)
-
-    return staticmethod(build_serial)
-
-
-# -- replaced functions ------------------------------------------------------------------------------------------------
-
-_replaced: dict[tuple[Any, str], Any] = {}  # the original, by module or class, and name
-
-
-def _replace(owner: Any, name: str, substitute: Callable[[Any], Any]) -> None:
-    """Replace a function of Taichi by what `substitute` returns for it, unless it is replaced already."""
-    if (owner, name) not in _replaced:
-        _replaced[owner, name] = vars(owner)[name]
-        setattr(owner, name, substitute(vars(owner)[name]))
-
-
-def restore_functions() -> None:
-    """Restore the original functions of Taichi. A second call has no effect."""
-    for (owner, name), original in _replaced.items():
-        setattr(owner, name, original)
-    _replaced.clear()

@@ -124,11 +124,11 @@ def _replace_parser() -> None:
     """Let Taichi parse kernels faster and, if it runs on one thread, compile loops that need no other."""
     import taichi as ti
 
-    from . import taichi_compat
+    from . import kernel_parsing
 
-    taichi_compat.install_source_cache()
+    kernel_parsing.replace_parser()
     if on_cpu() and ti.cfg.cpu_max_num_threads == 1:
-        taichi_compat.serialize_loops()
+        kernel_parsing.serialize_loops()
 
 
 def _import_taichi() -> None:
@@ -184,9 +184,9 @@ def stop() -> None:
     global _ended
     import taichi as ti
 
-    from . import taichi_compat
+    from . import kernel_parsing, taichi_compat
 
-    taichi_compat.restore_functions()
+    kernel_parsing.restore_functions()
     running = taichi_compat.running_program()
     if running is not None:
         _ended = weakref.ref(running)

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene.keys import Key, Keyframes, Pins, Section, Vec3, keys_of, range_text, types_of
+from taichi_cloth.scene.keys import Key, Keyframes, Pins, Section, Vec3, keys_of, range_text, toml_value, types_of
 from taichi_cloth.scene.schema import Scene, sections
-from taichi_cloth.scene.toml_io import toml_value
 from taichi_cloth.system.errors import SceneError
 
 Write = Callable[[str | bytes], Path]

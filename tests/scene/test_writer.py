@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, key_table, scene_names, scene_to_toml
 from taichi_cloth.scene.collider_schema import Mesh, RoundCollider
-from taichi_cloth.scene.keys import Key, Keyframes, Section, Vec3, keys_of
+from taichi_cloth.scene.keys import Key, Keyframes, Section, Vec3, keys_of, toml_value
 from taichi_cloth.scene.schema import (
     COLLIDERS,
     GRID_KEYS,
@@ -27,7 +27,6 @@ from taichi_cloth.scene.schema import (
     Wind,
     sections,
 )
-from taichi_cloth.scene.toml_io import toml_value
 
 Write = Callable[[str | bytes], Path]
 

@@ -1,4 +1,4 @@
-"""The source cache: correct sources, of this package's kernels only, and only as long as the functions exist."""
+"""The parser of kernels: sources are correct, cached for this package only; trees are parsed once and left clean."""
 
 import ast
 import gc
@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import taichi as ti
 from taichi.lang import _wrap_inspect, kernel_impl
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
 
-from taichi_cloth.system import taichi_compat as source_cache
+from taichi_cloth.system import kernel_parsing
 from taichi_cloth.system import taichi_runtime as runtime
-from taichi_cloth.system.taichi_compat import SourceCache
+from taichi_cloth.system.kernel_parsing import SourceCache, SyntaxTrees
 
 
 @pytest.fixture
@@ -122,31 +122,120 @@ def test_compile_errors_show_the_same_lines(module: Callable[..., ModuleType], n
     runtime.start()
     outer = module(WRONG, name).outer
     cached = [message(outer) for _ in range(2)]
-    source_cache.restore_functions()
+    kernel_parsing.restore_functions()
     assert cached == [message(outer)] * 2
     assert "            missing)\n" in cached[0]
 
 
-def test_positions_are_composed_once(module: Callable[..., ModuleType]) -> None:
+def test_unsupported_nodes_are_refused_in_the_same_words(module: Callable[..., ModuleType]) -> None:
+    runtime.start()
+    text = (
+        "import taichi as ti\n@ti.kernel\ndef outer() -> int:\n    try:\n        a = 1\n    finally:\n        a = 2\n"
+    )
+    outer = module(text).outer
+    cached = message(outer)
+    kernel_parsing.restore_functions()
+    assert cached == message(outer)
+    assert 'Unsupported node "Try"' in cached
+
+
+def nodes(tree: ast.AST) -> list[dict[str, Any]]:
+    return [dict(vars(node)) for node in ast.walk(tree)]
+
+
+def test_a_tree_is_parsed_once_and_given_out_clean(module: Callable[[str], ModuleType]) -> None:
+    runtime.start()
+    trees, text = SyntaxTrees(), "@marked\ndef f():\n    return a.b + 1\n"
+    context = SimpleNamespace(func=SimpleNamespace(func=module("def f(): pass\n").f), file="f.py", lineno_offset=6)
+    tree = trees.parse(text)
+    clean = nodes(tree)
+    assert ast.dump(tree) == ast.dump(ast.parse(text))
+    assert trees.parse(text) is not tree  # that one is in use
+
+    def transform(tree: Any, context: Any) -> str:
+        tree.body[0].decorator_list = []
+        for node in ast.walk(tree):
+            node.ptr = object()  # type: ignore[attr-defined]
+        if context.file == "wrong.py":
+            raise ValueError("wrong")
+        info: str = ti.lang.impl.get_runtime().get_current_src_info()
+        return info
+
+    assert trees.transform(transform, tree, context) == 'File "f.py", line 7, in f:\n'
+    assert context.is_brief
+    assert nodes(tree) == clean
+    assert trees.parse(text) is tree
+    context.file = "wrong.py"
+    with pytest.raises(ValueError, match="wrong"):
+        trees.transform(transform, tree, context)
+    assert nodes(tree) == clean
+    assert trees.parse(text) is tree
+
+
+RECURSIVE = """
+import taichi as ti
+
+@ti.func
+def factorial(n: ti.template()):
+    result = 1
+    if ti.static(n > 1):
+        result = n * factorial(n - 1) + 0 * factorial(1)
+    return result
+
+@ti.kernel
+def outer(n: ti.template()) -> int:
+    return factorial(n)
+"""
+
+
+def test_a_function_that_inlines_itself_has_a_tree_for_each_call(module: Callable[..., ModuleType]) -> None:
+    runtime.start()
+    outer = module(RECURSIVE).outer
+    assert [outer(n) for n in (1, 4, 3, 5)] == [1, 24, 6, 120]
+
+
+def test_kernels_leave_nothing_in_their_trees(module: Callable[..., ModuleType]) -> None:
+    runtime.start()
+    field = ti.field(int, 3)
+    text = (
+        "import taichi as ti\n@ti.func\ndef inner(x: ti.template(), i):\n    return x[i] + 1\n"
+        "@ti.kernel\ndef outer(x: ti.template()):\n    for i in x:\n        x[i] = inner(x, i)\n"
+    )
+    module(text).outer(field)
+    assert field.to_numpy().tolist() == [1, 1, 1]
+    trees = kernel_parsing._trees
+    assert not trees._used
+    free = [tree for same in trees._free.values() for tree in same]
+    assert any("outer" in ast.dump(tree) for tree in free)
+    assert not [node for tree in free for node in nodes(tree) if {"ptr", "caller"} & node.keys()]
+
+
+def test_positions_are_composed_once_for_each_function() -> None:
     composed: list[Any] = []
 
     def describe(context: Any, node: Any) -> str:
         composed.append(node)
         return f"line {node.lineno}"
 
-    cache = source_cache.PositionCache(describe)
+    position = kernel_parsing._positions(describe)
     first, other = ast.parse("a + b\nc").body
-    function = module("def f(): pass\n").f
-    context = SimpleNamespace(func=SimpleNamespace(func=function))
-    assert [cache(context, node) for node in (first, other, first)] == ["line 1", "line 2", "line 1"]
+    context, another = (SimpleNamespace(func=SimpleNamespace()) for _ in range(2))
+    assert [position(context, node) for node in (first, other, first)] == ["line 1", "line 2", "line 1"]
     assert len(composed) == 2
-    function.__code__ = module("def f(): return 1\n").f.__code__  # edited
-    cache(context, first)
+    position(another, first)
     assert len(composed) == 3
-    theirs = SimpleNamespace(func=SimpleNamespace(func=module("def f(): pass\n", "notebook").f))
-    for _ in range(2):
-        cache(theirs, first)
-    assert len(composed) == 5
+
+
+def test_positions_are_composed_for_functions_of_users_and_in_debug_mode(module: Callable[..., ModuleType]) -> None:
+    text = "import taichi as ti\n@ti.kernel\ndef outer() -> int:\n    return 1 + 2\n"
+    composed: list[bool] = []
+    for debug, name in ((False, "taichi_cloth.edited"), (False, "notebook"), (True, "taichi_cloth.edited")):
+        runtime.start(debug=debug)
+        outer = module(text, name).outer
+        assert outer() == 3
+        composed.append(len(vars(outer._primal).get("positions", {})) > 1)
+    runtime.start()
+    assert composed == [False, True, True]
 
 
 def test_stop_restores_taichi() -> None:
@@ -154,13 +243,17 @@ def test_stop_restores_taichi() -> None:
     places = [
         (kernel_impl, "getsourcefile"),
         (kernel_impl, "getsourcelines"),
+        (kernel_impl, "textwrap"),
+        (kernel_impl, "ast"),
+        (kernel_impl, "transform_tree"),
+        (Builder, "__call__"),
         (ASTTransformerContext, "get_pos_info"),
     ]
     usual = [getattr(*place) for place in places]
     assert usual[:2] == [_wrap_inspect.getsourcefile, _wrap_inspect.getsourcelines]
     for _ in range(2):
         runtime.start()
-        source_cache.install_source_cache()
+        kernel_parsing.replace_parser()
         assert not {id(getattr(*place)) for place in places} & set(map(id, usual))
         runtime.stop()
         assert [getattr(*place) for place in places] == usual

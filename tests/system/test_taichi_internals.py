@@ -16,10 +16,11 @@ from taichi_cloth.kernels import tensor_fields
 from taichi_cloth.scene.schema import Cloth, Scene, Solver, Wind
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import graph_runner
-from taichi_cloth.system import taichi_compat
+from taichi_cloth.system import kernel_parsing, taichi_compat
 from taichi_cloth.system import taichi_runtime as runtime
 from taichi_cloth.system.errors import UsageError
-from taichi_cloth.system.taichi_compat import CACHE, GRAPHS, LOOPS, PROGRAM, SIMD, SOURCES, InternalUse
+from taichi_cloth.system.kernel_parsing import LOOPS, SOURCES
+from taichi_cloth.system.taichi_compat import CACHE, GRAPHS, PROGRAM, SIMD, InternalUse
 
 pytestmark = pytest.mark.bounds
 
@@ -115,17 +116,17 @@ def test_graphs_and_single_launches_give_the_same_motion(
 def test_kernels_are_parsed_without_the_source_cache(
     name: str, unchecked: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    taichi_compat.restore_functions()
+    kernel_parsing.restore_functions()
     originals = [taichi_compat.find_internal(n) for n in SOURCES.names]
     without(monkeypatch, name)
-    taichi_compat.install_source_cache()
+    kernel_parsing.replace_parser()
     monkeypatch.undo()
     try:
         assert [taichi_compat.find_internal(n) for n in SOURCES.names] == originals
         line = f"taichi-cloth: Taichi has no {name}: startup takes a second longer\n"
         assert capsys.readouterr().err == line
     finally:
-        taichi_compat.install_source_cache()
+        kernel_parsing.replace_parser()
 
 
 @names(LOOPS)

@@ -13,7 +13,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene
 from taichi_cloth.scene.schema import Cloth, SelfCollision, Solver
 from taichi_cloth.simulation.simulation import Simulation
-from taichi_cloth.system import taichi_compat as source_cache
+from taichi_cloth.system import kernel_parsing
 from taichi_cloth.system import taichi_runtime as runtime
 from taichi_cloth.system.errors import UsageError
 
@@ -101,7 +101,7 @@ def test_an_unknown_option_is_refused_and_taichi_starts_again() -> None:
 def test_kernel_sources_are_found_in_the_cache() -> None:
     with Simulation(load_scene("curtain", rows=4, columns=5), "serial") as simulation:
         simulation.step()
-    hits, misses = source_cache.cache_hits_and_misses()
+    hits, misses = kernel_parsing.cache_hits_and_misses()
     assert hits > misses > 30
 
 
