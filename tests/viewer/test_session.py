@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import taichi as ti
+from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
 
-from taichi_cloth.export.clip import export_snapshot
 from taichi_cloth.geometry.obj_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
@@ -24,157 +22,12 @@ from taichi_cloth.simulation.copies import Copy, FrameError, FrameErrorMeter, Fr
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer.capture import Capture
-from taichi_cloth.viewer.dragging import Target
 from taichi_cloth.viewer.error_process import Answer, ErrorProcess, error_lines
 from taichi_cloth.viewer.input import HELD_KEY_RATES, REWIND_RATES, SHORTCUTS, Refusal
 from taichi_cloth.viewer.panel import statistics
 from taichi_cloth.viewer.session import Session
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
-
-SIZE = (1280, 720)
-ASPECT = SIZE[0] / SIZE[1]
-
-
-@pytest.fixture
-def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
-    monkeypatch.chdir(tmp_path)  # meshes are exported there
-    session = Session(load_scene("curtain"), export=export_snapshot)
-    yield session
-    session.close()
-
-
-def point(session: Session, cursor: tuple[float, float], *buttons: str, **more: Any) -> None:
-    session.on_pointer(cursor, frozenset(buttons), SIZE, **{"on_panel": False, "widget_changed": False, **more})
-
-
-def cursor_on(session: Session, particle: int) -> tuple[float, float]:
-    u, v = session.camera.to_screen(session.simulation.positions()[particle], ASPECT)[0][0]
-    return float(u), float(v)
-
-
-PARTICLE = 18 * 30 + 26  # of the curtain, at the lower right: nothing hides it at the start
-
-
-def grabbed(session: Session) -> int | None:
-    """Return the particle that is dragged, or None."""
-    particles = session.simulation.grabbed
-    return int(particles[0]) if len(particles) else None
-
-
-def grab(session: Session) -> tuple[float, float]:
-    """Press the left button on the particle. Return its screen point."""
-    cursor = cursor_on(session, PARTICLE)
-    point(session, cursor, "left")
-    assert grabbed(session) == PARTICLE
-    return cursor
-
-
-def test_a_press_grabs_the_particle_under_the_cursor_and_the_release_releases_it(session: Session) -> None:
-    grab(session)
-    point(session, (0.2, 0.2), "left")
-    session.advance(1)
-    assert cursor_on(session, PARTICLE) == pytest.approx((0.2, 0.2), abs=2e-3)
-    point(session, (0.2, 0.2))
-    assert grabbed(session) is None
-
-
-def cursor_at(session: Session, point: Any) -> tuple[float, float]:
-    u, v = session.camera.to_screen(np.array([point]), ASPECT)[0][0]
-    return float(u), float(v)
-
-
-def ball_of(session: Session) -> np.ndarray:
-    return session.simulation.colliders()[0].center
-
-
-def clear_ball(session: Session) -> np.ndarray:
-    """Move the ball of the curtain beside the cloth, and return its center."""
-    session.simulation.move_collider(0, (2.6, 1.0, 0.5))
-    session.simulate(1)
-    return ball_of(session)
-
-
-def test_a_sphere_can_be_dragged_and_stays_where_it_is_released(session: Session) -> None:
-    center = clear_ball(session)
-    start = cursor_at(session, center)
-    point(session, start)
-    point(session, start, "left")
-    assert session.pointer.owner is Target.CLOTH
-    assert grabbed(session) is None  # no cloth
-    goal = center + [-0.3, 0.2, 0.0]
-    for _ in range(30):
-        point(session, cursor_at(session, goal), "left")
-        session.simulate(1)
-    depth = session.camera.to_screen(np.array([center, ball_of(session)]), ASPECT)[1]
-    assert depth[1] == pytest.approx(depth[0], abs=1e-3)  # on a plane parallel to the image
-    assert cursor_at(session, ball_of(session)) == pytest.approx(cursor_at(session, goal), abs=1e-3)
-    point(session, cursor_at(session, goal))
-    released = ball_of(session)
-    session.simulate(1)
-    assert np.linalg.norm(ball_of(session) - released) < 0.05  # it continues its own slow motion
-    assert session.dragger.drag is None
-
-
-def test_a_dragged_sphere_moves_by_at_most_its_radius_in_a_frame(session: Session) -> None:
-    center = clear_ball(session)
-    start, radius = cursor_at(session, center), session.simulation.colliders()[0].size[0]
-    point(session, start)
-    point(session, start, "left")
-    point(session, cursor_at(session, center + [0.0, 2.0, 0.0]), "left")
-    for _ in range(12):
-        before = ball_of(session)
-        session.simulate(1)
-        assert np.linalg.norm(ball_of(session) - before) < 1.001 * radius
-    assert ball_of(session)[1] == pytest.approx(3.0, abs=0.05)  # and arrives
-
-
-def test_a_reset_ends_the_drag_of_a_sphere(session: Session) -> None:
-    home = ball_of(session)
-    center = clear_ball(session)
-    point(session, cursor_at(session, center))
-    point(session, cursor_at(session, center), "left")
-    assert session.dragger.drag is not None
-    session.simulation.reset()
-    assert session.dragger.drag is None
-    assert ball_of(session) == pytest.approx(home)
-
-
-def test_a_drag_of_a_sphere_can_be_undone(session: Session) -> None:
-    center = clear_ball(session)
-    point(session, cursor_at(session, center))
-    point(session, cursor_at(session, center), "left")
-    for _ in range(5):
-        point(session, cursor_at(session, center + [0.5, 0.0, 0.0]), "left")
-        session.simulate(1)
-    point(session, cursor_at(session, center))
-    session.undo()
-    assert ball_of(session) == pytest.approx(center, abs=0.02)
-
-
-def test_cloth_in_front_of_a_sphere_is_grabbed_first(session: Session) -> None:
-    x = session.simulation.positions()
-    session.simulation.move_collider(0, x[PARTICLE] - [0.0, 0.0, 1.0])
-    session.simulate(1)
-    cursor = cursor_on(session, PARTICLE)
-    point(session, cursor)
-    point(session, cursor, "left")
-    assert grabbed(session) is not None
-
-
-def test_a_drag_is_the_same_on_a_slow_and_a_fast_display() -> None:
-    after = []
-    for displayed, frames in ((12, 1), (4, 3)):
-        session = Session(load_scene("curtain"))
-        u, v = grab(session)
-        for k in range(1, displayed + 1):
-            point(session, (u + 0.1 * k / displayed, v), "left")
-            session.advance(frames)
-        point(session, (u + 0.1, v))
-        session.advance(3)
-        after.append(session.simulation.positions())
-        session.close()
-    assert after[0] == pytest.approx(after[1], abs=1e-4)
 
 
 def test_a_frozen_cloth_moves_only_by_steps(session: Session) -> None:
@@ -188,22 +41,6 @@ def test_a_frozen_cloth_moves_only_by_steps(session: Session) -> None:
     session.act("step")  # also freezes
     assert session.frozen
     assert session.simulation.frame == 4
-
-
-@pytest.mark.parametrize("action", ["reset", "next_scene"])
-def test_a_reset_and_another_scene_release_the_grab(session: Session, action: str) -> None:
-    cursor = grab(session)
-    session.act(action)
-    assert grabbed(session) is None
-    point(session, cursor, "left")  # the button is still down
-    assert grabbed(session) is None
-    assert session.pointer.owner is Target.NOTHING
-
-
-def test_a_widget_that_changes_releases_the_grab(session: Session) -> None:
-    cursor = grab(session)
-    point(session, cursor, "left", widget_changed=True)
-    assert grabbed(session) is None
 
 
 def test_reset_keeps_runtime_parameters(session: Session) -> None:
@@ -351,76 +188,6 @@ def test_an_unsupported_solver_is_skipped_with_a_note() -> None:
 
 
 # -- grab radius, pins, fabrics and features -------------------------------------------------------------------------
-
-
-def test_the_grab_radius_selects_one_particle_or_a_patch(session: Session) -> None:
-    grab(session)
-    assert len(session.simulation.grabbed) == 1
-    point(session, (0.1, 0.1))
-    for _ in range(3):
-        session.act("larger_radius")
-    grab(session)
-    assert len(session.simulation.grabbed) == 5  # 0.087 m · 1.25³, and cells of 0.15 m
-    point(session, (0.1, 0.1))
-    for _ in range(20):
-        session.act("smaller_radius")
-    assert session.grab_radius == 0.0
-    session.act("larger_radius")
-    assert 0 < session.grab_radius < session.default_grab_radius
-    for _ in range(40):
-        session.act("larger_radius")
-    assert session.grab_radius == session.max_grab_radius
-
-
-def test_the_cloth_can_be_grabbed_from_behind_and_while_it_is_frozen(session: Session) -> None:
-    session.act("freeze")
-    front = session.camera.eye[2]
-    while session.camera.eye[2] > -0.8 * front:
-        session.camera.orbit(0.05, 0.0)
-    cursor = cursor_on(session, PARTICLE)
-    point(session, cursor, "left")
-    assert grabbed(session) == PARTICLE
-    before = session.simulation.positions()
-    point(session, (cursor[0] + 0.05, cursor[1]), "left")
-    session.advance(3)
-    assert (session.simulation.positions() == before).all(), "frozen cloth moved"
-    session.act("step")
-    assert cursor_on(session, PARTICLE) == pytest.approx((cursor[0] + 0.05, cursor[1]), abs=2e-3)
-
-
-def test_pin_toggles_the_particle_under_the_cursor(session: Session) -> None:
-    cursor = cursor_on(session, PARTICLE)
-    point(session, cursor)
-    session.act("pin")
-    assert session.simulation.added_pins.tolist() == [PARTICLE]
-    pinned_at = session.simulation.positions()[PARTICLE]
-    session.advance(5)
-    assert (session.simulation.positions()[PARTICLE] == pinned_at).all()
-    session.act("pin")
-    assert not session.simulation.topology.pinned[PARTICLE]
-    point(session, cursor_on(session, 3))
-    session.act("pin")
-    assert not session.simulation.topology.pinned[3], "a pin of the scene was not removed"
-    session.act("reset")
-    assert session.simulation.topology.pinned[3]
-
-
-@pytest.mark.parametrize("on_panel", [True, False])
-def test_pin_beside_the_cloth_pins_nothing_with_a_note(session: Session, on_panel: bool) -> None:
-    point(session, cursor_on(session, PARTICLE) if on_panel else (0.02, 0.02), on_panel=on_panel)
-    session.act("pin")
-    assert session.note == "nothing to pin: no cloth under the cursor"
-    assert len(session.simulation.added_pins) == 0
-
-
-def test_pin_pins_the_dragged_particle_where_it_is_dragged(session: Session) -> None:
-    grab(session)
-    session.act("pin")
-    point(session, (0.3, 0.3), "left")
-    session.advance(1)
-    point(session, (0.3, 0.3))
-    session.advance(5)
-    assert cursor_on(session, PARTICLE) == pytest.approx((0.3, 0.3), abs=2e-3)
 
 
 def test_fabrics_cycle(session: Session) -> None:
@@ -660,19 +427,6 @@ def test_holding_a_key_goes_back_in_time_and_forward_again(session: Session) -> 
     session.capture.clip_is_on = False
 
 
-def test_pins_within_the_grab_radius_change_together(session: Session) -> None:
-    flat = session.simulation.topology.flat
-    distances = np.linalg.norm(flat - flat[PARTICLE], axis=1)
-    session.grab_radius = 1.5 * np.sort(distances)[1]
-    session.pin(PARTICLE)
-    pins = session.simulation.added_pins
-    near = np.flatnonzero(distances <= session.grab_radius)
-    assert len(pins) > 3
-    np.testing.assert_array_equal(pins, near)
-    session.pin(PARTICLE)
-    assert session.simulation.added_pins.tolist() == []
-
-
 def test_the_view_error_shows_what_was_measured(session: Session) -> None:
     session.view = "error"
     session.draw_list.update("error", session.camera.eye)
@@ -794,16 +548,6 @@ def test_a_hidden_panel_hides_no_note(session: Session) -> None:
     session.act("undo")
     assert session.caption == [session.note]
     assert session.note.startswith("nothing to undo")
-
-
-def test_a_drag_to_a_point_beyond_all_coordinates_ends_at_the_last_one(session: Session) -> None:
-    u, v = session.camera.to_screen(session.simulation.positions()[PARTICLE], ASPECT)[0][0]
-    size = (round(100 * ASPECT), 100)
-    assert session.dragger.begin(session.camera, (float(u), float(v)), size, 0.0)
-    session.camera.target = session.camera.target + np.array([3e6, 0.0, 0.0])
-    session.dragger.follow(session.camera, (float(u), float(v)), size)
-    target = session.simulation.grabs[0].target
-    assert np.abs(target).max() == 1e6
 
 
 def test_the_error_before_a_change_is_shown_until_the_next_is_measured(session: Session) -> None:
