@@ -155,7 +155,7 @@ class Panel:
                 session.speed = name
             else:
                 session.choose(kind, name)
-        gui.text(textwrap.shorten(description(session, kind), LINE_LENGTH, placeholder=" …"))
+        gui.text(textwrap.shorten(description(session, kind), LINE_LENGTH, placeholder=" ..."))  # the font has no "…"
         return bool(pressed)
 
     def _sliders_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
