@@ -14,7 +14,7 @@ import pytest
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench.error_sweep import Curtain, curtain_solution
-from taichi_cloth.evaluation.validate import check, references, strand, swing
+from taichi_cloth.evaluation.validate import check, hanging, references, strand, swing
 from taichi_cloth.evaluation.validate import validation_report as report
 from taichi_cloth.evaluation.validate.check import (
     EXCELLENT,
@@ -233,6 +233,25 @@ def test_a_wrong_spring_constant_falls_short(monkeypatch: pytest.MonkeyPatch) ->
         "taichi_cloth.simulation.builder.spring_stiffness", lambda *arguments: 1.01 * spring_stiffness(*arguments)
     )
     assert measure(BY_NUMBER["A2.2"], "explicit")[0].verdict == FAIL
+
+
+def test_a_wrong_spring_constant_changes_the_damping(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "taichi_cloth.simulation.builder.spring_stiffness", lambda *arguments: 1.01 * spring_stiffness(*arguments)
+    )
+    rows = [swing.numerical_damping("xpbd", "", 1000.0, substeps) for substeps in (4, 16)]
+    assert [row.verdict for row in rows] == [FAIL, FAIL]
+
+
+def test_a_wrong_coefficient_or_sag_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads = hanging.threads("xpbd", 32)
+    assert [hanging.stretch_row("", threads, c).verdict for c in (0.5, 0.54, 0.46)] == [EXCELLENT, FAIL, FAIL]
+    assert hanging.discrete_sag("", "explicit", 32).verdict == EXCELLENT
+    constant = hanging.strip_constant
+    monkeypatch.setattr(hanging, "strip_constant", lambda simulation: 0.05 * constant(simulation))
+    row = hanging.discrete_sag("", "explicit", 32)
+    assert row.verdict == FAIL
+    assert row.limit is None
 
 
 def test_too_few_iterations_to_carry_a_force_to_the_pin_fall_short(monkeypatch: pytest.MonkeyPatch) -> None:

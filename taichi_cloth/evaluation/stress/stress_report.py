@@ -29,7 +29,7 @@ LEGEND = (
     "Worst values of all starts that ran; starts after the first failure of a variant are skipped. Energy: excess\n"
     "over that at the start and the work done since, relative to the available energy · strain of structural springs\n"
     "· speed [m/s] · depth of the deepest free particle in a collider [mm] · ms: median of a frame · other: values\n"
-    "that the case records, with bounds, and notes · 1 again: the present version repeated the last start only"
+    "that the case records, with bounds, and notes · 1 again: a later version repeated the last start only"
 )
 
 
