@@ -1,4 +1,7 @@
-"""Metadata of scene keys, and checks against it: values (type, range, choices), tables of keys, and sections; TOML."""
+"""Metadata of scene keys, and checks against it: values (type, range, choices), tables of keys, and sections.
+
+Also parses TOML, and writes values in its syntax.
+"""
 
 from __future__ import annotations
 
