@@ -1,4 +1,4 @@
-"""Taichi is restarted for every test module: one process cannot hold the field trees of the whole suite.
+"""One Taichi runs the tests of many modules, because a restart would compile all kernels again.
 
 Two processes share the tests (`pyproject.toml`). A module stays in one of them, so that a kernel is compiled once. The
 modules that took longest in the last run start first, so that both processes end at nearly the same time.
@@ -9,11 +9,15 @@ from __future__ import annotations
 import signal
 from collections import Counter
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from taichi_cloth.system import taichi_runtime as runtime
+
+if TYPE_CHECKING:
+    from taichi_cloth.system.taichi_compat import ProgramRef
 
 # The time of an example has no meaning on a shared machine.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -64,15 +68,29 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         cache.set(DURATIONS, last_durations(session.config) | _seconds)
 
 
+FIELD_TREES = 128  # restart Taichi above it: a process holds 512 trees, and a module needs less than half of them
+_kept: tuple[tuple[str, int], ProgramRef] | None = None  # options of the Taichi of the last module, and its program
+
+
 @pytest.fixture(autouse=True, scope="module")
-def taichi(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Run the tests of a module in a Taichi of their own, on one thread.
+def taichi(request: pytest.FixtureRequest) -> None:
+    """Run the tests of a module in a Taichi on one thread.
 
     Two processes run tests, and two threads in each would wait for the other process's: twice the time on two cores. On
     one thread, loops of the parallel layout are serial. A module that defines `CPU_THREADS` gets so many.
     """
-    threads = getattr(request.module, "CPU_THREADS", 1)
-    runtime.start(request.config.getoption("--arch"), random_seed=0, cpu_max_num_threads=threads)
+    from taichi_cloth.system.taichi_compat import ProgramRef, running_program
+
+    global _kept
+    options = request.config.getoption("--arch"), getattr(request.module, "CPU_THREADS", 1)
+    same = _kept is not None and _kept[0] == options and _kept[1].runs()
+    if not same or running_program().get_snode_tree_size() > FIELD_TREES:
+        runtime.start(options[0], random_seed=0, cpu_max_num_threads=options[1])
+        _kept = options, ProgramRef()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def end_of_taichi() -> Iterator[None]:
     yield
     runtime.stop()
 

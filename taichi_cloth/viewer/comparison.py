@@ -36,6 +36,7 @@ from .window import (
     WINDOW_POSITION,
     WINDOW_TITLE,
     FrameLog,
+    Idle,
     held_buttons,
     press_keys,
     pressed_keys,
@@ -232,12 +233,15 @@ def loop(
     canvas, gui, clock = window.get_canvas(), window.get_gui(), FrameClock(time.perf_counter())
     rendered_size, renderer = ((0, 0), 0), None  # of the window and the panel's column, that the renderer was made for
     lines: list[str] = []
-    displayed, updated, draw_ms = 0, 0.0, 0.0
+    displayed, updated, draw_ms, idle = 0, 0.0, 0.0, Idle()
     while window.running and comparison.running and displayed != frames:
         now = time.perf_counter()
         due = clock.due(now)
         keys = pressed_keys(window)
         size, cursor = window_size(window, panel.window_size), window.get_cursor_pos()
+        if idle.has_nothing_new(now, comparison.left, (size, cursor, held_buttons(window), keys, comparison.note)):
+            updated = now
+            continue
         if now - updated > STATISTICS_EVERY:
             comparison.measure()
             lines, updated = statistics(comparison, draw_ms), now

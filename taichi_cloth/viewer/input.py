@@ -379,10 +379,9 @@ class Progress(str):
     """A note about what is going on."""
 
 
+FROZEN_DRAG = "frozen: press Space, and what you drag follows the mouse"
 UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
-NOTHING_TO_UNDO = (
-    "nothing to undo: no grab or pin since the start or the last change of scene, solver, fabric or features"
-)
+NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or a change of scene, solver, fabric or features"
 
 
 def display_name(section: str) -> str:

@@ -1,7 +1,4 @@
-"""A session: one running scene with camera, grabs, recording and captures, and the actions of keys, mouse and panel.
-
-It uses no UI toolkit and needs no display.
-"""
+"""A session: a running scene with camera, grabs, recording and the actions of keys and mouse. It needs no display."""
 
 from __future__ import annotations
 
@@ -33,6 +30,7 @@ from .error_process import ErrorProcess
 from .input import (
     ACTIONS,
     COMPILING_ACTIONS,
+    FROZEN_DRAG,
     HELD_KEY_RATES,
     NEIGHBORS,
     NOTHING_TO_UNDO,
@@ -282,18 +280,20 @@ class Session:
         gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
         self.camera.orbit(*gesture.orbit)
         self.camera.zoom(gesture.zoom)
-        if gesture.press:
-            self._grab(cursor, size)
+        if gesture.press and not self.begin_drag(self.dragger, self.camera, cursor, size):
+            self.pointer.orbit_instead()
         if gesture.release:
             self.dragger.end()
             self.pointer.ignore()
         self.dragger.follow(self.camera, cursor, size)
 
-    def _grab(self, cursor: tuple[float, float], size: tuple[int, int]) -> None:
-        if self.dragger.begin(self.camera, cursor, size, self.grab_radius):
+    def begin_drag(self, dragger: Dragger, camera: OrbitCamera, cursor: Cursor, size: Size) -> bool:
+        """Grab what is under a cursor, as `Dragger.begin` does. Return whether there is something."""
+        found = dragger.begin(camera, cursor, size, self.grab_radius)
+        if found:
             self.rewind_buffer.mark()
-        else:
-            self.pointer.orbit_instead()
+            self.note = Refusal(FROZEN_DRAG) if self.frozen else self.note
+        return found
 
     def pin_under_cursor(self) -> None:
         """Pin the dragged particle, or else the one under the cursor; unpin it if it is pinned."""

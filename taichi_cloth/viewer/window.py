@@ -178,7 +178,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     camera: OrbitCamera | None = None
     compiling = Progress(f"{session.simulation.scene.name}: compiling")  # the first frame
     session.note = session.note or compiling
-    memory = MemoryWatch()
+    memory, idle = MemoryWatch(), Idle()
     # Text of the statistics; time [s] and number of displayed frames at its last update.
     text, updated, displayed_before = "", 0.0, 0
     while window.running and session.running and displayed != frames:
@@ -187,13 +187,16 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         size = window_size(window, panel.window_size)
         keys = pressed_keys(window)
         cursor = window.get_cursor_pos()
+        if idle.has_nothing_new(now, session, (size, cursor, held_buttons(window), keys)):
+            updated, displayed_before = now, displayed
+            continue
 
         if now - updated > STATISTICS_EVERY:
             if not session.charts:
                 session.measure()
             text = statistics(session, draw_ms, (displayed - displayed_before) / (now - updated))
             updated, displayed_before = now, displayed
-            session.note = memory.warning() or session.note
+            session.note = session.note or memory.warning()
 
         press_keys(window, session, keys, min(clock.elapsed, MAX_HOLD_SECONDS))
         widget_used = not session.hidden and panel.draw(gui, session, text)
@@ -226,6 +229,31 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         window.show()
         displayed += 1
         session.run_deferred()
+
+
+class Idle:
+    """Tells when a frozen window need not be drawn: a software Vulkan driver needs a core for it, and takes memory."""
+
+    AFTER = 1.0  # [s] without anything new: widgets change colors for a moment after the mouse was there
+    REDRAW_EVERY = 0.5  # [s] another window may have covered it
+    SLEEP = 0.02  # [s] between two looks at the input
+
+    def __init__(self) -> None:
+        self._seen: object = None
+        self._new_since = self._drawn = 0.0  # [s]
+
+    def has_nothing_new(self, now: float, session: Session, user: object) -> bool:
+        """Return whether the picture at `now` [s] would be the last one again; then sleep. `user`: all input."""
+        measured = session.frame_error and session.frame_error.frame
+        view = *session.camera.eye, *session.camera.target
+        seen = user, session.frozen, session.simulation.frame, view, session.note, measured
+        if seen != self._seen or not session.frozen:
+            self._seen, self._new_since = seen, now
+        if now - self._new_since < self.AFTER or now - self._drawn > self.REDRAW_EVERY:
+            self._drawn = now
+            return False
+        time.sleep(self.SLEEP)
+        return True
 
 
 # -- input -------------------------------------------------------------------------------------------------------------

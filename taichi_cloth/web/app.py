@@ -110,12 +110,10 @@ class CommandHandler:
             self._reply(client, {"kind": "reply", "grabbed": False, "note": f"all {MAX_GRABS} grabs are in use"})
             return
         number = min(free)
-        grabbed = self.session.dragger_of(number).begin(
-            self._camera(view), view.cursor, view.size, self.session.grab_radius
-        )
+        dragger = self.session.dragger_of(number)
+        grabbed = self.session.begin_drag(dragger, self._camera(view), view.cursor, view.size)
         if grabbed:
             self._grabs[client] = number
-            self.session.rewind_buffer.mark()
         self._reply(client, {"kind": "reply", "grabbed": grabbed})
 
     def _camera(self, view: PageView) -> OrbitCamera:

@@ -204,7 +204,6 @@ READERS = {
 # The view in the statistics, which a page replaces with its own.
 PAGE_VIEW = "{view}"
 NOTE_KINDS = {Refusal: "refusal", Progress: "progress", str: "success"}
-STRAIN_COLORS = 129  # colors of the strain scale, from shortened to stretched
 SLIDER_STEPS = 400  # of a slider over its range
 
 
@@ -249,8 +248,8 @@ class MessageBuilder:
         owner, colors, corners = merge_vertices(topology.triangles, pattern_colors(topology, scene.look))
         solid_heads, solid_vertices, solid_corners = self._solids.pack()
         springs = topology.family_counts.get("structural", 0) or topology.spring_count
-        strains, scale = np.linspace(-FULL_STRAIN, FULL_STRAIN, STRAIN_COLORS), np.zeros((STRAIN_COLORS, 3), np.float32)
-        strain_colors(strains.astype(np.float32), scale)
+        scale = np.zeros((3, 3), np.float32)
+        strain_colors(np.array([-FULL_STRAIN, 0.0, FULL_STRAIN], np.float32), scale)
         head = {
             "kind": "scene",
             "sceneId": self.scene_id,

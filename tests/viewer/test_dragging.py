@@ -24,6 +24,18 @@ def test_a_press_grabs_the_particle_under_the_cursor_and_the_release_releases_it
     assert grabbed(session) is None
 
 
+@pytest.mark.parametrize("what", ["cloth", "ball"])
+def test_a_drag_while_frozen_says_when_it_moves(session: Session, what: str) -> None:
+    start = cursor_on(session, PARTICLE) if what == "cloth" else cursor_at(session, clear_ball(session))
+    session.frozen = True
+    point(session, start)
+    point(session, start, "left")
+    assert session.note == "frozen: press Space, and what you drag follows the mouse"
+    session.act("freeze")
+    assert session.note == ""
+    assert session.dragger.drag is not None
+
+
 def cursor_at(session: Session, point: Any) -> tuple[float, float]:
     u, v = session.camera.to_screen(np.array([point]), ASPECT)[0][0]
     return float(u), float(v)

@@ -10,6 +10,8 @@ import pytest
 from chromium import Browser, chromium
 from server import Server
 
+from taichi_cloth.render.shading import FULL_STRAIN, strain_colors
+
 SIZE = 1100, 620  # [pixels] space for the panel and the cloth beside it
 POSITIONS = "Array.from(cloth.positions)"
 # The screen point of a position [pixels].
@@ -290,6 +292,19 @@ def test_the_strain_view_has_colors_and_a_scale(page: Browser) -> None:
     assert np.abs(after.astype(int) - before).mean() > 5
     page.value("setView('shaded')")
     page.until("shownView === 'shaded' && find('.scale').hidden")
+
+
+def test_the_page_colors_a_strain_as_the_window_does(page: Browser) -> None:
+    strains = np.array([-0.3, -0.1, -0.03, -0.001, 0.0, 0.0004, 0.002, 0.05, 0.1, 2.0], np.float32)
+    expected = np.zeros((len(strains), 3), np.float32)
+    strain_colors(strains, expected)
+    found = page.value(f"""{(strains / FULL_STRAIN).tolist()}.map((fraction) => {{
+      const colors = new Uint8Array(3);
+      writeScaleColor(colors, 0, fraction);
+      return [...colors];
+    }})""")
+    assert np.array(found) == pytest.approx(255 * expected, abs=1)
+    assert found[5] != found[4], "0.04 % is visible"
 
 
 def test_the_error_view_has_colors_and_a_scale_once_it_is_measured(page: Browser) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.viewer.input import HELP, MENU, PAGES
 from taichi_cloth.viewer.panel import PANEL_HEIGHT, PANEL_MARGIN, PANEL_NAME, PANEL_WIDTH
 from taichi_cloth.viewer.toolkit import saved_panel_rect
-from taichi_cloth.viewer.window import WINDOW_POSITION
+from taichi_cloth.viewer.window import WINDOW_POSITION, Idle
 
 Start = Callable[..., Any]
 
@@ -379,6 +380,23 @@ def test_keys_run_their_actions(open_window: Start) -> None:
         changed = app.wait_until(lambda line, name=name: line["solver"] == name, f"the solver {name}")
         app.wait_until(lambda line, since=changed: line["frame"] > since["frame"] + 5, f"frames with {name}")
         assert app.latest_entry()["max_strain"] < 1.0
+
+
+def test_a_frozen_window_is_seldom_drawn_and_awakes_at_a_key(open_window: Start) -> None:
+    app = open_window("curtain")
+    app.press_key("space")
+    app.wait_until(lambda line: line["frozen"], "freeze")
+    seen: list[float] = []
+
+    def is_idle(line: dict[str, Any]) -> bool:
+        seen.append(time.monotonic())
+        return len(seen) > 3 and min(np.diff(seen[-4:])) > 0.8 * Idle.REDRAW_EVERY
+
+    app.wait_until(is_idle, "an idle window")
+    app.press_key("space")
+    app.wait_until(lambda line: not line["frozen"], "resuming")
+    frame = app.latest_entry()["frame"]
+    app.wait_until(lambda line: line["frame"] > frame, "motion")
 
 
 def test_the_camera_moves_and_the_window_can_be_resized(open_window: Start) -> None:
