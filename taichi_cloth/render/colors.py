@@ -165,7 +165,7 @@ def text_rectangles(text: str, left: float, top: float) -> NDArray[np.float64]:
 UNIT = 1 / 216  # [image heights] a pixel of a glyph
 STEPS = 40  # colors in the bar
 BAR_WIDTH, BAR_HEIGHT, MARGIN = 5, 80, 8  # [units]
-PADDING = 3  # [units] of the background around a centered scale
+PADDING = 3  # [units] of the background around a scale
 TEXT_COLOR = (0.22, 0.23, 0.25)
 MAX_RECTANGLES = 500  # of a scale
 
@@ -219,6 +219,13 @@ def legend_rectangles(scale: Scale) -> tuple[Rectangles, Rectangles]:
     return np.array([*bar, *ink]), np.concatenate([colors, np.tile(TEXT_COLOR, (len(ink), 1))])
 
 
+def with_background(rectangles: Rectangles, colors: Rectangles) -> tuple[Rectangles, Rectangles]:
+    """Return the rectangles of a scale and their colors with a white rectangle behind them, which comes first."""
+    left, top = rectangles[:, :2].min(axis=0) - PADDING
+    width, height = (rectangles[:, :2] + rectangles[:, 2:]).max(axis=0) + PADDING - (left, top)
+    return np.insert(rectangles, 0, (left, top, width, height), 0), np.insert(colors, 0, 1.0, 0)
+
+
 def draw_legend(image: Pixels, scale: Scale, *, is_centered: bool = False) -> Pixels:
     """Draw a scale into an image, uint8 (height, width, 3), at the right edge or centered, and return the image.
 
@@ -228,9 +235,8 @@ def draw_legend(image: Pixels, scale: Scale, *, is_centered: bool = False) -> Pi
     unit = max(1, round(UNIT * height))
     rectangles, colors = legend_rectangles(scale)
     if is_centered:
-        left, top = rectangles[:, :2].min(axis=0) - PADDING
-        width, depth = (rectangles[:, :2] + rectangles[:, 2:]).max(axis=0) + PADDING - (left, top)
-        rectangles, colors = np.insert(rectangles, 0, (left, top, width, depth), 0), np.insert(colors, 0, 1.0, 0)
+        rectangles, colors = with_background(rectangles, colors)
+        left, _, width, _ = rectangles[0]
         right = right // 2 - round(unit * (left + width / 2))
     for (left, top, w, h), color in zip(rectangles, colors, strict=True):
         x, y = (max(0, round(c)) for c in (right + unit * left, height / 2 + unit * top))
@@ -255,8 +261,8 @@ class WindowLegend:
         """
         if (scale, size, bottom) != self._laid_out_for:
             self._laid_out_for = scale, size, bottom
-            rectangles, colors = legend_rectangles(scale)
-            middle = max(0.5, bottom + UNIT * (BAR_HEIGHT + GLYPH_HEIGHT) / 2)
+            rectangles, colors = with_background(*legend_rectangles(scale))  # cloth may be behind it
+            middle = max(0.5, bottom + UNIT * ((BAR_HEIGHT + GLYPH_HEIGHT) / 2 + PADDING))
             left, top, w, h = rectangles.T
             x, x_end = (1 + UNIT * c * size[1] / size[0] for c in (left, left + w))
             y, y_end = (middle - UNIT * c for c in (top, top + h))
