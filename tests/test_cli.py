@@ -17,6 +17,7 @@ from PIL import Image
 from taichi_cloth import __main__ as cli
 from taichi_cloth import __version__
 from taichi_cloth.cli import scenes
+from taichi_cloth.cli.program import overrides
 from taichi_cloth.geometry import cloth_builder
 from taichi_cloth.render import sequence
 from taichi_cloth.system.console import count_noun
@@ -86,6 +87,16 @@ def test_an_invalid_command_is_one_line_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_several_keys_are_joined_by_commas() -> None:
+    found = overrides(["rows=20,wind_x = 2", "wind={x=1, z=6},gravity=3"], "--set")
+    assert found == {"rows": 20, "wind_x": 2, "wind": {"x": 1, "z": 6}, "gravity": 3}
+    assert overrides(["spheres=[{radius=1,center=[0,1,2]}],rows=3"], "--set") == {
+        "spheres": [{"radius": 1, "center": [0, 1, 2]}],
+        "rows": 3,
+    }
+    assert overrides(['file="a,b=c.obj"'], "--set") == {"file": "a,b=c.obj"}
+
+
 def test_list_prints_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -103,10 +114,12 @@ def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path.write_text("[cloth]\nrows = 7\ncolumns = 9\n")
     assert cli.main(["check", str(path), "twist", "denim"]) == 0
     mine, twist, denim = capsys.readouterr().out.splitlines()
-    assert mine.startswith(f"{path}: valid · 9×7 particles · 4.35×3.45 m · 300 springs · verlet 5×12 · about 0.")
+    assert mine.startswith(
+        f"{path}: valid · 9×7 particles · 4.35×3.45 m · 300 springs · 9 pins · verlet 5×12 · about 0."
+    )
     assert mine.endswith(" ms per frame of 16.7 ms")
     assert ", without self_collision, which may take longer than all else: --time measures a frame · " in twist
-    assert " · 16,002 springs and 23,938 bending links · lines 5×1 · " in denim
+    assert " · 16,002 springs and 23,938 bending links · 2 pins · lines 5×1 · " in denim
 
 
 @pytest.mark.parametrize(
@@ -156,7 +169,9 @@ def test_check_prints_every_mistake_of_every_file_and_counts_them(
     lines = captured.out.splitlines()
     assert lines[0] == "a b.toml: wnd: unknown key (did you mean 'wind'?)"
     assert lines[1] == "a b.toml: cloth.row: unknown key (did you mean 'rows'?)"
-    assert lines[2].startswith("curtain: valid · 30×24 particles · 4.35×3.45 m · 4,052 springs · verlet 5×12 · about ")
+    assert lines[2].startswith(
+        "curtain: valid · 30×24 particles · 4.35×3.45 m · 4,052 springs · 30 pins · verlet 5×12 · about "
+    )
     assert lines[3] == "ü.toml: wind.z: must be a number, got 'x'"
     assert lines[4].endswith("(did you mean 'curtain'?)")
     assert lines[5] == ".: is a folder, not a scene file"

@@ -113,7 +113,7 @@ def test_a_slider_of_the_panel_changes_the_motion(scene: Scene, tmp_path: Path) 
         with closing(Session(scene, out=tmp_path)) as session:
             assert has_default_layout(session.simulation)
             gui = FakeGui("Gravity", gravity)
-            assert Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, statistics(session, 12.3, 59.9))
+            assert Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, statistics(session, {"drawing": 12.3}, 59.9))
             session.run_deferred()
             assert session.simulation.params["gravity"] == gravity
             session.advance(10)

@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import io
 import os
+import re
 import signal
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -245,7 +246,7 @@ def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> 
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="scene key to override, such as wind.z=6; repeatable",
+        help="scene keys to override, such as wind.z=6 or rows=20,columns=30; repeatable",
     )
     parser.add_argument(
         "--without",
@@ -269,6 +270,28 @@ def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> 
     parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi backend")
 
 
+NEXT_KEY = re.compile(r",(?=\s*\w[\w.\[\]]*\s*=)")  # a comma before another key
+
+
+def overrides(texts: Iterable[str], option: str) -> dict[str, object]:
+    """Parse texts such as `solver=verlet,wind={x=1,z=6}`. Return values by key.
+
+    Raises SceneError, which names the `option`, for invalid text.
+    """
+    found: dict[str, object] = {}
+    for text in texts:
+        ends = [comma.start() for comma in NEXT_KEY.finditer(text) if is_outside_values(text[: comma.start()])]
+        starts = [0, *(end + 1 for end in ends)]
+        found |= (parse_override(text[a:b], option) for a, b in zip(starts, [*ends, len(text)], strict=True))
+    return found
+
+
+def is_outside_values(before: str) -> bool:
+    """Return whether a text ends outside all brackets and quotes."""
+    opened, closed = (sum(map(before.count, brackets)) for brackets in ("[{", "]}"))
+    return opened == closed and before.count('"') % 2 == 0
+
+
 SELECTED_KEYS = {key for name in ("substeps", "iterations") for key in (name, f"solver.{name}")}  # by --target-error
 
 
@@ -279,17 +302,17 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
     """
     from ..geometry.scene_loader import load_scene
 
-    overrides = dict(parse_override(text) for text in args.set)
+    changes = overrides(args.set, "--set")
     if args.solver:
-        overrides["solver"] = args.solver
-    scene = scene_without(load_scene(args.scene, **overrides), args.without)
+        changes["solver"] = args.solver
+    scene = scene_without(load_scene(args.scene, **changes), args.without)
     if args.target_error is None:
         return scene
     from ..simulation.error_estimate import settings_for_error
 
-    if selected := sorted(overrides.keys() & SELECTED_KEYS):
+    if selected := sorted(changes.keys() & SELECTED_KEYS):
         raise UsageError(f"--target-error selects substeps and iterations: leave out --set {selected[0]}")
-    only = scene.solver.name if overrides.keys() & {"solver", "solver.name"} else None
+    only = scene.solver.name if changes.keys() & {"solver", "solver.name"} else None
     scene, why = settings_for_error(scene, args.target_error / 100, only)
     here = f"`{PROGRAM} bench --error --scene {args.scene}` measures this scene on this machine"
     print(f"{why}\nThese are stored RMS errors and times; {here}", flush=True)

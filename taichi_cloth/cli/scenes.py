@@ -105,12 +105,13 @@ def describe(scene: Scene, *, timed: bool) -> str:
     """
     from ..geometry.cloth_builder import build_topology, component_count, particle_count_text
     from ..simulation.error_estimate import SAMPLE, cost_of
+    from ..system.console import count_noun
 
     cost = cost_of(scene)
     pieces = component_count(scene)
     particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
     size = "" if scene.cloth.file else f"{scene.cloth.width:g}×{scene.cloth.height:g} m"
-    is_large, memory, unfinished, inside = cost.particles > SAMPLE**2, "", "", ""
+    is_large, pins, memory, unfinished, inside = cost.particles > SAMPLE**2, "", "", "", ""
     counts = (cost.springs, "springs"), (cost.bending_links, "bending links")
     springs = " and ".join(
         f"about {two_digits(count / 1e6)} million {what}" if is_large else f"{count:,} {what}"
@@ -122,6 +123,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     else:
         topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
         unfinished, inside = left_unfinished(scene, topology), inside_at_start(scene, topology)
+        pins = count_noun(int(topology.pinned.sum()), "pin")
         if scene.cloth.file:
             extent = topology.start.max(axis=0) - topology.start.min(axis=0)
             size = "×".join(f"{side:.2g}" for side in extent) + " m"
@@ -133,7 +135,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
             time += f", without {', '.join(features)}, which may take longer than all else"
             time += "" if timed else ": --time measures a frame"
         time += " (too slow to measure)" if timed else ""
-    words = [particles, size, springs, cost.setting, time, memory, unfinished, inside, keys_without_effect(scene)]
+    words = [particles, size, springs, pins, cost.setting, time, memory, unfinished, inside, keys_without_effect(scene)]
     return " · ".join(filter(None, [*words, unusual(scene)]))
 
 

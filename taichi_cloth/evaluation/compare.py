@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,10 +16,11 @@ from ..cli.program import (
     file_path,
     inside_at_start,
     no_errors_option,
+    overrides,
     refuse_log,
     size,
 )
-from ..scene import Scene, parse_override
+from ..scene import Scene
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..render.split_view import Run
-
-NEXT_KEY = re.compile(r",(?=\s*\w[\w.\[\]]*\s*=)")  # a comma between two overrides, not one within a value
 
 
 def add_commands(command: Command) -> None:
@@ -81,14 +79,6 @@ VERLET_NOTE = (
     " reference, which has the springs of [fabric] (docs/frame_error.md)"
 )
 MAX_REFERENCE_STEPS = 5000  # in a frame; ten times those of the stiffest shipped scene
-
-
-def overrides(texts: list[str], option: str) -> dict[str, object]:
-    """Parse texts such as `solver=verlet,iterations=2`. Return values by key.
-
-    Raises SceneError, which names the `option`, for invalid text.
-    """
-    return dict(parse_override(part, option) for text in texts for part in NEXT_KEY.split(text))
 
 
 def compare(args: argparse.Namespace) -> int:

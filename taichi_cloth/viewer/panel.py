@@ -329,14 +329,14 @@ def wrapped_lines(lines: Sequence[str]) -> list[str]:
     return [part for line in lines for part in wrap(line)]
 
 
-def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "drawing", view: str | None = None) -> str:
+def statistics(session: Session, times: dict[str, float], fps: float, view: str | None = None) -> str:
     """Return lines of text: what runs, with speed, accuracy and size of the simulation.
 
-    `draw_ms`: time to draw a displayed frame, or of another step that `drawing` names [ms]. `fps`: displayed frames per
+    `times`: of the steps of a displayed frame besides physics and measuring, by name [ms]. `fps`: displayed frames per
     second. `view`: shown in place of the session's, for a display with a view of its own.
     """
     simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
-    physics, drawn, measuring = map(milliseconds, (session.physics_ms, draw_ms, session.measuring_ms))
+    steps = times | {"measuring": session.measuring_ms}
     slow = "" if SPEEDS[session.speed] == 1 else f" · {session.speed} speed"
     clip = " · recording a clip" if session.capture.clip_is_on else ""
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
@@ -344,8 +344,8 @@ def statistics(session: Session, draw_ms: float, fps: float, drawing: str = "dra
     lines = (
         f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
         f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}{slow}{clip}",
-        f"physics {physics} ms of {1e3 * FRAME_SECONDS:.1f} ms",
-        f"{drawing} {drawn} ms, measuring {measuring} ms",
+        f"physics {milliseconds(session.physics_ms)} ms of {1e3 * FRAME_SECONDS:.1f} ms",
+        ", ".join(f"{name} {milliseconds(ms)} ms" for name, ms in steps.items()),
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
         *error_lines(session.meter),
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",

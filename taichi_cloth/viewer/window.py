@@ -174,7 +174,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
     """Process input, simulate and draw, once for every displayed frame."""
     canvas, scene, gui, lens = window.get_canvas(), window.get_scene(), window.get_gui(), ti.ui.Camera()
     clock, overlays = FrameClock(time.perf_counter()), Overlays()
-    draw_ms, displayed = 0.0, 0
+    draw_ms, show_ms, displayed = 0.0, 0.0, 0
     camera: OrbitCamera | None = None
     compiling = Progress(f"{session.simulation.scene.name}: compiling")  # the first frame
     session.note = session.note or compiling
@@ -194,7 +194,8 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         if now - updated > STATISTICS_EVERY:
             if not session.charts:
                 session.measure()
-            text = statistics(session, draw_ms, (displayed - displayed_before) / (now - updated))
+            times = {"drawing": draw_ms, "display": show_ms}
+            text = statistics(session, times, (displayed - displayed_before) / (now - updated))
             updated, displayed_before = now, displayed
             session.note = session.note or memory.warning()
 
@@ -226,7 +227,9 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         draw_ms = 1e3 * (time.perf_counter() - start)
         if frame_log:
             frame_log.write(line_of(session, displayed, cursor, size[0] / size[1], draw_ms))
+        start = time.perf_counter()
         window.show()
+        show_ms = 1e3 * (time.perf_counter() - start)
         displayed += 1
         session.run_deferred()
 

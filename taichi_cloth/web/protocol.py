@@ -370,7 +370,7 @@ class MessageBuilder:
                 "note": session.note,
                 "noteKind": NOTE_KINDS[type(session.note)],
                 "slow": slow_line(session),
-                "statistics": statistics(session, sending_ms, update_rate, "sending", PAGE_VIEW),
+                "statistics": statistics(session, {"sending": sending_ms}, update_rate, PAGE_VIEW),
                 "parameters": {name: simulation.params[name] for name in self._parameters}
                 | {GRAB_RADIUS: session.grab_radius},
                 "wind": simulation.params["wind"],

@@ -191,7 +191,7 @@ def test_a_replay_names_the_fabric_in_use(session: Session) -> None:
     names: list[tuple[str, str]] = []
 
     def look(replay: ReplaySession) -> None:
-        names.append((replay.fabric, statistics(replay, 1.0, 60.0).splitlines()[0]))
+        names.append((replay.fabric, statistics(replay, {"drawing": 1.0}, 60.0).splitlines()[0]))
 
     replay_of(session, look)
     assert names[0] == ("", "small · verlet 3×4 · denim · shaded")  # that of the recorded scene

@@ -104,7 +104,7 @@ def drawn(tmp_path: Path) -> Iterator[Callable[..., tuple[Session, FakeGui, bool
         session, gui = Session(load_scene(scene)), FakeGui(**answers)
         sessions.append(session)
         session.page = page
-        used = Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, statistics(session, 12.3, 59.9))
+        used = Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, statistics(session, {"drawing": 12.3}, 59.9))
         session.run_deferred()
         return session, gui, used
 
@@ -129,7 +129,7 @@ def test_labels_are_unique_and_every_page_fits_the_panel(scene: str, tmp_path: P
         for slider in [*parameters_of(session.simulation.scene), GRAB_RADIUS] if page == "Sliders" else [""]:
             panel._moved = slider
             gui = FakeGui()
-            assert not panel.draw(gui, session, statistics(session, 12.3, 59.9)), "no widget was used"
+            assert not panel.draw(gui, session, statistics(session, {"drawing": 12.3}, 59.9)), "no widget was used"
             assert len(set(gui.labels)) == len(gui.labels)
             room = (PANEL_WIDTH - 0.65 * PANEL_WIDTH - PADDING - SPACING) / LETTER  # beside a slider
             assert max(len(label) for label in gui.labels if label not in gui.boxes) <= room
@@ -221,9 +221,9 @@ def test_the_help_is_inside_the_window(size: tuple[int, int], tmp_path: Path) ->
 
 def test_slow_motion_is_shown_on_every_page(drawn: Drawn) -> None:
     session, _, _ = drawn("drape15")
-    assert " speed" not in statistics(session, 1.0, 60.0)
+    assert " speed" not in statistics(session, {"drawing": 1.0}, 60.0)
     session.speed = "1/8"
-    assert statistics(session, 1.0, 60.0).split("\n")[1] == "frame 0 · 60 fps · 1/8 speed"
+    assert statistics(session, {"drawing": 1.0}, 60.0).split("\n")[1] == "frame 0 · 60 fps · 1/8 speed"
 
 
 def test_every_page_shows_what_runs(drawn: Drawn) -> None:
@@ -252,7 +252,7 @@ def test_statistics_tell_that_iterations_end_too_early(drawn: Drawn) -> None:
     session, _, _ = drawn("curtain")
     for iterations, told in ((1, True), (500, False)):
         session.simulation.params["iterations"] = iterations
-        assert ("\nnot converged: about " in statistics(session, 1.0, 60.0)) is told
+        assert ("\nnot converged: about " in statistics(session, {"drawing": 1.0}, 60.0)) is told
 
 
 def test_a_solver_that_does_not_iterate_has_no_slider_for_it(drawn: Drawn) -> None:
@@ -349,7 +349,7 @@ def test_every_page_says_once_that_the_view_error_has_no_error_yet(drawn: Drawn)
         session, _, _ = drawn("drape15", page)
         session.view = "error"
         gui = FakeGui()
-        Panel(SIZE, Path("imgui.ini")).draw(gui, session, statistics(session, 1.0, 60.0))
+        Panel(SIZE, Path("imgui.ini")).draw(gui, session, statistics(session, {"drawing": 1.0}, 60.0))
         assert gui.texts.count("error of a frame: not measured (U)") == 1
 
 

@@ -587,13 +587,13 @@ def test_undo_says_how_to_go_on_and_the_panel_that_the_cloth_is_frozen(session: 
     session.simulation.params["gravity"] = 5.0
     session.act("undo")
     assert session.note == "undone, and slider changes since; Space continues"
-    assert statistics(session, 1.0, 60.0).splitlines()[1] == "frame 0 · frozen"
+    assert statistics(session, {"drawing": 1.0}, 60.0).splitlines()[1] == "frame 0 · frozen"
     session.act("freeze")
     assert session.note == ""
-    assert statistics(session, 1.0, 60.0).splitlines()[1] == "frame 0 · 60 fps"
+    assert statistics(session, {"drawing": 1.0}, 60.0).splitlines()[1] == "frame 0 · 60 fps"
     session.act("clip")
     session.pin(PARTICLE)  # its note takes the place of that of the clip
-    assert statistics(session, 1.0, 60.0).splitlines()[1] == "frame 0 · 60 fps · recording a clip"
+    assert statistics(session, {"drawing": 1.0}, 60.0).splitlines()[1] == "frame 0 · 60 fps · recording a clip"
 
 
 @pytest.mark.parametrize("change", ["solver", "fabric", "next_scene", "reset", "undo"])
@@ -614,7 +614,7 @@ def test_a_frozen_cloth_that_has_changed_shows_no_time_and_error_of_the_one_befo
     session.act(change)
     session.advance(1)
     assert session.draw_list.errors is None
-    lines = statistics(session, 1.0, 60.0).splitlines()
+    lines = statistics(session, {"drawing": 1.0}, 60.0).splitlines()
     assert any(line.startswith("error of a frame: not measured yet") for line in lines)
     assert "physics - ms of 16.7 ms" in lines
     session.draw_list.update("error", session.camera.eye)
