@@ -75,7 +75,7 @@ def add_commands(command: Command) -> None:
     stress.add_argument(
         "--recheck",
         action="store_true",
-        help="with --resume: keep a result of an earlier version if its last run repeats bit by bit",
+        help="with --resume: keep results of an earlier version on this machine if their last run repeats bit by bit",
     )
     stress.add_argument(
         "--explain", action="store_true", help="with --json: find causes of failures by experiments, after the run"

@@ -162,6 +162,11 @@ def test_a_recheck_runs_the_last_start_alone_and_all_starts_if_it_differs(
     assert main(words) == 0
     assert asked == [[last], [(k, seed_of(1, "swings", k)) for k in range(3)]]
     assert json.loads(Path("o.json").read_text(encoding="utf-8"))["results"][0]["repeated"] == ""
+    monkeypatch.setattr(store, "fingerprint", lambda unit: "on another machine")
+    monkeypatch.setattr(store, "machine", lambda: {"cpu": "another processor"})
+    asked.clear()
+    assert main(words) == 0
+    assert asked == [[(k, seed_of(1, "swings", k)) for k in range(3)]], "it may differ there"
     assert main(words[:-2] + ["--recheck", "--force"]) == 2
     assert "--recheck needs --resume" in capsys.readouterr().err
 

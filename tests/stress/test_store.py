@@ -108,7 +108,8 @@ def test_a_result_is_kept_if_its_last_start_repeats(tmp_path: Path) -> None:
     older = Store.new(None, [SWINGS, BREAKS])
     for unit in (SWINGS, BREAKS):
         found = run_unit(unit, unit.starts(2), None)
-        older.results[unit.key] = replace(found, origin="older", parameters="an older text", about="another")
+        texts = {"parameters": "an older text", "about": "another"}
+        older.results[unit.key] = replace(found, origin="older", machine=older.machine, **texts)
     broken = older.results[BREAKS.key]
     assert broken.failure is not None
     older.causes[BREAKS.key] = Cause(broken.failure.what, 3.0, "a reason", 7, "older")
@@ -130,7 +131,7 @@ def test_a_result_is_kept_if_its_last_start_repeats(tmp_path: Path) -> None:
 @pytest.mark.parametrize("found", [{"digest": ""}, {"digest": "abc", "slow_ms": 40.0}])
 def test_a_result_that_no_digest_confirms_runs_again(found: dict[str, Any]) -> None:
     older = Store.new(None, [SWINGS])
-    older.results[SWINGS.key] = result(variant="swings", origin="older", **found)
+    older.results[SWINGS.key] = result(variant="swings", origin="older", machine=older.machine, **found)
     store = Store.new(None, [SWINGS]).continued(older)
     assert store.repeatable([SWINGS]) == []
     assert store.left([SWINGS], 1) == [SWINGS]
