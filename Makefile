@@ -48,10 +48,11 @@ test: .venv/tools
 bounds: .venv/tools
 	TI_DEBUG=1 $(BIN)/python -m pytest -m "bounds and not long"
 
-# The result is written even if a test fails; the exit status is that of the tests.
+# The result is written even if a test fails; the exit status is that of the tests. Single tests take minutes, so a free
+# process takes over tests of the other (worksteal).
 long: .venv/tools
 	@mkdir -p out
-	$(BIN)/python -m pytest -m long -o faulthandler_timeout=3600 --junitxml=out/long.xml; status=$$?; \
+	$(BIN)/python -m pytest -m long --dist worksteal -o faulthandler_timeout=3600 --junitxml=out/long.xml; status=$$?; \
 		$(BIN)/python tests/long_result.py out/long.xml && exit $$status
 
 mutants: .venv/tools

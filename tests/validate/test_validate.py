@@ -149,35 +149,17 @@ def test_a_curtain_that_moves_along_its_top_edge_falls_short(monkeypatch: pytest
     assert row.verdict == FAIL
 
 
-def pairs_of(*solvers: str) -> pytest.MarkDecorator:
-    pairs = [pair for pair in references.select_pairs(None, None) if pair[1] in solvers]
-    return pytest.mark.parametrize(("reference", "solver"), pairs, ids=lambda v: getattr(v, "number", v))
-
-
-def check_against_stored_results(reference: Reference, solver: str) -> None:
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("reference", "solver"), references.select_pairs(None, None), ids=lambda v: getattr(v, "number", v)
+)
+def test_no_result_is_worse(reference: Reference, solver: str) -> None:
     """No result may be worse than its law, or fall short where the stored one passes."""
     stored = report.read_json(RESULTS / "validation.json").results
     passed = {(one.number, one.solver, one.row.what) for one in stored if one.verdict in (EXCELLENT, PASS)}
     found = measure(reference, solver)
     assert not [one.row for one in found if one.row.broken]
     assert not [one.row for one in found if one.verdict == FAIL and (reference.number, solver, one.row.what) in passed]
-
-
-# Two classes, which the two processes of the suite take one each.
-
-
-@pytest.mark.long
-class TestHalfOfTheSolvers:
-    @pairs_of("verlet", "xpbd", "explicit")
-    def test_no_result_is_worse(self, reference: Reference, solver: str) -> None:
-        check_against_stored_results(reference, solver)
-
-
-@pytest.mark.long
-class TestTheOtherSolvers:
-    @pairs_of("lines", "rk4", "implicit")
-    def test_no_result_is_worse(self, reference: Reference, solver: str) -> None:
-        check_against_stored_results(reference, solver)
 
 
 def test_reference_numbers_are_unique_and_their_solvers_exist() -> None:
