@@ -20,11 +20,11 @@ from chromium import Browser, chromium
 
 import taichi_cloth as tc
 from taichi_cloth.cli import output_commands, run, scenes
-from taichi_cloth.cli.program import build_parser
+from taichi_cloth.cli.program import build_parser, overrides
 from taichi_cloth.evaluation import commands as evaluation_commands
 from taichi_cloth.evaluation import compare
 from taichi_cloth.render.image_files import write_png
-from taichi_cloth.scene import key_table, parse_override
+from taichi_cloth.scene import key_table
 from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, sections
 
 TOP = Path(__file__).parents[1]
@@ -386,7 +386,7 @@ def test_commands_are_valid(document: Path) -> None:
         assert [name for name in names if name not in known and not name.endswith(".toml")] == [], command
         assert arguments.get("solver") in (None, "robust", *SOLVER_NAMES), command
         scene = next((name for name in names if name in tc.list_scenes()), "curtain")
-        tc.load_scene(scene, **dict(parse_override(text) for text in arguments.get("set") or []))
+        tc.load_scene(scene, **overrides(arguments.get("set") or [], "--set"))
 
 
 def write_files(folder: Path) -> None:
