@@ -21,6 +21,7 @@ NEAR, FAR = 0.1, 1000.0  # [m] clip planes, those of GGUI
 MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is undefined
 ZOOM_STEP = 0.1  # change of log(distance) per step
 MAX_ZOOM = 20.0  # zooming changes the initial distance by at most this factor, in both directions
+WIDTH_MARGIN = 1.25  # largest factor of the distance in `fit_width`
 INCLUDE_MARGIN = 1.1  # factor of the distance at which `include` just sees all points
 FLOOR_CLEARANCE = 0.02  # smallest height of eye and target above the floor, as a fraction of the initial distance
 
@@ -76,10 +77,8 @@ class OrbitCamera:
         both sides of the target counts, which a panel does not cover.
         """
         points = np.asarray(points, np.float64)
-        uv, _ = self.to_screen(points, aspect)
-        covered = 2 * self.view_shift
-        uv[:, 0] = (aspect * uv[:, 0] - covered) / (aspect - covered)
-        aspect -= covered
+        uv = self._in_uncovered_part(points, aspect)
+        aspect -= 2 * self.view_shift
         if ((uv >= 0) & (uv <= 1)).all():  # NaN behind the eye
             return
         self.target = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -89,6 +88,25 @@ class OrbitCamera:
         needed = np.maximum(np.abs(up), np.abs(right) / aspect) / half + back
         self.distance = max(INCLUDE_MARGIN * float(needed.max()), NEAR)
         self._stay_above_floor()
+
+    def fit_width(self, points: ArrayLike, aspect: float) -> None:
+        """Move the eye back by at most a quarter of the distance, until `points` are in the picture sideways.
+
+        Arguments as for `include`, which also fits the height: cloth that falls would then be small at the end.
+        """
+        largest = WIDTH_MARGIN * self.distance
+        while self.distance < largest:
+            across = self._in_uncovered_part(points, aspect)[:, 0]
+            if ((across >= 0) & (across <= 1)).all():
+                return
+            self.distance = min(1.02 * self.distance, largest)
+
+    def _in_uncovered_part(self, points: ArrayLike, aspect: float) -> NDArray[np.float64]:
+        """Return screen points, (N, 2), in the part of the picture that `include` describes: 0…1 in each direction."""
+        uv, _ = self.to_screen(points, aspect)
+        covered = 2 * self.view_shift
+        uv[:, 0] = (aspect * uv[:, 0] - covered) / (aspect - covered)
+        return uv
 
     # -- motion: by amounts, not by time, so that the speed does not depend on the frame rate --------------------------
 

@@ -115,7 +115,7 @@ def legend(history: History) -> list[tuple[str, Rgb]]:
     for curves, full_scale in zip(CHARTS, history.limits, strict=True):
         for curve in curves:
             now = rows[-1, curve.column] if len(rows) else 0.0
-            line = f"{curve.name}: {now:.3g} of {full_scale:.3g} {curve.unit}"
+            line = f"{curve.name}: {now:.3g} {curve.unit} (scale to {full_scale:.3g})"
             lines.append((line, curve.color))
     return lines
 

@@ -20,7 +20,7 @@ from ..render.split_view import SplitRenderer, camera_for_both, nearest_vertex_m
 from ..scene import Scene, parameters_of
 from ..simulation.frame_clock import FrameClock
 from .error_process import error_lines
-from .input import HELD_KEY_RATES, OWN_FABRIC, SHORTCUTS
+from .input import HELD_KEY_RATES, OWN_FABRIC, SHORTCUTS, Progress
 from .panel import (
     NOTE_COLORS,
     PANEL_MARGIN,
@@ -33,6 +33,7 @@ from .toolkit import PanelRect, has_changed, saved_panel_rect
 from .window import (
     MAX_HOLD_SECONDS,
     STATISTICS_EVERY,
+    STILL_FRAMES,
     WINDOW_POSITION,
     WINDOW_TITLE,
     FrameLog,
@@ -221,6 +222,8 @@ def run(open_pair: Callable[[], Comparison], *, size: tuple[int, int], frames: i
         folder = stack.enter_context(TemporaryDirectory(prefix="taichi_cloth_"))
         comparison = stack.enter_context(contextlib.closing(open_pair()))
         stack.enter_context(contextlib.chdir(folder))
+        for letter, side in zip("ab", comparison.sides, strict=True):
+            print(f"{letter}: {side.simulation.scene.name} · {side.simulation.method}", flush=True)
         window = ti.ui.Window(WINDOW_TITLE, size, vsync=True, pos=WINDOW_POSITION)
         stack.callback(window.destroy)  # before the Taichi fields are released
         loop(window, comparison, ComparisonPanel(size, Path(folder) / "imgui.ini"), frames, frame_log)
@@ -234,9 +237,11 @@ def loop(
     rendered_size, renderer = ((0, 0), 0), None  # of the window and the panel's column, that the renderer was made for
     lines: list[str] = []
     displayed, updated, draw_ms, idle = 0, 0.0, 0.0, Idle()
+    compiling = Progress("compiling: the first frames take seconds")
+    comparison.left.note = comparison.left.note or compiling
     while window.running and comparison.running and displayed != frames:
         now = time.perf_counter()
-        due = clock.due(now)
+        due = clock.due(now) if displayed >= STILL_FRAMES else 0
         keys = pressed_keys(window)
         size, cursor = window_size(window, panel.window_size), window.get_cursor_pos()
         if idle.has_nothing_new(now, comparison.left, (size, cursor, held_buttons(window), keys, comparison.note)):
@@ -253,6 +258,8 @@ def loop(
         comparison.on_pointer(point, held_buttons(window), image_size, on_panel=on_panel, widget_changed=widget_used)
         press_keys(window, comparison, keys, min(clock.elapsed, MAX_HOLD_SECONDS))  # on the side where the mouse is now
         comparison.advance(due)
+        if due > 0 and comparison.left.note is compiling:
+            comparison.left.note = ""
 
         start = time.perf_counter()
         if renderer is None or (size, band) != rendered_size:

@@ -159,7 +159,7 @@ class HeldSphere:
     def __init__(self, simulation: Simulation, row: int) -> None:
         """`row`: of the sphere in `colliders()`."""
         self._simulation, self.row = simulation, row
-        simulation.move_collider(row, self.center)
+        self._has_moved = False  # until then it has its own motion
 
     @property
     def center(self) -> Floats:
@@ -169,7 +169,7 @@ class HeldSphere:
     @property
     def active(self) -> bool:
         """Whether it is still held. A reset releases it."""
-        return self.row in self._simulation.displacements
+        return not self._has_moved or self.row in self._simulation.displacements
 
     def move_to(self, target: Floats) -> None:
         """Move the sphere toward `target` [m], (3,), by at most its radius in a frame: farther, it jumps over cloth."""
@@ -177,6 +177,7 @@ class HeldSphere:
         way = target - posed.center
         share = min(1.0, posed.size[0] / max(float(np.linalg.norm(way)), 1e-9))
         self._simulation.move_collider(self.row, posed.center + share * way)
+        self._has_moved = True
 
     def release(self) -> None:
         """Let it go."""
@@ -240,12 +241,11 @@ class Dragger:
         self._drag = Drag(held, plane, held.center)
 
     def follow(self, camera: OrbitCamera, cursor: Cursor, size: Size) -> None:
-        """Move the grab, if there is one, to the cursor."""
+        """Aim the grab, if there is one, at the cursor. It moves in the next simulated frame (`interpolate`)."""
         if self.drag is not None:
             plane = self.drag.plane
             # A ray that is nearly parallel to the plane meets it at any distance.
             plane.target = np.clip(plane.move(camera, cursor, size[0] / size[1]), -MAX_COORDINATE, MAX_COORDINATE)
-            self.drag.grab.move_to(plane.target)
 
     def interpolate(self, fraction: float) -> None:
         """Move the grab by a fraction, 0…1, of the cursor's motion since the last displayed frame.

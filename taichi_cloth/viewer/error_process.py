@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
 SHARE_OF_TIME = 0.1  # of one core, which measuring may take
+STALE_SECONDS = 3.0  # after which a frame of an earlier scene is given up: it may compile for a minute
 FRAMES_BEFORE = 60  # frames that a scene runs before the process starts: the first second of a window is its own
 MAX_GROWTH_SECONDS = 3.0  # time up to which the growth of the error is measured
 NICENESS = 10  # of the process, where the system has priorities
@@ -76,6 +77,7 @@ class ErrorProcess:
         self._is_stale = False  # whether the answer to that job will be dropped
         self._is_starting = False  # whether the process is not ready for a job
         self._sent = 0.0  # wall time of that job [s]
+        self._sent_scene: Scene | None = None  # of that job
         self._next = 0.0  # wall time of the next job [s]
         self._process: SpawnProcess | None = None
         self._pipe: connection.Connection | None = None
@@ -129,7 +131,7 @@ class ErrorProcess:
                 self._start()
             else:
                 self._pipe.send(job)
-                self._is_stale = False
+                self._is_stale, self._sent_scene = False, self._scene
             self._is_busy, self._sent = True, time.perf_counter()
         except OSError as error:
             self.answer = Answer(refusal=f"the process that measures it has ended ({error})", is_final=True)
@@ -149,6 +151,7 @@ class ErrorProcess:
             return
         try:
             if not self._pipe.poll():
+                self._give_up_stale_job()
                 return
             answer: Answer = self._pipe.recv()
         except (EOFError, OSError):
@@ -157,6 +160,13 @@ class ErrorProcess:
             self.answer = answer
         self._is_busy = self._is_starting = False
         self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
+
+    def _give_up_stale_job(self) -> None:
+        """End the process if it works for another scene and takes long; the next job starts a process."""
+        is_of_this_scene = self._is_starting or self._sent_scene is self._scene
+        if not is_of_this_scene and time.perf_counter() - self._sent > STALE_SECONDS:
+            self.close()
+            self._is_busy = False
 
     def close(self) -> None:
         """End the process."""

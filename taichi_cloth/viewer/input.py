@@ -379,7 +379,7 @@ class Progress(str):
     """A note about what is going on."""
 
 
-FROZEN_DRAG = "frozen: press Space, and what you drag follows the mouse"
+FROZEN_DRAG = "frozen: hold the button and press Space or N, and what you drag follows the mouse"
 UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
 NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or a change of scene, solver, fabric or features"
 

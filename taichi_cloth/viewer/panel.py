@@ -155,7 +155,9 @@ class Panel:
                 session.speed = name
             else:
                 session.choose(kind, name)
-        gui.text(textwrap.shorten(description(session, kind), LINE_LENGTH, placeholder=" ..."))  # the font has no "…"
+        text = description(session, kind).replace("–", "-")  # the font has no "–"
+        for line in textwrap.wrap(text, LINE_LENGTH, max_lines=2, placeholder=" ..."):
+            gui.text(line)
         return bool(pressed)
 
     def _sliders_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
@@ -172,7 +174,7 @@ class Panel:
             session.grab_radius = min(max(radius, 0.0), session.max_grab_radius)
             changed, self._moved = True, GRAB_RADIUS
         level = round(session.camera.zoom_level, 3) + 0.0  # never -0.0
-        zoom = gui.slider_float("Zoom [10 %]", level, -MAX_ZOOM_LEVEL, MAX_ZOOM_LEVEL)
+        zoom = gui.slider_float("Zoom [steps]", level, -MAX_ZOOM_LEVEL, MAX_ZOOM_LEVEL)
         if has_changed(zoom, level):
             session.camera.zoom(zoom - level)
             changed = True
@@ -380,7 +382,7 @@ def milliseconds(time: float) -> str:
 def slow_line(session: Session) -> str:
     """Return a line if the simulation falls behind the wall clock, with a faster choice; else an empty one."""
     simulation, ms, limit = session.simulation, session.history.frame_ms, 1e3 * FRAME_SECONDS / SPEEDS[session.speed]
-    if session.frozen or ms <= limit:
+    if session.frozen or session.deferred or ms <= limit:
         return ""
     scene, original, topology = simulation.scene, simulation.original_scene, simulation.topology
     iterations = 1 if simulation.solver.info.is_explicit else int(simulation.params["iterations"])

@@ -244,8 +244,7 @@ class Session:
     def change_fabric(self, name: str) -> None:
         """Switch to a shipped fabric, or by the name "" to the scene's own. On failure the note says why."""
         self.rebuild(lambda: self.simulation.switch_fabric(name))
-        if not self.note:
-            self.fabric = name
+        self.fabric = self.fabric if self.note else name
 
     def change_solver(self, name: str) -> None:
         """Switch to another solver; grabs remain. On failure the note says why."""
@@ -284,6 +283,7 @@ class Session:
             self.pointer.orbit_instead()
         if gesture.release:
             self.dragger.end()
+            self.note = "" if self.note == FROZEN_DRAG else self.note
             self.pointer.ignore()
         self.dragger.follow(self.camera, cursor, size)
 

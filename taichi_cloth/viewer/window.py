@@ -209,8 +209,8 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         session.camera.view_shift = 0.0 if session.hidden else panel.shift(size)
         if session.camera is not camera:  # that of a new scene
             camera = session.camera
-            if size[0] < SMALL_WIDTH:
-                camera.include(session.simulation.positions(), size[0] / size[1])
+            frame = camera.include if size[0] < SMALL_WIDTH else camera.fit_width
+            frame(session.simulation.positions(), size[0] / size[1])
         on_panel = not session.hidden and panel.place.contains(cursor, size)
         on_panel |= session.page == HELP and panel.help_place.contains(cursor, size)
         session.on_pointer(cursor, held_buttons(window), size, on_panel=on_panel, widget_changed=widget_used)

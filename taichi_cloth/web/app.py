@@ -16,13 +16,21 @@ from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.frame_clock import MAX_FRAMES, FrameClock
 from ..viewer.dragging import pick_under_cursor
-from ..viewer.input import COMPILING_ACTIONS, LISTS, NEIGHBORS, SPEEDS
+from ..viewer.input import COMPILING_ACTIONS, FROZEN_DRAG, LISTS, NEIGHBORS, SPEEDS
 from ..viewer.panel import GRAB_RADIUS
 from ..viewer.session import Session
 from .protocol import Command, MessageBuilder, PageView, ProtocolError, pack_message
 from .server import WebServer
 
 Reply = Callable[[int, dict[str, object]], None]  # sends a reply to one client, by number
+
+
+def is_for_any_scene(command: Command) -> bool:
+    """Return whether a command counts even if the page showed an earlier scene.
+
+    No grab may outlive its drag, and of scenes chosen one after the other the last is shown.
+    """
+    return command.name == "release" or (command.name == "choose" and command.argument[0] == "scene")
 
 
 class CommandHandler:
@@ -39,13 +47,19 @@ class CommandHandler:
         """Release the grab of a client that disconnected or stopped dragging."""
         if client in self._grabs:
             self.session.dragger_of(self._grabs.pop(client)).end()
+            if self.session.note == FROZEN_DRAG:
+                self.session.note = ""
 
     def apply(self, client: int, command: Command) -> None:
         """Apply a command. Raises ProtocolError for a name or feature that this scene does not have."""
         session, value = self.session, command.argument
-        if session.deferred and (
-            command.name in ("choose", "switch")
-            or (command.name == "action" and value in {*COMPILING_ACTIONS, *NEIGHBORS})
+        if (
+            session.deferred
+            and not is_for_any_scene(command)
+            and (
+                command.name in ("choose", "switch")
+                or (command.name == "action" and value in {*COMPILING_ACTIONS, *NEIGHBORS})
+            )
         ):
             return  # one compilation at a time: pages freeze during it, and a later command may be for another scene
         match command.name:
@@ -169,7 +183,7 @@ class WebApp:
         return max(int(MAX_FRAMES * 1e3 * FRAME_SECONDS / max(self.session.physics_ms, 1e-9)), 1)
 
     def apply_commands(self) -> None:
-        """Apply all commands for this scene. `release` is applied for any scene, so no grab outlives its drag."""
+        """Apply all commands for this scene, and those for any scene."""
         while True:
             try:
                 client, command = self.server.inbox.get_nowait()
@@ -177,7 +191,7 @@ class WebApp:
                 return
             if command is None:
                 self._commands.release(client)
-            elif command.name == "release" or (command.scene_id == self._messages.scene_id and self._messages.is_valid):
+            elif is_for_any_scene(command) or (command.scene_id == self._messages.scene_id and self._messages.is_valid):
                 try:
                     self._commands.apply(client, command)
                 except ProtocolError as error:
@@ -197,8 +211,10 @@ class WebApp:
             if self._publish("update", self._messages.update()):
                 self._sending_ms = 1e3 * (time.perf_counter() - start)
                 self._updates += 1
-        if is_new_scene or now - self._measured_at >= max(
-            METRICS_EVERY, MEASURE_RATIO * self.session.measuring_ms / 1e3
+        if (
+            is_new_scene
+            or self.session.deferred
+            or now - self._measured_at >= max(METRICS_EVERY, MEASURE_RATIO * self.session.measuring_ms / 1e3)
         ):
             rate = self._updates / (now - self._measured_at)
             self._measured_at, self._updates = now, 0

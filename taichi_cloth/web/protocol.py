@@ -23,7 +23,7 @@ from ..geometry import closed_surface
 from ..render.camera import NEAR, OrbitCamera
 from ..render.colors import merge_vertices, pattern_colors
 from ..render.draw_list import GRABBED_COLOR, PINNED_COLOR, marker_radius, with_color
-from ..render.shading import FULL_STRAIN, strain_colors
+from ..render.shading import FULL_STRAIN, UNKNOWN, strain_colors
 from ..render.webgl import Solids, air, quantize, remaining_triangles
 from ..scene.parameters import Parameter
 from ..scene.schema import SOLVER_NAMES
@@ -248,8 +248,8 @@ class MessageBuilder:
         owner, colors, corners = merge_vertices(topology.triangles, pattern_colors(topology, scene.look))
         solid_heads, solid_vertices, solid_corners = self._solids.pack()
         springs = topology.family_counts.get("structural", 0) or topology.spring_count
-        scale = np.zeros((3, 3), np.float32)
-        strain_colors(np.array([-FULL_STRAIN, 0.0, FULL_STRAIN], np.float32), scale)
+        scale = np.zeros((4, 3), np.float32)
+        strain_colors(np.array([-FULL_STRAIN, 0.0, FULL_STRAIN, UNKNOWN], np.float32), scale)
         head = {
             "kind": "scene",
             "sceneId": self.scene_id,

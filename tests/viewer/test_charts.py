@@ -71,10 +71,10 @@ def test_a_chart_ends_at_the_current_time_and_is_scaled_to_its_maximum() -> None
 def test_the_legend_has_the_current_value_and_the_full_scale_of_each_curve() -> None:
     lines = [line for line, _ in charts.legend(filled(3))]
     assert lines == [
-        "kinetic energy: 2 of 2 J",
-        "potential energy change: 0 of 2 J",
-        "max strain: 2 of 2 %",
-        "mean strain: 0.5 of 2 %",
+        "kinetic energy: 2 J (scale to 2)",
+        "potential energy change: 0 J (scale to 2)",
+        "max strain: 2 % (scale to 2)",
+        "mean strain: 0.5 % (scale to 2)",
     ]
     assert len(charts.legend(History(SHEET))) == 4
 
@@ -90,7 +90,7 @@ def test_a_cloth_at_rest_has_flat_curves() -> None:
         curves = ends[((ends > low + 1e-6) & (ends < high - 1e-6)).all(axis=1)]  # without the frame
         assert (curves[:, 1] - low[1]).max(initial=0.0) < 0.02 * (high - low)[1]
     assert history.limits == pytest.approx([1e-4 * energy, 0.1], rel=1e-3)
-    assert charts.legend(history)[0][0].endswith(f" of {history.limits[0]:.3g} J")
+    assert charts.legend(history)[0][0].endswith(f" J (scale to {history.limits[0]:.3g})")
     history.add(100 / 60, metrics(0.0, 1e-3 * energy, 0.002))
     assert history.limits == pytest.approx([1e-3 * energy, 0.2])
 

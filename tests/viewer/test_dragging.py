@@ -30,10 +30,29 @@ def test_a_drag_while_frozen_says_when_it_moves(session: Session, what: str) -> 
     session.frozen = True
     point(session, start)
     point(session, start, "left")
-    assert session.note == "frozen: press Space, and what you drag follows the mouse"
+    assert session.note == "frozen: hold the button and press Space or N, and what you drag follows the mouse"
     session.act("freeze")
     assert session.note == ""
     assert session.dragger.drag is not None
+
+
+@pytest.mark.parametrize("what", ["cloth", "ball"])
+def test_a_drag_that_ends_while_frozen_moves_nothing(session: Session, what: str) -> None:
+    session.frozen = True
+    clear_ball(session)
+    start = cursor_on(session, PARTICLE) if what == "cloth" else cursor_at(session, ball_of(session))
+    twin = Session(load_scene("curtain"))
+    clear_ball(twin)
+    point(session, start)
+    for step in range(3):
+        point(session, (start[0] - 0.05 * step, start[1]), "left")
+    point(session, (start[0] - 0.1, start[1]))
+    assert session.note == ""
+    for one in (session, twin):
+        one.act("step")
+    assert ball_of(session) == pytest.approx(ball_of(twin), abs=1e-9)
+    assert session.simulation.positions() == pytest.approx(twin.simulation.positions(), abs=1e-3)
+    twin.close()
 
 
 def cursor_at(session: Session, point: Any) -> tuple[float, float]:
@@ -91,6 +110,7 @@ def test_a_reset_ends_the_drag_of_a_sphere(session: Session) -> None:
     center = clear_ball(session)
     point(session, cursor_at(session, center))
     point(session, cursor_at(session, center), "left")
+    session.simulate(1)
     assert session.dragger.drag is not None
     session.simulation.reset()
     assert session.dragger.drag is None
@@ -239,5 +259,6 @@ def test_a_drag_to_a_point_beyond_all_coordinates_ends_at_the_last_one(session: 
     assert session.dragger.begin(session.camera, (float(u), float(v)), size, 0.0)
     session.camera.target = session.camera.target + np.array([3e6, 0.0, 0.0])
     session.dragger.follow(session.camera, (float(u), float(v)), size)
+    session.dragger.interpolate(1.0)
     target = session.simulation.grabs[0].target
     assert np.abs(target).max() == 1e6

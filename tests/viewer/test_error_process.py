@@ -85,6 +85,37 @@ def test_an_answer_that_comes_after_the_cloth_has_changed_is_dropped(process: Er
             assert not process._is_busy
 
 
+def test_a_frame_of_an_earlier_scene_is_given_up(process: ErrorProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may compile for a minute. A process that works for the scene that runs goes on."""
+
+    class Pipe:
+        sent = 0
+
+        def poll(self) -> bool:
+            return False
+
+        def send(self, job: Job) -> None:
+            self.sent += 1
+
+        def close(self) -> None:
+            pass
+
+    pipe = Pipe()
+    process._pipe = pipe  # type: ignore[assignment]
+    ended = []
+    monkeypatch.setattr(process, "close", lambda: ended.append(process))
+    with Simulation(scene()) as simulation:
+        while not pipe.sent:
+            process.run_frame(simulation)
+        monkeypatch.setattr(error_process, "STALE_SECONDS", 0.0)
+        process.forget()  # a slider moved
+        process.run_frame(simulation)
+        assert not ended
+        simulation.switch_solver("xpbd")
+        process.run_frame(simulation)
+        assert ended
+
+
 def test_another_process_measures_the_errors_of_the_scenes_that_run(process: ErrorProcess) -> None:
     for running in (scene(), scene(substeps=20)):
         with (

@@ -82,6 +82,29 @@ def test_a_new_scene_is_sent_with_its_panel_and_its_metrics(app: WebApp) -> None
     assert [kind for kind in kinds if kind != "update"] == ["scene", "panel", "metrics", "frameError"]
 
 
+def test_pages_are_told_what_compiles_even_if_no_measurement_is_due(app: WebApp) -> None:
+    app.step(10.0, 1)
+    for k in range(1, 7):
+        app.session.history.add(1.0 + k / 60, app.session.metrics, 250.0)
+    app.server.inbox.put((1, Command("choose", ("solver", "explicit"), 0)))
+    app.step(10.001, 1)
+    sent = cast(FakeServer, app.server).newest["metrics"]
+    assert b'"note":"explicit: compiling' in sent
+    assert b'"slow":""' in sent, "advice about the solver before"
+    assert app.session.simulation.solver.name == "explicit"
+
+
+def test_of_scenes_chosen_while_one_compiles_the_last_is_opened(app: WebApp) -> None:
+    app.server.inbox.put((1, Command("choose", ("scene", "drape15"), 0)))
+    app.step(10.0, 1)
+    assert app.session.simulation.scene.name == "drape15"
+    for name in ("poles", "flag"):  # the page still showed the first scene
+        app.server.inbox.put((1, Command("choose", ("scene", name), 0)))
+    app.server.inbox.put((1, Command("choose", ("solver", "explicit"), 0)))
+    app.step(10.1, 1)
+    assert (app.session.simulation.scene.name, app.session.simulation.solver.name) == ("flag", "verlet")
+
+
 class Ended(Exception):
     """Ends the loop of a test."""
 
