@@ -180,7 +180,7 @@ def api() -> str:
         title = f"[[{section.name}]]" if section.is_array else f"[{section.name}]"
         link = f"Keys of `{title}`: [{section.name}](keys.md#{section.name})."
         blocks.append(f"### tc.{section.cls.__name__}\n\n{described(section.cls)}\n\n{link}")
-    blocks += [f"### tc.{name}\n\n{described(getattr(tc, name))}" for name in ("SceneError", "UsageError")]
+    blocks += [f"### tc.{name}\n\n{described(getattr(tc, name))}" for name in ("SceneError", "UsageError", "Diverged")]
     return "\n\n".join(blocks)
 
 

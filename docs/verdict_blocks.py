@@ -220,7 +220,8 @@ def unfinished(words: stored.Words) -> str:
             shares = [row["measured"] / row["exact"] - 1 for row in missed]
             worst += [f"{signed(max(shares))} in {number}"] if max(shares, default=0.0) > 0 else []
         parts += [f"`{solver}` ({', '.join(worst)})"] if worst else []
-    return f"Defaults that leave fine grids too soft: {', '.join(parts)}." if parts else ""
+    remedy = "more iterations or substeps mend it"
+    return f"Defaults that leave fine grids too soft: {', '.join(parts)}; {remedy}." if parts else ""
 
 
 BLOCKS = (choosing, unconverged, solver, validation_line, validation_summary, bar_friction, nobody, stability_summary)

@@ -36,7 +36,7 @@ from .scene.schema import (
     VerletSprings,
     Wind,
 )
-from .system.errors import UsageError, nearest_hint
+from .system.errors import Diverged, UsageError, nearest_hint
 from .system.taichi_runtime import start as init
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ __all__ = [
     "Capsule",
     "Cloth",
     "ClothMetrics",
+    "Diverged",
     "Event",
     "Fabric",
     "Forces",

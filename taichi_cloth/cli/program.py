@@ -333,17 +333,22 @@ def refuse_log(path: Path | None, obstacle: str) -> None:
         raise UsageError(f"--log has a line per displayed frame, but no window opens ({obstacle})")
 
 
+SLOW_FRAME = 2.0  # [s] from which the time of a frame is printed before it runs: it cannot be interrupted
+
+
 def summary(simulation: Simulation, arch: str) -> str:
     """Return the line that every run prints: scene, solver, substeps × iterations, layout, grid, features, arch, seed.
 
     Further lines say if the solver uses other substeps or damping than the scene's, iterations end too early, cloth
-    starts inside a collider, or keys of the scene have no effect.
+    starts inside a collider, keys of the scene have no effect, or a frame takes seconds.
     """
     from ..geometry.cloth_builder import particle_count_text
     from ..scene.schema import FRAME_SECONDS
-    from ..simulation.error_estimate import unconverged
+    from ..simulation.error_estimate import SAMPLE, cost_of, unconverged
 
     scene = simulation.scene
+    seconds = cost_of(scene).ms / 1e3 if simulation.topology.particle_count > SAMPLE**2 else 0.0
+    forecast = f"a frame takes about {seconds:,.0f} s or more" if seconds > SLOW_FRAME else ""
     line = (
         f"{scene.name} · {simulation.method}"
         f" · {particle_count_text(scene)} · {' '.join(simulation.features)} · {arch} · seed {scene.seed}"
@@ -351,7 +356,8 @@ def summary(simulation: Simulation, arch: str) -> str:
     solver = scene.solver
     unfinished = unconverged(scene, simulation.topology, FRAME_SECONDS / simulation.substeps, solver.iterations)
     inside = inside_at_start(scene, simulation.topology)
-    return "\n".join(filter(None, [line, simulation.warnings, unfinished, inside, keys_without_effect(scene)]))
+    warnings = simulation.warnings, unfinished, inside, keys_without_effect(scene), forecast
+    return "\n".join(filter(None, [line, *warnings]))
 
 
 def inside_at_start(scene: Scene, topology: Topology) -> str:

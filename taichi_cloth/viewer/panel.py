@@ -155,8 +155,7 @@ class Panel:
                 session.speed = name
             else:
                 session.choose(kind, name)
-        text = description(session, kind).replace("–", "-")  # the font has no "–"
-        for line in textwrap.wrap(text, LINE_LENGTH, max_lines=2, placeholder=" ..."):
+        for line in wrap(description(session, kind).replace("–", "-")):  # the font has no "–"
             gui.text(line)
         return bool(pressed)
 

@@ -35,7 +35,7 @@ from ...system.console import machine, markdown_table, printed_table, wide_conso
 from ...system.errors import UsageError
 from ...system.files import atomic_file, cached
 from .. import reference
-from ..reference.solution import Solution, distances, reason_unsupported, solve
+from ..reference.solution import Solution, distances, reason_unsupported, solve, steps_per_frame
 from .bench_report import NOT_FINITE, finite, run_info
 from .cases import FRAME_RATES
 
@@ -157,7 +157,8 @@ def measure(scene: Scene, name: str, substeps: int, iterations: int, truth: Solu
 
 def errors(scene: Scene) -> Iterator[str | SceneErrors]:
     """Measure all settings of a scene. Yield the name of each step as it begins, then the result."""
-    yield f"{scene.name}: reference solution"
+    steps = f"{FRAMES} frames of {steps_per_frame(motion_of(scene)):,} steps"
+    yield f"{scene.name}: reference solution, up to {steps} (minutes; it is stored for later runs)"
     truth = solution(scene, FRAMES)
     points = []
     for name, substeps, iterations in settings(scene):
