@@ -50,7 +50,7 @@ def test_an_unexplained_failure_gives_exit_code_1(
     out = capsys.readouterr().out
     line = f"1 test, breaks, fails with xpbd: something 2, bound 1, in frame 6 of start 0 (seed {seed}); "
     assert f"{line}not examined; " in out
-    assert "of 1 failures, 0 unexplained, 1 not examined" in out
+    assert "of 1 failure, 0 unexplained, 1 not examined" in out
     assert out.rstrip().endswith("xpbd 0 alive, 1 failed, 0 too slow")
     assert list(Path("out/stress").iterdir())
     asked = []

@@ -165,7 +165,9 @@ def print_report(store: Store, results: Sequence[Result]) -> None:
     ]
     failed = [result for result in results if result.state == FAILED]
     number = Counter(explanation(store, result) for result in failed)
-    notes += [f"of {len(failed)} failures, {number[UNEXPLAINED]} {UNEXPLAINED}, {number[NOT_EXAMINED]} {NOT_EXAMINED}"]
+    notes += [
+        f"of {count_noun(len(failed), 'failure')}, {number[UNEXPLAINED]} {UNEXPLAINED}, {number[NOT_EXAMINED]} {NOT_EXAMINED}"
+    ]
     notes += [store.machine, count_line(cells_of(store, [result.key for result in results]))]
     print_table(HEADINGS, map(row, results), slice(4, -1), notes)
 
