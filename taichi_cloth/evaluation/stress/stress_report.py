@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...scene.schema import FRAME_SECONDS
-from ...system.console import markdown_table, page_files, print_table
+from ...system.console import count_noun, markdown_table, page_files, print_table
 from ...system.files import atomic_file
 from .case_catalog import CASES
 from .causes import EXPERIMENT_SECONDS, FINER
@@ -165,9 +165,8 @@ def print_report(store: Store, results: Sequence[Result]) -> None:
     ]
     failed = [result for result in results if result.state == FAILED]
     number = Counter(explanation(store, result) for result in failed)
-    notes += [
-        f"of {count_noun(len(failed), 'failure')}, {number[UNEXPLAINED]} {UNEXPLAINED}, {number[NOT_EXAMINED]} {NOT_EXAMINED}"
-    ]
+    parts = ", ".join(f"{number[kind]} {kind}" for kind in (UNEXPLAINED, NOT_EXAMINED))
+    notes += [f"of {count_noun(len(failed), 'failure')}, {parts}"]
     notes += [store.machine, count_line(cells_of(store, [result.key for result in results]))]
     print_table(HEADINGS, map(row, results), slice(4, -1), notes)
 
