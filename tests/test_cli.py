@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from PIL import Image
@@ -17,9 +18,12 @@ from PIL import Image
 from taichi_cloth import __main__ as cli
 from taichi_cloth import __version__
 from taichi_cloth.cli import scenes
-from taichi_cloth.cli.program import overrides
+from taichi_cloth.cli.program import overrides, summary
 from taichi_cloth.geometry import cloth_builder
+from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render import sequence
+from taichi_cloth.simulation import error_estimate
+from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.console import count_noun
 
 SMALL = ["--size", "96x54"]
@@ -87,6 +91,15 @@ def test_an_invalid_command_is_one_line_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_slow_frame_is_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before it runs: it cannot be interrupted."""
+    with Simulation(load_scene("curtain", rows=4, columns=5)) as simulation:
+        assert " a frame" not in summary(simulation, "cpu")
+        monkeypatch.setattr(error_estimate, "SAMPLE", 4)  # then 20 particles are many
+        monkeypatch.setattr(error_estimate, "cost_of", lambda scene: SimpleNamespace(ms=1234567.0))
+        assert summary(simulation, "cpu").splitlines()[-1] == "a frame takes about 1,235 s or more"
+
+
 def test_several_keys_are_joined_by_commas() -> None:
     found = overrides(["rows=20,wind_x = 2", "wind={x=1, z=6},gravity=3"], "--set")
     assert found == {"rows": 20, "wind_x": 2, "wind": {"x": 1, "z": 6}, "gravity": 3}
@@ -94,7 +107,8 @@ def test_several_keys_are_joined_by_commas() -> None:
         "spheres": [{"radius": 1, "center": [0, 1, 2]}],
         "rows": 3,
     }
-    assert overrides(['file="a,b=c.obj"'], "--set") == {"file": "a,b=c.obj"}
+    for quote in "\"'":
+        assert overrides([f"file={quote}a,b=c.obj{quote},scale=2"], "--set") == {"file": "a,b=c.obj", "scale": 2}
 
 
 def test_list_prints_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) -> None:

@@ -289,7 +289,7 @@ def overrides(texts: Iterable[str], option: str) -> dict[str, object]:
 def is_outside_values(before: str) -> bool:
     """Return whether a text ends outside all brackets and quotes."""
     opened, closed = (sum(map(before.count, brackets)) for brackets in ("[{", "]}"))
-    return opened == closed and before.count('"') % 2 == 0
+    return opened == closed and all(before.count(quote) % 2 == 0 for quote in "\"'")
 
 
 SELECTED_KEYS = {key for name in ("substeps", "iterations") for key in (name, f"solver.{name}")}  # by --target-error

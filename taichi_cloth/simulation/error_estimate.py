@@ -132,7 +132,7 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
     chosen = good[0]
     same = chosen.solver, chosen.iterations, chosen.error
     measured_as = next(row.setting for row in near if (row.solver, row.iterations, row.error) == same)
-    measured_with = "" if measured_as == chosen.setting else f", measured with {measured_as} on its stiffer springs"
+    measured_with = "" if measured_as == chosen.setting else f", measured with {measured_as}, which its springs need"
     line = (
         f"{chosen.setting}, about {chosen.ms:.2g} ms a frame: the fastest setting whose error on a swinging curtain of"
         f" {near[0].cells} cells is at most {100 * target:g} % ({100 * chosen.error:.2g} %{measured_with}); on this"

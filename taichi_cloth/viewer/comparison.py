@@ -245,7 +245,6 @@ def loop(
         keys = pressed_keys(window)
         size, cursor = window_size(window, panel.window_size), window.get_cursor_pos()
         if idle.has_nothing_new(now, comparison.left, (size, cursor, held_buttons(window), keys, comparison.note)):
-            updated = now
             continue
         if now - updated > STATISTICS_EVERY:
             comparison.measure()

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
 SHARE_OF_TIME = 0.1  # of one core, which measuring may take
-STALE_SECONDS = 3.0  # after which a frame of an earlier scene is given up: it may compile for a minute
+STALE_SECONDS = 3.0  # [s] after which a frame of an earlier scene is given up: it may compile for a minute
 FRAMES_BEFORE = 60  # frames that a scene runs before the process starts: the first second of a window is its own
 MAX_GROWTH_SECONDS = 3.0  # time up to which the growth of the error is measured
 NICENESS = 10  # of the process, where the system has priorities

@@ -188,7 +188,6 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         keys = pressed_keys(window)
         cursor = window.get_cursor_pos()
         if idle.has_nothing_new(now, session, (size, cursor, held_buttons(window), keys)):
-            updated, displayed_before = now, displayed
             continue
 
         if now - updated > STATISTICS_EVERY:

@@ -234,6 +234,22 @@ def test_a_cloth_under_the_panel_is_not_in_the_picture() -> None:
     assert camera.eye != eye
 
 
+def test_a_camera_moves_back_by_at_most_a_quarter_for_a_wide_cloth() -> None:
+    camera = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
+    camera.view_shift = 0.3
+    half_width = 1.2 * 3.0 * np.tan(np.radians(20.0))  # [m] of the area beside the panel
+    tall = [[0.9 * half_width, 5.0, 0.0], [-0.9 * half_width, 1.0, 0.0]]
+    camera.fit_width(tall, 1.8)
+    assert camera.distance == 3.0
+    wide = [[1.1 * half_width, 1.0, 0.0], [-1.1 * half_width, 1.0, 0.0]]
+    camera.fit_width(wide, 1.8)
+    assert 1.1 * 3.0 <= camera.distance < 1.1 * 3.0 * 1.02
+    assert camera.target == pytest.approx([0.0, 1.0, 0.0])
+    camera.reset()
+    camera.fit_width([[9.0 * half_width, 1.0, 0.0]], 1.8)
+    assert camera.distance == pytest.approx(1.25 * 3.0)
+
+
 def test_a_scene_without_a_camera_frames_the_colliders_near_its_cloth() -> None:
     cloth = Cloth(rows=9, columns=9, width=1.0, height=1.0, center=(0.0, 1.0, 0.0))
     near, huge, far = (
