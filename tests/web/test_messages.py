@@ -74,8 +74,11 @@ def test_the_scene_message_has_everything_that_stays_constant(session: Session) 
     assert colors[corners] == pytest.approx(255 * pattern_colors(topology, scene.look).reshape(-1, 3, 3), abs=0.51)
     assert np.linalg.norm(np.diff(topology.flat[ends], axis=1)[:, 0], axis=1) == pytest.approx(rest, rel=1e-6)
     assert head["springs"] == topology.family_counts["structural"]
-    assert head["strainColors"][0][2] > head["strainColors"][0][0], "blue where shortened"
-    assert head["strainColors"][-1][0] > head["strainColors"][-1][2], "red where stretched"
+    shortened, relaxed, stretched, unknown = head["strainColors"]
+    assert shortened[2] > shortened[0], "blue where shortened"
+    assert min(relaxed) > 200, "almost white where relaxed"
+    assert stretched[0] > stretched[2], "red where stretched"
+    assert len(set(unknown)) == 1, "gray where not measured"
 
 
 def test_an_update_has_all_positions_and_poses(session: Session) -> None:

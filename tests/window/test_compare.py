@@ -12,7 +12,7 @@ def test_a_drag_acts_on_both_sides(open_window: Callable[..., Any]) -> None:
         "curtain", "--a", "iterations=2", "--b", "solver=explicit", "--set", "rows=12,columns=15", "--size", "1100x400",
         command="compare",
     )  # fmt: skip
-    assert [line[:20] for line in app.output()] == ["a: curtain · verlet 5", "b: curtain · explici"]
+    assert [line[:21] for line in app.output()] == ["a: curtain · verlet 5", "b: curtain · explicit"]
     image = app.screenshot()[:, 420:]  # right of the panel's column
     red = (image[:, :, 0] > 120) & (image[:, :, 0] > 2 * image[:, :, 1])
     half = red.shape[1] // 2
