@@ -68,6 +68,16 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         cache.set(DURATIONS, last_durations(session.config) | _seconds)
 
 
+SHOWN = 40  # modules
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if len(_seconds) > SHOWN:
+        terminalreporter.write_sep("=", f"slowest modules of {sum(_seconds.values()):.0f} s")
+        for module, seconds in _seconds.most_common(SHOWN):
+            terminalreporter.write_line(f"{seconds:7.1f} s  {module}")
+
+
 FIELD_TREES = 128  # restart Taichi above it: a process holds 512 trees, and a module needs less than half of them
 _kept: tuple[tuple[str, int], ProgramRef] | None = None  # options of the Taichi of the last module, and its program
 

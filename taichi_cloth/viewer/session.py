@@ -283,14 +283,12 @@ class Session:
             self.pointer.orbit_instead()
         if gesture.release:
             self.dragger.end()
-            self.note = "" if self.note == FROZEN_DRAG else self.note
             self.pointer.ignore()
         self.dragger.follow(self.camera, cursor, size)
 
     def begin_drag(self, dragger: Dragger, camera: OrbitCamera, cursor: Cursor, size: Size) -> bool:
         """Grab what is under a cursor, as `Dragger.begin` does. Return whether there is something."""
-        found = dragger.begin(camera, cursor, size, self.grab_radius)
-        if found:
+        if found := dragger.begin(camera, cursor, size, self.grab_radius):
             self.rewind_buffer.mark()
             self.note = Refusal(FROZEN_DRAG) if self.frozen else self.note
         return found
@@ -326,6 +324,8 @@ class Session:
     def advance(self, frames: int) -> None:
         """Advance the cloth by a number of frames, unless it is frozen. Call it once for each displayed frame."""
         self.note = self.capture.status() or self.note
+        if self.note == FROZEN_DRAG and not any(dragger.drag for dragger in self.draggers.values()):
+            self.note = ""
         if not self.frozen:
             self.simulate(frames)
         if self.meter is not None:

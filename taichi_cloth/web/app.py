@@ -16,7 +16,7 @@ from ..scene.parameters import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..simulation.frame_clock import MAX_FRAMES, FrameClock
 from ..viewer.dragging import pick_under_cursor
-from ..viewer.input import COMPILING_ACTIONS, FROZEN_DRAG, LISTS, NEIGHBORS, SPEEDS
+from ..viewer.input import COMPILING_ACTIONS, LISTS, NEIGHBORS, SPEEDS
 from ..viewer.panel import GRAB_RADIUS
 from ..viewer.session import Session
 from .protocol import Command, MessageBuilder, PageView, ProtocolError, pack_message
@@ -47,8 +47,6 @@ class CommandHandler:
         """Release the grab of a client that disconnected or stopped dragging."""
         if client in self._grabs:
             self.session.dragger_of(self._grabs.pop(client)).end()
-            if self.session.note == FROZEN_DRAG:
-                self.session.note = ""
 
     def apply(self, client: int, command: Command) -> None:
         """Apply a command. Raises ProtocolError for a name or feature that this scene does not have."""

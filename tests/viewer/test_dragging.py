@@ -47,6 +47,7 @@ def test_a_drag_that_ends_while_frozen_moves_nothing(session: Session, what: str
     for step in range(3):
         point(session, (start[0] - 0.05 * step, start[1]), "left")
     point(session, (start[0] - 0.1, start[1]))
+    session.advance(1)
     assert session.note == ""
     for one in (session, twin):
         one.act("step")
