@@ -197,6 +197,41 @@ def test_short_steps_reduce_the_error_of_stiff_links_only(rate: float, iteration
     assert soft[len(soft) // 2 :].mean() / rigid - 1 == pytest.approx(0.012, abs=0.002)
 
 
+def test_rounded_weights_bound_the_error_of_a_chain_in_float32() -> None:
+    """The chain of B4 whose positions are rounded after every step, and the stored row."""
+    rate, constant, middle = 400.0, 1e3, hanging.LAW_LINKS / 2
+    ends = np.stack([np.arange(hanging.LAW_LINKS), np.arange(1, hanging.LAW_LINKS + 1)], axis=-1)
+    chain = strand.Chain(
+        np.ones(hanging.LAW_LINKS + 1), ends, np.ones(hanging.LAW_LINKS), np.full(hanging.LAW_LINKS, constant)
+    )
+    x = np.stack([np.zeros(hanging.LAW_LINKS + 1), middle - np.arange(hanging.LAW_LINKS + 1.0)], axis=-1)
+    v, lengths = np.zeros_like(x), []
+    for _ in range(1600):
+        exact_x, v, _ = strand.xpbd_step(chain, x, v, 1 / rate, 1)
+        x = exact_x.astype(np.float32).astype(np.float64)
+        v += (x - exact_x) * rate
+        lengths.append(x[0, 1] - x[-1, 1])
+    unrounded = hanging.released_chain(hanging.LAW_LINKS, rate, 1, constant, 4.0)[800:].mean()
+    error = abs(np.mean(lengths[800:]) / hanging.LAW_LINKS - unrounded)
+    bound = hanging.rounded_length(rate, constant)
+    assert bound / 20 < error < bound
+    row = stored("B4", "xpbd", f"{constant:g} N/m, {rate:g} steps/s × 1: mean length over that at rest, minus 1")
+    share = bound / (1 + 9.81e-3 * 33 / 2) / row.exact
+    assert row.by_law("law", share).explained
+    assert replace(row, error=share + 1.01 * row.tolerance).by_law("law", share).broken
+    assert 2 * row.error > share
+
+
+@pytest.mark.parametrize("solver", exact.TWO_STAGE)
+def test_rounded_positions_take_as_much_from_a_spring_as_from_the_stored_one(solver: str) -> None:
+    omega, steps = 1000**0.5, 6000
+    row = stored("A2.2", solver, "share of the amplitude after 1 s, 1000 N/m, 6000 steps/s")
+    assert exact.rounded_amplitude(omega, 1 / steps, steps, -0.5, 0.1) == pytest.approx(row.measured, abs=3e-6)
+    assert row.exact == pytest.approx(exact.spring_amplitude(solver, omega, 1 / steps, steps))
+    near_zero = exact.rounded_amplitude(omega, 1 / 240, 240, 0.0, 1e-3)
+    assert near_zero == pytest.approx(exact.spring_amplitude(solver, omega, 1 / 240, 240), abs=1e-6)
+
+
 def test_steps_of_euler_fall_by_the_sum_of_their_speeds() -> None:
     steps, h = 30, 0.01
     assert flight.euler_fall(steps * h, np.inf, h) == pytest.approx(9.81 * h * h * steps * (steps + 1) / 2, rel=1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from math import sqrt
 
 import numpy as np
@@ -17,6 +18,7 @@ from .check import (
     damped,
     relative,
     rows_with_limit,
+    run_with_limit,
     strip,
     structural,
 )
@@ -29,6 +31,8 @@ DENSITY = 0.2  # [kg/m²] of `base`
 DOUBLED = 0.1  # Γ from which the weight is doubled
 BUCKLED = (2e-2, 5e-3)  # A3: 2 %, 0.5 %
 GAMMAS = (0.1, 1.0, 3.0, 8.0, 10.0, 30.0, 100.0, 1000.0, 10000.0)
+ORDER_GAMMA, ORDER_LINKS = 10.0, (8, 16, 32, 64)  # A4: second order
+ORDER = (0.15, 0.05)  # that of a slope in A8
 LINKS_A_BEND = 4.5  # in the bend at the clamp, Γ^(−1/3) of the length: fewer do not resolve the elastica
 LOADS = (0.25, 1.0, 2.0, 5.0, 10.0)  # α = PL²/EI at the tip
 LIGHT = 0.02  # [kg/m²] of a strip that carries ten times its own weight
@@ -99,6 +103,20 @@ def droop(solver: str) -> Iterator[Check]:
     for gamma in GAMMAS:
         links = max(LINKS, round(LINKS_A_BEND * gamma ** (1 / 3)))
         yield from drooped(f"Γ = {gamma:g}", beam(solver, links, DENSITY * GRAVITY / gamma), cantilever(gamma))
+    what = (
+        f"order of the drop at Γ = {ORDER_GAMMA:g} in the length of a link, {ORDER_LINKS[0]} to {ORDER_LINKS[-1]} links"
+    )
+    yield run_with_limit(what, *ORDER, partial(order_of_drop, what, solver))
+
+
+def order_of_drop(what: str, solver: str) -> Check:
+    """Measure the order of convergence of a strip of more and more links, from the changes of its drop."""
+    scenes = [beam(solver, links, DENSITY * GRAVITY / ORDER_GAMMA) for links in ORDER_LINKS]
+    drops = [float(column[1, 1] - column[-1, 1]) for column in (rest_column(scene, 10.0) for scene in scenes)]
+    changes = np.abs(np.diff(drops))
+    orders = np.log2(changes[:-1] / changes[1:])
+    worst = float(orders[np.abs(orders - 2).argmax()])
+    return Check(what, 2.0, worst, abs(worst - 2), *ORDER)
 
 
 def tip_load(solver: str) -> Iterator[Check]:

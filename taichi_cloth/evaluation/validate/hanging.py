@@ -16,6 +16,7 @@ from .check import (
     FINER,
     GRIDS,
     REST_DAMPING,
+    ROUNDED_WEIGHT,
     SOFTER,
     UNFINISHED_SOLVERS,
     Check,
@@ -40,21 +41,25 @@ from .strand import Chain, xpbd_step
 ELONGATION = (2e-2, 1e-3)  # A3: 2 %, 0.1 % of the elongation
 CELLS = (16, 32, 64, 128)
 CONSTANT = 1000.0  # [N/m] of the base cloth
+CHAIN_LINKS, CHAIN_MASS = 20, 0.01  # A3: links of `CONSTANT`, particles of 10 g
 SPANS = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99)
 SAG = (1e-2, 1e-3)  # A3: 1 %, 0.1 % of the discrete value
 FINER_SPAN = TENSION_SPAN = 0.8
-HAMMOCK_LINKS, FINER_LINKS = 16, (32, 64, 128)  # A3
+HAMMOCK_LINKS, OTHER_LINKS = 16, (8, 32, 64, 128)  # A3
 HAMMOCK_CONSTANT = 1000.0  # [N/m] of a spring
 LAW_LINKS = 32
 # c of `stretch` for 33 particles per side; 0.343 and 0.342 for 9 and 17, ⅓ for many, ½ without diagonals.
 WITH_DIAGONALS = 0.338
 LAW_SETTINGS = (  # A3: links, substeps, iterations
+    (32, 10, 1),
     (64, 10, 1),
     (64, 30, 1),
+    (128, 1, 20),
     (128, 1, 100),
     (128, 10, 1),
     (128, 20, 1),
     (128, 30, 1),
+    (128, 100, 1),
     (256, 30, 1),
 )
 LAW = (0.05, 0.01)
@@ -62,8 +67,7 @@ INDEPENDENT = (1e-2, 1e-3)  # B3: within 1 % across iterations and h
 INDEPENDENT_CELLS = 64
 INDEPENDENT_SUBSTEPS, INDEPENDENT_ITERATIONS = (1, 10), (1, 5, 20, 40, 80, 160)  # A3: from 1 iteration, h to h/10
 SPLIT_SECONDS = 4.0
-SPLITS = ((1600.0, 1), (400.0, 4), (100.0, 16), (50.0, 32))  # B4: steps per second, iterations: 1600 sweeps per second
-SPLIT = (1e-2, 1e-3)
+SPLITS = ((400.0, 1), (100.0, 4), (25.0, 16), (12.5, 32))  # B4: steps per second, iterations: 400 sweeps per second
 HELD_CELLS = 32
 HELD = (1e-2, 1e-3)  # of the weight, as other forces: 1 %, 0.1 %
 GRABBED = "one corner and a grab"
@@ -83,6 +87,24 @@ def elongation(solver: str) -> Iterator[Check]:
         yield run_with_limit(
             what, *ELONGATION, partial(measure_elongation, what, sheet(solver, cells), cells, ELONGATION)
         )
+    yield from chain(solver)
+
+
+def chain(solver: str) -> Iterator[Check]:
+    """Measure the links of a hanging chain: each is longer by the weight that it carries over its constant."""
+    scene = strip(solver, CHAIN_LINKS, constant=CONSTANT)
+    cell = scene.cloth.width / 2 * scene.cloth.height / CHAIN_LINKS  # [m²], which a particle weighs as much as
+    cloth = replace(scene.cloth, area_density=CHAIN_MASS / cell)
+    with Timed(damped(replace(scene, cloth=cloth))) as simulation:
+        advance(simulation, 10.0)
+        column = simulation.positions().reshape(CHAIN_LINKS + 1, 3, 3)[:, 1, 1]
+        longer = -np.diff(column) - 1 / CHAIN_LINKS
+        one = CHAIN_MASS * GRAVITY / CONSTANT  # [m] by which the last link is longer
+        yield relative(
+            f"{CHAIN_LINKS} links: longer by [m]", sum(range(CHAIN_LINKS + 1)) * one, longer.sum(), *ELONGATION
+        )
+        yield relative(f"top of {CHAIN_LINKS} links: longer by [m]", CHAIN_LINKS * one, longer[0], *ELONGATION)
+        yield relative(f"bottom of {CHAIN_LINKS} links: longer by [m]", one, longer[-1], *ELONGATION)
 
 
 def held(solver: str) -> Iterator[Check]:
@@ -136,12 +158,14 @@ def measure_elongation(what: str, scene: Scene, cells: int, bounds: tuple[float,
 
 
 def split(solver: str) -> Iterator[Check]:
-    """Compare 1600 sweeps per second, as steps or as iterations, with the same method in float64 (B4).
+    """Compare 400 sweeps per second, as steps or as iterations, with the same method in float64 (B4).
 
-    The chain has 32 links of 1 m. A frame has an integer number of substeps, so time runs faster: with h/f for h,
-    gravity and stiffness are multiplied by f², and every position is the same.
+    A row is the mean length of the second half of the run, over that of the chain at rest, minus 1. The chain has 32
+    links of 1 m. A frame has an integer number of substeps, so time runs faster: with h/f for h, gravity and stiffness
+    are multiplied by f², and every position is the same.
     """
     for constant in (1e7, 1e3):  # [N/m] of a link
+        at_rest = 1 + GRAVITY * (LAW_LINKS + 1) / 2 / constant  # a link of 1 m carries all masses of 1 kg below it
         for rate, iterations in SPLITS:
             substeps = max(1, round(rate * FRAME_SECONDS))
             speedup = substeps / FRAME_SECONDS / rate
@@ -159,8 +183,21 @@ def split(solver: str) -> Iterator[Check]:
             measured = float(np.mean(lengths[frames // 2 :])) / LAW_LINKS
             expected = released_chain(LAW_LINKS, rate, iterations, constant, SPLIT_SECONDS)[substeps - 1 :: substeps]
             exact = float(np.mean(expected[frames // 2 : frames]))
-            what = f"{constant:g} N/m, {rate:g} steps/s × {iterations}: length over rest"
-            yield relative(what, exact, measured, *SPLIT)
+            what = f"{constant:g} N/m, {rate:g} steps/s × {iterations}: mean length over that at rest, minus 1"
+            row = relative(what, exact / at_rest - 1, measured / at_rest - 1, *ELONGATION)
+            yield row.by_law(ROUNDED_WEIGHT, rounded_length(rate, constant) / at_rest / abs(row.exact))
+
+
+def rounded_length(rate: float, constant: float) -> float:
+    """Return the change of a hanging chain's length, over its rest length, if each weight is wrong by the rounding.
+
+    `rate` is in steps per second; the links are of 1 m and of `constant` [N/m], and coordinates begin in the middle.
+    """
+    below = np.arange(LAW_LINKS, 0, -1)  # particles of 1 kg
+    x = np.cumsum(1 + GRAVITY * below / constant) - LAW_LINKS / 2
+    share = np.spacing(np.abs(x).astype(np.float32)).astype(float) / 2 * rate**2 / GRAVITY
+    forces = np.cumsum(GRAVITY * share[::-1])  # [N] in the links, from the bottom
+    return float(forces.sum()) / constant / LAW_LINKS
 
 
 def released_chain(links: int, rate: float, iterations: int, constant: float, seconds: float) -> Floats:
@@ -219,7 +256,7 @@ def hammock(solver: str) -> Iterator[Check]:
         if span == TENSION_SPAN:
             what = f"tension of the last links over the weight at {span:g} m"
             yield relative(what, exact.tension, measured.tension, *SAG)
-    for links in FINER_LINKS:
+    for links in OTHER_LINKS:
         what = f"sag with {links} links at a span of {FINER_SPAN:g} m [m]"
         yield run_with_limit(what, *SAG, partial(discrete_sag, what, solver, links))
 
