@@ -336,7 +336,7 @@ hangs from two corners or from its top edge.
 
 In addition, the cloth must come to rest within 5 s after the disturbance. In the last quarter of a second no structural
 spring may exceed the static strain plus 1 %, and no particle 0.1 m/s. Diagonals and shortened springs are not judged:
-cloth that shears changes its diagonals, and folds finer than a cell shorten springs, neither of which strains the cloth.
+cloth that shears changes its diagonals, and folds finer than a cell shorten springs; neither strains the cloth.
 The static strain is that of the same cloth in float64 with the constants of its fabric; a solver's artificial stretch
 is not part of it. For a cloth without pins, which comes to lie on something, it is that of the cloth hung from two
 corners, an upper bound. Additional bounds of a case, and what it judges differently, are in its row. Cases 19 and 20

@@ -228,7 +228,11 @@ def main_page(run: Measured, rows: str) -> list[str]:
 
 def rows_page(run: Measured, main: str) -> list[str]:
     """Return the lines of the page of all rows."""
-    table = markdown_table([[*HEADINGS, "source"], *([*cells(result), result.source] for result in run.results)])
+    lines = [[*HEADINGS, "passes up to", "excellent up to", "source"]]
+    for result in run.results:
+        good, best = result.row.tolerance, result.row.tight_tolerance
+        lines.append([*cells(result), f"{good:g}", f"{best:g}" if best >= 0 else "-", result.source])
+    table = markdown_table(lines)
     return ["# Validation: every row", "", f"The results behind [{main}]({main}).", "", *table]
 
 
