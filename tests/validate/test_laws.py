@@ -56,6 +56,13 @@ def way_of_verlet() -> float:
     return flight.euler_fall(0.2, terminal, substep_of("verlet")) / fallen - 1
 
 
+def sail_of_verlet(span: float, drag_only: bool) -> float:
+    mass = AREA_DENSITY * 0.05 / flight.SAIL_LINKS
+    soft = check.effective_stiffness("verlet", 0.0, mass, substep_of("verlet"), SOLVER_CATALOG["verlet"].iterations)
+    return flight.excess_sag(soft, span, drag_only)
+
+
+PRESSURE, DRAG = "lift and drag: pressure with the cosine [m]", "drag alone: its square, along the wind [m]"
 BOUNDED = [
     *(
         ("A2.5", "xpbd", f"sag of a taut square of {n} cells under its weight [m]", partial(sag_of_square, n))
@@ -76,6 +83,8 @@ BOUNDED = [
         for k in (500.0, 1000.0)
     ),
     ("A6.1", "verlet", "way after 0.2 s [m]", way_of_verlet),
+    *(("A6.2", "verlet", f"sag at {d:g} m, {PRESSURE}", partial(sail_of_verlet, d, False)) for d in (0.8, 0.9)),
+    ("A6.2", "verlet", f"sag at 0.9 m, {DRAG}", partial(sail_of_verlet, 0.9, True)),
     ("B1", "verlet", "16 cells: every row, error of the side after 1 s", partial(every_row, 16)),
     ("B1", "verlet", "32 cells: every row, error of the side after 0.5 s", partial(every_row, 32)),
 ]
