@@ -42,6 +42,13 @@ from .cases import FRAME_RATES
 Floats = NDArray[np.float64]
 
 FRAMES = 120
+RATE_NOTE = (
+    f"frames/s: the highest of {', '.join(map(str, FRAME_RATES))} that the 95th percentile of the frame time allows."
+)
+MODEL_NOTE = (
+    "Fine settings may keep the same distance to the reference: contact and tethers of the solvers act once per substep"
+    " or iteration, and attachments and colliders move in a straight line within a frame."
+)
 VERLET_NOTE = "`verlet` has stiffness 0…1 instead of SI constants: its error includes that of the model."
 # (substeps, iterations), measured in addition to the scene's own. They include the defaults of the solvers. Explicit
 # solvers raise (1, 1) to what is stable.
@@ -212,6 +219,8 @@ def print_report(all_found: Sequence[SceneErrors]) -> None:
     for found in all_found:
         console.print(f"{found.scene}: {heading(found)}", soft_wrap=True)
         console.print(printed_table(lines(found)))
+    for note in (RATE_NOTE, MODEL_NOTE):
+        console.print(note, soft_wrap=True)
     if any("verlet" in point.setting for found in all_found for point in found.points):
         console.print(VERLET_NOTE, soft_wrap=True)
     console.print(" · ".join(machine().values()), soft_wrap=True)
@@ -247,6 +256,8 @@ def page(stored: dict[str, Any]) -> str:
         "until a perturbation of the start by 1e-9 of the side has grown to 1e-7, a strain limit acts, or a spring",
         "tears. `<` means below the uncertainty of the reference: its distance from one with twice the time step.",
         VERLET_NOTE,
+        RATE_NOTE,
+        MODEL_NOTE,
         "",
     ]
     if stored["left_out"]:
