@@ -20,6 +20,12 @@ YANK, SLOPE, METHOD = unit(29, "lines"), unit(35, "explicit"), unit(31, "verlet"
 ALL = {"yank": YANK, "slope": SLOPE, "method": METHOD}
 
 
+def forget() -> None:
+    """Forget sources, which a test has changed."""
+    module.sources.cache_clear()
+    module.files_behind.cache_clear()
+
+
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the package, which tests may change."""
@@ -56,17 +62,17 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ],
 )
 def test_a_changed_file_changes_the_fingerprints_of_its_results(package: Path, name: str, others: set[str]) -> None:
-    module.sources.cache_clear()
+    forget()
     before = {key: fingerprint(one) for key, one in ALL.items()}
     path = package / name
     source = path.read_bytes()
     path.write_bytes(b'"""Another text."""\n\n' + source.partition(b'"""\n')[2].replace(b"\n", b"\r\n") + b"\n# more\n")
-    module.sources.cache_clear()
+    forget()
     assert {key: fingerprint(one) for key, one in ALL.items()} == before
     path.write_bytes(source + b"\nMORE = 1\n")
-    module.sources.cache_clear()
+    forget()
     assert {key for key, one in ALL.items() if fingerprint(one) != before[key]} == others
-    module.sources.cache_clear()
+    forget()
 
 
 @pytest.mark.parametrize(
@@ -89,15 +95,15 @@ def test_only_what_a_variant_uses_of_a_module_with_cases_counts(
     package: Path, name: str, before: str, after: str, others: set[str]
 ) -> None:
     units = ALL | {"ball": unit(21, "xpbd", "teleported")}
-    module.sources.cache_clear()
+    forget()
     unchanged = {key: fingerprint(one) for key, one in units.items()}
     path = package / "evaluation/stress" / name
     source = path.read_text(encoding="utf-8")
     assert before in source
     path.write_text(source.replace(before, after, 1), encoding="utf-8")
-    module.sources.cache_clear()
+    forget()
     assert {key for key, one in units.items() if fingerprint(one) != unchanged[key]} == others
-    module.sources.cache_clear()
+    forget()
 
 
 @pytest.mark.parametrize("name", ["changes", "contact", "extremes", "layered_cloth", "loads"])

@@ -72,16 +72,23 @@ def sources(solver: str, functions: frozenset[Symbol]) -> list[tuple[str, str]]:
     """
     used, files = symbols(functions)
     solvers = SOLVER_NAMES if any(module == SOLVER_SWITCH_CASES for module, _ in functions) else (solver,)
+    roots = {f"{CASES}{name}.py" for name in JUDGING_MODULES}
+    roots |= {f"solvers/{name}.py" for name in solvers}  # loaded by name, so not among the imports
+    roots |= {path.relative_to(PACKAGE).as_posix() for path in files}
+    parts = [(f"{module}.{name}", digest_of_nodes(nodes)) for (module, name), nodes in used.items()]
+    return sorted([*parts, *files_behind(frozenset(roots))])
+
+
+@cache
+def files_behind(roots: frozenset[str]) -> list[tuple[str, str]]:
+    """Return these files of the package and all that they import, by name, with digests of their contents."""
     found: set[str] = set()
-    pending = {f"{CASES}{name}.py" for name in JUDGING_MODULES}
-    pending |= {f"solvers/{name}.py" for name in solvers}  # loaded by name, so not among the imports
-    pending |= {path.relative_to(PACKAGE).as_posix() for path in files}
+    pending = set(roots)
     while pending:
         found |= pending
         names = {path.relative_to(PACKAGE).as_posix() for name in pending for path in imported(PACKAGE / name)}
         pending = {name for name in names - found if not name.startswith(DRAWING) and name != PUBLIC_API}
-    parts = [(f"{module}.{name}", digest_of_nodes(nodes)) for (module, name), nodes in used.items()]
-    return sorted([*parts, *((name, digest((PACKAGE / name).read_bytes())) for name in found)])
+    return [(name, digest((PACKAGE / name).read_bytes())) for name in found]
 
 
 def symbols(functions: Iterable[Symbol]) -> tuple[dict[Symbol, list[ast.stmt]], set[Path]]:
