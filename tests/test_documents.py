@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import shlex
@@ -473,3 +474,22 @@ def test_the_search_works_in_a_site_that_is_opened_from_a_folder(
         assert [request for request in browser.requests if request.startswith("http")] == browser.errors == []
     finally:
         pipe.close()
+
+
+def lines_of(path: Path, names: list[str]) -> int:
+    """Return the lines of a module, or of some of its functions and classes."""
+    text = path.read_text(encoding="utf-8")
+    if not names:
+        return len(text.splitlines())
+    found = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    return sum((found[name].end_lineno or 0) - found[name].lineno + 1 for name in names)
+
+
+def test_a_change_of_xpbd_needs_less_than_900_lines() -> None:
+    rows = re.findall(r"^\| `(\w+/\w+\.py)` \| (.+) \|$", text_of(TOP / "CONTRIBUTING.md"), re.MULTILINE)
+    read = {
+        name: [] if what.startswith("all") else re.findall(r"`(\w+)`", what.partition(":")[0]) for name, what in rows
+    }
+    read["solvers/base.py"] = ["Features", "run_frame"]  # and attributes of `Solver`, some 30 lines
+    assert len(read) == 8
+    assert sum(lines_of(TOP / "taichi_cloth" / name, names) for name, names in read.items()) < 870
