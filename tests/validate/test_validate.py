@@ -54,7 +54,7 @@ QUICK = [
     ),
     *(("A3.2", "verlet"), ("A3.3", "explicit"), ("A3.5", "explicit"), ("A4.1", "xpbd"), ("A4.4", "lines")),
     *(("A6.1", "rk4"), ("A7.1", "verlet"), ("A7.5", "explicit"), ("A8.2", "explicit"), ("A8.3", "explicit")),
-    *(("A8.5", "explicit"), ("A8.6", "explicit"), ("A8.10", "explicit"), ("B4", "xpbd"), ("B5", "xpbd")),
+    *(("A8.5", "explicit"), ("A8.6", "explicit"), ("A8.10", "explicit"), ("B5", "xpbd")),
 ]
 # References that may fall short because of a law, with these solvers only.
 EXPLAINED = {
@@ -98,6 +98,15 @@ def test_the_spin_that_xpbd_loses_is_explained_by_its_law() -> None:
     assert result.row.explained
     assert result.row.limit is not None
     assert result.row.limit.max_error == pytest.approx(result.row.tolerance + 1e-3)
+
+
+def test_only_rounding_makes_a_budget_of_sweeps_fall_short() -> None:
+    """At 400 substeps a second float32 rounds the weight of soft links; all other splits of the budget pass."""
+    rows = [result.row for result in measure(BY_NUMBER["B4"], "xpbd")]
+    short = [row for row in rows if row.verdict == FAIL]
+    assert len(rows) == 2 * len(hanging.SPLITS)
+    assert [row.what.partition(":")[0] for row in short] == ["1000 N/m, 400 steps/s × 1"]
+    assert short[0].explained
 
 
 def test_the_swinging_curtain_is_measured() -> None:
@@ -182,7 +191,7 @@ def test_a_setup_that_takes_too_long_is_too_slow(monkeypatch: pytest.MonkeyPatch
     assert run_with_limit("distance", 0.1, 0.01, slow).seconds == 33.0
 
 
-@pytest.mark.parametrize(("number", "rows"), [("A3.5", 4), ("A4.3", 18), ("A4.6", 5)])
+@pytest.mark.parametrize(("number", "rows"), [("A3.5", 4), ("A4.3", 19), ("A4.6", 5)])
 def test_a_setup_that_takes_too_long_has_as_many_rows_as_any_other(
     number: str, rows: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -320,7 +329,7 @@ def test_the_pages_are_made_from_the_rows(tmp_path: Path) -> None:
     assert "\n50.0 % pass (goal: 90 %), 25.0 % are excellent (goal: 60 %).\n" in text
     assert "| xpbd | 3 | 1 | 1 | 1 | 0 | 66.7 % | 33.3 % |" in text
     assert "| A0 test | **1.0e+00** | **1.0e+00** |\n| A9 other |  | **1.0e+00** |\n" in text
-    assert "| A0 test | rk4 | wait [s] | - | - | - | too slow: over 20 s | nobody |" in text
+    assert "| A0 test | rk4 | wait [s] | - | - | - | too slow: over 20 s | 0.1 | 0.01 | nobody |" in text
     report.write_json(tmp_path / "o.json", run)
     read = report.read_json(tmp_path / "o.json")
     assert read.date == run.date
