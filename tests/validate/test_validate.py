@@ -14,7 +14,7 @@ import pytest
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench.error_sweep import Curtain, curtain_solution
-from taichi_cloth.evaluation.validate import check, hanging, references, strand, swing
+from taichi_cloth.evaluation.validate import check, elastica, flight, hanging, references, strand, swing
 from taichi_cloth.evaluation.validate import validation_report as report
 from taichi_cloth.evaluation.validate.check import (
     EXCELLENT,
@@ -107,6 +107,27 @@ def test_only_rounding_makes_a_budget_of_sweeps_fall_short() -> None:
     assert len(rows) == 2 * len(hanging.SPLITS)
     assert [row.what.partition(":")[0] for row in short] == ["1000 N/m, 400 steps/s × 1"]
     assert short[0].explained
+    assert short[0].limit is not None
+    assert short[0].limit.max_error < 1.3 * short[0].error
+
+
+def test_a_law_allows_its_error_and_the_tolerance_where_it_is_applied() -> None:
+    spring = swing.numerical_damping("lines", "1000 N/m", 1000.0, 100)
+    *_, sail = islice(flight.sail("verlet"), 3)  # at the widest span
+    for row, error in ((spring, 1.38e-4), (sail, 0.0360)):
+        assert row.explained
+        assert row.limit is not None
+        assert row.limit.max_error == pytest.approx(error + row.tolerance, rel=0.02)
+
+
+def test_a_drop_of_first_order_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    for order, verdict in ((2, EXCELLENT), (1, FAIL)):
+        drops = iter([0.7 + 8.0 ** (1 - order) / links**order for links in elastica.ORDER_LINKS])
+        columns = (np.array([[0.0, 0.0], [0.0, drop], [0.0, 0.0]]) for drop in drops)
+        monkeypatch.setattr(elastica, "rest_column", lambda *_, columns=columns: next(columns))
+        row = elastica.order_of_drop("", "rk4")
+        assert row.measured == pytest.approx(order)
+        assert row.verdict == verdict
 
 
 def test_the_swinging_curtain_is_measured() -> None:
