@@ -355,11 +355,11 @@ def recheck(stored: Store, units: list[Unit]) -> None:
 
 
 def explain(stored: Store, units: list[Unit]) -> None:
-    """Find causes of the failures of these units by experiments, for those without an earlier experiment."""
+    """Find causes of failures that were not examined earlier, of short runs first: one may interrupt the search."""
     from ..system.console import steps_progress
     from .stress import runner
 
-    failed = stored.untried(units)
+    failed = sorted(stored.untried(units), key=lambda one: stored.results[one[0].key].seconds)
     with steps_progress(len(failed)) as on_step:
 
         def on_cause(unit: Unit, cause: Cause) -> None:

@@ -107,10 +107,14 @@ class Recorder:
     def save(self, path: str | PathLike[str], size: tuple[int, int] = (1280, 720)) -> None:
         """Write the recording. `size`: of replayed images, 1 to 8192 [pixels].
 
-        Raises ValueError for another size, UsageError within a frame, and OSError; a partial file never remains.
+        Raises ValueError for another size, UsageError within a frame and for a name that does not end in .toml, and
+        OSError; a partial file never remains.
         """
         self.simulation.check_between_frames()
-        Recording.of(self, check_image_size(size)).write(Path(path))
+        path = Path(path)
+        if path.suffix.lower() != ".toml":
+            raise UsageError(f"{path}: recordings are saved as TOML files: the name must end in .toml")
+        Recording.of(self, check_image_size(size)).write(path)
 
 
 @dataclass(frozen=True)

@@ -725,3 +725,10 @@ def test_a_recording_has_the_size_of_an_image_or_is_not_written(recorder: Record
         with pytest.raises(ValueError, match="size must be width and height, 1 to 8192 pixels each"):
             recorder.save(tmp_path / "wrong.toml", size=size)
     assert not (tmp_path / "wrong.toml").exists()
+
+
+@pytest.mark.parametrize("name", ["run", "run.npz", "run.mp4"])
+def test_a_recording_is_a_toml_file(recorder: Recorder, tmp_path: Path, name: str) -> None:
+    with pytest.raises(UsageError, match=r"run.*: recordings are saved as TOML files: the name must end in \.toml"):
+        recorder.save(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []

@@ -51,11 +51,11 @@ def explained(unit: Unit) -> Cause:
 @pytest.mark.parametrize(
     ("holds", "shown"),
     [
-        (lambda trial: trial.setting.solver.iterations >= 8, "too few iterations: alive with 1×8"),
-        (lambda trial: trial.simulation.substeps >= 8, "too few substeps: alive with 8×1"),
+        (lambda trial: trial.setting.solver.iterations >= 4, "too few iterations: alive with 1×4"),
+        (lambda trial: trial.simulation.substeps >= 4, "too few substeps: alive with 4×1"),
         (
-            lambda trial: trial.setting.solver.iterations * trial.simulation.substeps >= 64,
-            "too few substeps and iterations: alive with 8×8",
+            lambda trial: trial.setting.solver.iterations * trial.simulation.substeps >= 16,
+            "too few substeps and iterations: alive with 4×4",
         ),
         (lambda trial: trial.setting.continuous, "no continuous collision detection: alive with `continuous`"),
         (lambda trial: False, ""),
@@ -85,7 +85,7 @@ def test_experiments_multiply_the_substeps_that_were_used() -> None:
     assert explained(unit_of(breaks, explicit)).shown == ""
     needed = taken[0][1]
     assert needed > 1
-    assert taken[-1] == (8 * needed, 8 * needed)
+    assert taken[-1] == (4 * needed, 4 * needed)
 
 
 def test_an_experiment_that_takes_too_long_finds_no_cause(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from taichi_cloth.__main__ import main
+from taichi_cloth.evaluation import commands
 from taichi_cloth.evaluation.stress import case_catalog, runner, store
 from taichi_cloth.evaluation.stress.causes import Cause
 from taichi_cloth.evaluation.stress.runner import select_units
@@ -16,7 +17,7 @@ from taichi_cloth.evaluation.stress.setup import ROBUST, ROBUST_SLACK, SETTINGS
 from taichi_cloth.evaluation.stress.unit import Failure, Unit, run_unit, seed_of
 from taichi_cloth.system.errors import UsageError
 
-from .conftest import CASE, SMALL
+from .conftest import CASE, SMALL, failed
 
 
 @pytest.fixture
@@ -68,6 +69,17 @@ def test_an_unexplained_failure_gives_exit_code_1(
     assert asked == ["breaks", "breaks"]  # an explained failure is not examined again
     assert main(["stress", "--from", "o.json", "--markdown", "page.md"]) == 0
     assert f"(seed {seed}); it is made to\n" in Path("page_rows.md").read_text(encoding="utf-8")
+
+
+def test_the_shortest_runs_are_examined_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    units = [Unit(CASE, replace(CASE.variants[1], name=name), SMALL) for name in "abc"]
+    stored = store.Store.new(None, units)
+    for unit, seconds in zip(units, (2.0, 3.0, 1.0), strict=True):
+        stored.add(failed(variant=unit.variant.name, seconds=seconds))
+    examined: list[Unit] = []
+    monkeypatch.setattr(runner, "explain_all", lambda some, on_cause: examined.extend(unit for unit, _ in some))
+    commands.explain(stored, units)
+    assert [unit.variant.name for unit in examined] == ["c", "a", "b"]
 
 
 def test_experiments_run_in_worker_processes() -> None:
