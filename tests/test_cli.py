@@ -118,7 +118,7 @@ def test_list_prints_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) 
     assert all(len(line.split()) > 3 for line in lines)
     [drape, curtain] = (next(line for line in lines if line.startswith(name)) for name in ("drape15", "curtain"))
     assert drape.endswith(
-        " · not converged: about 2.0 % artificial stretch at rest; more iterations or substeps reduce it"
+        " · not converged: about 2 % artificial stretch at rest; more iterations or substeps reduce it"
     )  # ⅓·16·g·h²/5 over 1/7 m, h = 1/60 s
     assert "not converged" not in curtain
 

@@ -12,7 +12,7 @@ from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench import scene_error
 from taichi_cloth.evaluation.compare import explanations, overrides
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.render.sequence import RenderPlan
+from taichi_cloth.render.image import RenderPlan
 from taichi_cloth.render.split_view import SEAM, nearest_vertex_map, render_both
 from taichi_cloth.simulation.simulation import Simulation
 

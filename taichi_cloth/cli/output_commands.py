@@ -26,7 +26,7 @@ from .program import (
 )
 
 if TYPE_CHECKING:
-    from ..render.sequence import RenderPlan
+    from ..render.image import RenderPlan
     from ..simulation.recording import Recording
     from ..viewer.replay import ReplaySession
     from ..viewer.session import Session
@@ -198,7 +198,7 @@ def run_session(recording: Recording, args: argparse.Namespace, obstacle: str | 
 
     Return the session, which is closed.
     """
-    from ..render.sequence import RenderPlan
+    from ..render.image import RenderPlan
     from ..viewer.replay import ReplaySession
 
     size = args.size or recording.size
@@ -248,7 +248,7 @@ def write_video(session: Session, plan: RenderPlan, path: Path) -> None:
 
 def write_images(session: Session, plan: RenderPlan, *, force: bool) -> None:
     """Render a session to numbered PNG files in the folder `plan.out`."""
-    from ..render.sequence import background_writer, claim_folder
+    from ..render.image import background_writer, claim_folder
     from ..system.console import frames_progress
     from ..viewer.replay import session_images
 

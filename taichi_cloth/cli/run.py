@@ -32,7 +32,7 @@ from .program import (
 )
 
 if TYPE_CHECKING:
-    from ..render.sequence import RenderPlan
+    from ..render.image import RenderPlan
     from ..simulation.simulation import Simulation
     from ..viewer.capture import Exporter
     from ..viewer.session import Session
@@ -137,7 +137,7 @@ def run_scene(args: argparse.Namespace) -> int:
                 announce=announce,
             )
         return 0
-    from ..render.sequence import RenderPlan
+    from ..render.image import RenderPlan
 
     refuse_log(args.log, obstacle)
     print(
@@ -163,7 +163,7 @@ def open_session(scene: Scene, args: argparse.Namespace, export: Exporter | None
 def render_scene(args: argparse.Namespace) -> int:
     """Run the command `render`."""
     scene = chosen_scene(args)
-    from ..render.sequence import RenderPlan
+    from ..render.image import RenderPlan
 
     plan = RenderPlan(
         out=args.out or Path("out") / scene.name,
@@ -185,18 +185,18 @@ def render_images(
     scene: Scene, plan: RenderPlan, args: argparse.Namespace, *, force: bool = False, resume: bool = False
 ) -> int:
     """Render a scene to numbered PNG files in the folder `plan.out`."""
-    from ..render import sequence
+    from ..render import image
     from ..simulation.simulation import Simulation
     from ..system.console import frames_progress
 
     arch = runtime.start(args.arch)
     with (
         Simulation(scene, args.layout) as simulation,
-        sequence.claim_folder(plan, simulation, force=force, resume=resume),
+        image.claim_folder(plan, simulation, force=force, resume=resume),
     ):
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
-            report = sequence.render(simulation, plan, advance)
+            report = image.render(simulation, plan, advance)
     if report.median_error is not None:
         print(f"error of a frame: median {1e3 * report.median_error:.2g} mm")
     print(plan.images + (", and contact_sheet.png" if plan.contact_sheet else ""))

@@ -100,13 +100,14 @@ def compare(args: argparse.Namespace) -> int:
 
     obstacle = "--headless" if args.headless else "--out" if args.out else window_obstacle()
     if obstacle is None:
-        from ..viewer import comparison
+        from ..viewer import comparison_window
         from ..viewer.comparison import Comparison
 
         runtime.start(args.arch)
         left, right = scenes
-        comparison.run(
-            lambda: Comparison(left, right, comparison.aspect_of(args.size), view=args.view, errors=not args.no_errors),
+        aspect = comparison_window.aspect_of(args.size)
+        comparison_window.run(
+            lambda: Comparison(left, right, aspect, view=args.view, errors=not args.no_errors),
             size=args.size,
             frames=args.frames,
             log=args.log,
@@ -120,13 +121,13 @@ def compare(args: argparse.Namespace) -> int:
 
 def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
     """Render both scenes to images, and write and print what was measured."""
-    from ..render import sequence, split_view
+    from ..render import image, split_view
     from ..render.split_view import half_width
     from ..simulation.simulation import Simulation
     from ..system.console import frames_progress, printed_table, wide_console
 
     half_width(args.size[0])
-    plan = sequence.RenderPlan(
+    plan = image.RenderPlan(
         out=args.out or Path("out") / f"compare_{scenes[0].name}",
         frames=args.frames or DEFAULT_FRAMES,
         width=args.size[0],
@@ -140,7 +141,7 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
             print(f"{letter}: {simulation.scene.name} · {simulation.method}", flush=True)
             for line in filter(None, [simulation.warnings, inside_at_start(simulation.scene, simulation.topology)]):
                 print(f"   {line}", flush=True)
-        with sequence.claim_folder(plan, a, force=args.force, resume=None):
+        with image.claim_folder(plan, a, force=args.force, resume=None):
             reference = converged(scenes, plan.frames)
             with frames_progress(plan.frames) as advance:
                 left, right, distances = split_view.render_both(
@@ -171,6 +172,7 @@ def converged(scenes: list[Scene], frames: int) -> np.ndarray | tuple[()]:
 
     a, b = (replace(scene, solver=scenes[0].solver, verlet=scenes[0].verlet) for scene in scenes)
     if a != b:
+        print("no reference solution: the sides differ in more than [solver] and [verlet]")
         return ()
     if reason := reason_unsupported(a):
         print(f"no reference solution: {reason}")
@@ -259,7 +261,7 @@ def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:
 
     line = f"RMS distance after {count_noun(len(distances), 'frame')}: {distances[-1]:.2%} of the side"
     if not len(reference):
-        return f"{line}; no error: the sides differ in more than the solver, or the scene has no reference solution"
+        return f"{line}; no error, as there is no reference solution"
     if len(reference) >= len(distances):
         return line
     chaos = ", beyond which the motion is chaotic: a tiny change of the start has grown a hundredfold"

@@ -29,6 +29,7 @@ from ..simulation.recording import read_recording, run_recording
 from ..simulation.rollback import DivergenceGuard
 from ..simulation.running_cloth import check_simulation
 from ..simulation.simulation import Simulation as BaseSimulation
+from ..state import ClothState
 from ..system.errors import Diverged, UsageError
 from ..system.files import next_free_path
 from .mesh_files import (
@@ -137,6 +138,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     _frame_error: FrameError | None = None
     _measured: tuple[Scene, FrameErrorMeter] | None = None
+    _guarded: tuple[ClothState, DivergenceGuard] | None = None
 
     def __dir__(self) -> list[str]:
         return [name for name in super().__dir__() if name not in INNER_NAMES]
@@ -159,8 +161,11 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         `measure_error`: measure the error of the last frame, which `frame_error` and `metrics` have then. The first
         time, and after a change of the scene, it compiles for some seconds. Raises UsageError if the fabric is too
         stiff for the reference; nothing has changed then. Raises ValueError for a number that is not an integer from 0.
+
+        Raises Diverged, with advice, if the cloth has blown up in these frames: a position is not finite, or a speed
+        exceeds 10⁴ m/s. `reset`, `load` and `set_state` bring it back.
         """
-        wanted = check_frames(frames)
+        wanted, guard = check_frames(frames), self._guard_of_cloth()
         if not measure_error or not wanted:
             super().step(wanted)
             self._frame_error = None
@@ -168,6 +173,13 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
             meter = self._meter()
             super().step(wanted - 1)
             self._frame_error = meter.measure_frame(self, super().step)
+        if wanted and not guard.check_and_snapshot():
+            raise Diverged(guard.describe())
+
+    def _guard_of_cloth(self) -> DivergenceGuard:
+        if self._guarded is None or self._guarded[0] is not self.cloth:  # another scene or solver has another cloth
+            self._guarded = self.cloth, DivergenceGuard(self)
+        return self._guarded[1]
 
     @property
     def frame_error(self) -> FrameError | None:
@@ -199,6 +211,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
     def close(self) -> None:
         """Release the fields for the next simulation. Closing twice does no harm."""
         self._close_meter()
+        self._guarded = None
         super().close()
 
     def export(self, path: str | PathLike[str], up: str = "y") -> None:
@@ -313,7 +326,7 @@ def _frames(simulation: BaseSimulation, frames: range, on_frame: Callable[[int],
     for k in frames:
         yield k
         guard = DivergenceGuard(simulation)  # of every frame: `on_frame` may have changed the cloth
-        simulation.step()
+        BaseSimulation.step(simulation)
         if not guard.check_and_snapshot():
             raise Diverged(guard.roll_back())
         on_frame(k)

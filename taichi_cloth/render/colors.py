@@ -219,6 +219,27 @@ def legend_rectangles(scale: Scale) -> tuple[Rectangles, Rectangles]:
     return np.array([*bar, *ink]), np.concatenate([colors, np.tile(TEXT_COLOR, (len(ink), 1))])
 
 
+def row_rectangles(scale: Scale) -> tuple[Rectangles, Rectangles]:
+    """Return the rectangles of a scale that lies, as `legend_rectangles`: its lowest value at the left.
+
+    x grows to the right from the middle of the image, y grows down from its lower edge.
+    """
+    low, high = min(scale.labels), max(scale.labels)
+    colors = np.zeros((STEPS, 3), np.float32)
+    strain_colors(np.linspace(low * FULL_STRAIN, high * FULL_STRAIN, STEPS, dtype=np.float32), colors)
+    top, step = -MARGIN - GLYPH_HEIGHT - BAR_WIDTH, BAR_HEIGHT / STEPS
+    bar = [(step * n - BAR_HEIGHT / 2, top, step, BAR_WIDTH) for n in range(STEPS)]
+    ink = []
+    for fraction, text in scale.labels.items():
+        x = BAR_HEIGHT * ((fraction - low) / (high - low) - 0.5)
+        ink += [
+            (x - 0.5, top + BAR_WIDTH, 1, 2),
+            *text_rectangles(text, x - text_width(text) / 2, 3 - MARGIN - GLYPH_HEIGHT),
+        ]
+    ink += [*text_rectangles(scale.caption, -text_width(scale.caption) / 2, top - 2 - GLYPH_HEIGHT)]
+    return np.array([*bar, *ink]), np.concatenate([colors, np.tile(TEXT_COLOR, (len(ink), 1))])
+
+
 def with_background(rectangles: Rectangles, colors: Rectangles) -> tuple[Rectangles, Rectangles]:
     """Return the rectangles of a scale and their colors with a white rectangle behind them, which comes first."""
     left, top = rectangles[:, :2].min(axis=0) - PADDING
@@ -226,22 +247,28 @@ def with_background(rectangles: Rectangles, colors: Rectangles) -> tuple[Rectang
     return np.insert(rectangles, 0, (left, top, width, height), 0), np.insert(colors, 0, 1.0, 0)
 
 
-def draw_legend(image: Pixels, scale: Scale, *, is_centered: bool = False) -> Pixels:
-    """Draw a scale into an image, uint8 (height, width, 3), at the right edge or centered, and return the image.
+def draw_legend(image: Pixels, scale: Scale) -> Pixels:
+    """Draw a scale into an image, uint8 (height, width, 3), at its right edge, and return the image."""
+    height, width, _ = image.shape
+    return _draw(image, *legend_rectangles(scale), width, height / 2)
 
-    A centered scale has a white background, since it covers the seam of two images.
+
+def draw_legend_below(image: Pixels, scale: Scale) -> Pixels:
+    """Draw a scale that lies in the middle of the lower edge, where there is seldom cloth, and return the image.
+
+    It has a white background, since it covers the seam of two images.
     """
-    height, right, _ = image.shape
-    unit = max(1, round(UNIT * height))
-    rectangles, colors = legend_rectangles(scale)
-    if is_centered:
-        rectangles, colors = with_background(rectangles, colors)
-        left, _, width, _ = rectangles[0]
-        right = right // 2 - round(unit * (left + width / 2))
+    height, width, _ = image.shape
+    return _draw(image, *with_background(*row_rectangles(scale)), width / 2, height)
+
+
+def _draw(image: Pixels, rectangles: Rectangles, colors: Rectangles, x: float, y: float) -> Pixels:
+    """Draw rectangles [units] into an image, from its point (x, y) [pixels]."""
+    unit = max(1, round(UNIT * len(image)))
     for (left, top, w, h), color in zip(rectangles, colors, strict=True):
-        x, y = (max(0, round(c)) for c in (right + unit * left, height / 2 + unit * top))
-        x_end, y_end = (max(0, round(c)) for c in (right + unit * (left + w), height / 2 + unit * (top + h)))
-        image[y:y_end, x:x_end] = np.rint(255 * color)
+        start, end = (max(0, round(x + unit * c)) for c in (left, left + w))
+        first, last = (max(0, round(y + unit * c)) for c in (top, top + h))
+        image[first:last, start:end] = np.rint(255 * color)
     return image
 
 

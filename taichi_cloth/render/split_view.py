@@ -23,12 +23,11 @@ from ..system.errors import Diverged, UsageError
 from ..system.files import atomic_file
 from ..system.taichi_runtime import machine
 from .camera import OrbitCamera, camera_of, floor_height
-from .colors import draw_legend
+from .colors import draw_legend_below
 from .draw_list import DrawList
-from .image import render_without_scale
+from .image import MEASURED_EVERY, RenderPlan, background_writer, render_without_scale
 from .image_files import Pixels
 from .rasterizer import Rasterizer
-from .sequence import MEASURED_EVERY, RenderPlan, background_writer
 
 # -- images ------------------------------------------------------------------------------------------------------------
 
@@ -67,7 +66,7 @@ class SplitRenderer:
         return self._half.width / self._half.height
 
     def draw(self, sides: tuple[DrawList, DrawList], view: str, camera: OrbitCamera) -> Pixels:
-        """Return an image, uint8 (height, width, 3), in a new array. The color scale of both halves is centered."""
+        """Return an image, uint8 (height, width, 3), in a new array. The color scale of both halves is below them."""
         a, b = sides
         a.other_error, b.other_error = b.largest_error, a.largest_error
         image = self._blank.copy()
@@ -78,7 +77,7 @@ class SplitRenderer:
         if not scales:
             return image
         captions = dict.fromkeys(scale.caption for scale in scales)  # frames of their errors, which may differ
-        return draw_legend(image, replace(scales[0], caption="   ".join(captions)), is_centered=True)
+        return draw_legend_below(image, replace(scales[0], caption="   ".join(captions)))
 
 
 # -- comparison --------------------------------------------------------------------------------------------------------

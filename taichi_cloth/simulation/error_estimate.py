@@ -318,6 +318,7 @@ STRETCH_WITH_SHEAR = 2 / 3  # of the stretch remains with shear springs: ⅓·N�
 MAX_SAMPLES = 2048  # particles, and pins, whose distances are compared
 MIN_REPORTED_STRETCH = 1e-3  # smallest artificial stretch that is reported, as a fraction of the hanging length
 REMEDY = "more iterations or substeps reduce it"
+MAX_REPORTED = 10.0  # largest share that is reported as a number
 MIN_REPORTED_FRACTION = 1e-2  # smallest excess that is reported, as a fraction of the elastic elongation
 
 
@@ -343,6 +344,13 @@ def sample_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return sampled
 
 
+def percent(share: float) -> str:
+    """Return a share as text, with two digits below 100 %, and without digits where linear theory does not hold."""
+    if share >= MAX_REPORTED:
+        return f"over {100 * MAX_REPORTED:.0f} %"
+    return f"{100 * share:.0f} %" if share >= 1 else f"{100 * share:.2g} %"
+
+
 def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> str:
     """Return a line with the artificial stretch by iterations that do not converge; empty if it is small.
 
@@ -355,13 +363,14 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
     rest = float(np.median(topology.rest[topology.family("structural")]))
     if scene.solver.name == "verlet":
         stretch = factor * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
-        line = f"not converged: about {100 * stretch:.1f} % artificial stretch at rest; {REMEDY}"
+        line = f"not converged: about {percent(stretch)} artificial stretch at rest; {REMEDY}"
         return line if stretch >= MIN_REPORTED_STRETCH else ""
     if scene.solver.name == "xpbd":
         mass, constant = float(np.median(topology.mass)), max(scene.fabric.warp, scene.fabric.weft)
-        fraction = factor * unconverged_fraction(constant, mass, h, iterations)
+        damped = constant * (1 + scene.fabric.damping_time / h)  # to a correction a damper is a stiffer spring
+        fraction = factor * unconverged_fraction(damped, mass, h, iterations)
         stretch = fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet
-        too_large = f"forces of pins and grabs are too large, by up to about {100 * fraction:.0f} %"
-        line = f"not converged: {too_large}, and {100 * stretch:.2g} % artificial stretch at rest; {REMEDY}"
+        too_large = f"forces of pins and grabs are too large, by up to about {percent(fraction)}"
+        line = f"not converged: {too_large}, and {percent(stretch)} artificial stretch at rest; {REMEDY}"
         return line if fraction >= MIN_REPORTED_FRACTION else ""
     return ""

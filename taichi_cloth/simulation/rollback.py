@@ -46,8 +46,7 @@ class DivergenceGuard:
 
         Listeners receive the event `roll_back`.
         """
-        simulation = self._simulation
-        line = f"the cloth blew up in frame {simulation.frame}: {self._advice()}"
+        simulation, line = self._simulation, self.describe()
         for number in list(simulation.grabs):
             simulation.apply(Event("release", (number,)))
         simulation.set_torn(self._torn)
@@ -56,6 +55,10 @@ class DivergenceGuard:
         simulation.restart_guard()  # what it had verified are positions after the snapshot
         simulation.notify(Event("roll_back"))
         return line
+
+    def describe(self) -> str:
+        """Return a line for the user that the cloth has blown up, with the frame, the cause and advice."""
+        return f"the cloth blew up in frame {self._simulation.frame}: {self._advice()}"
 
     def _advice(self) -> str:
         """Return what to change: a runtime parameter that differs from the scene, else the substeps."""

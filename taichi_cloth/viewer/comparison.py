@@ -1,48 +1,18 @@
-"""Two sessions side by side with shared keys, mouse and camera, and their window.
-
-The software rasterizer draws both halves, since the UI toolkit supports only one camera.
-"""
+"""Two sessions side by side, with shared keys, mouse and camera."""
 
 from __future__ import annotations
 
-import contextlib
-import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
-
-import numpy as np
-import taichi as ti
 
 from ..render.draw_list import VIEWS, DrawList
-from ..render.split_view import SplitRenderer, camera_for_both, nearest_vertex_map, rms_distance
+from ..render.image_files import Pixels, write_png
+from ..render.split_view import camera_for_both, nearest_vertex_map, rms_distance
 from ..scene import Scene, parameters_of
-from ..simulation.frame_clock import FrameClock
-from .error_process import error_lines
-from .input import HELD_KEY_RATES, OWN_FABRIC, SHORTCUTS, Progress
-from .panel import (
-    NOTE_COLORS,
-    PANEL_MARGIN,
-    PANEL_WIDTH,
-    milliseconds,
-    wrap,
-)
+from ..system.errors import error_text, shown_path
+from ..system.files import next_free_path
+from .input import HELD_KEY_RATES, SHORTCUTS, Refusal
 from .session import Session
-from .toolkit import PanelRect, has_changed, saved_panel_rect
-from .window import (
-    MAX_HOLD_SECONDS,
-    STATISTICS_EVERY,
-    STILL_FRAMES,
-    WINDOW_POSITION,
-    WINDOW_TITLE,
-    FrameLog,
-    Idle,
-    held_buttons,
-    press_keys,
-    pressed_keys,
-    window_size,
-)
 
 # Actions on both sides, and actions on the side under the cursor only, so that the sides may differ in more settings.
 SHARED_ACTIONS = (
@@ -79,6 +49,9 @@ class Comparison:
         for side in self.sides:
             side.measure_errors(errors)
         self.left.camera = self.right.camera = camera_for_both(left, aspect)
+        self._out = out.absolute()  # the window changes the working directory
+        self.image: Pixels | None = None
+        """The last image of both sides, if there was one."""
         self.hidden = False
         """Whether the panel is hidden."""
         self.running = True
@@ -136,6 +109,30 @@ class Comparison:
             self.hidden = not self.hidden
         elif action == "quit":
             self.running = False
+        elif action == "screenshot":
+            self.take_screenshot()
+        else:
+            key = next(key for key in SHORTCUTS if key.action == action)
+            why = "the panel lists the keys" if action == "help" else f"{key.help}: not in a comparison"
+            self.show(Refusal(f"{key.label}: {why}"))
+
+    def show(self, note: str) -> None:
+        """Show one line for the user."""
+        self.left.note, self.right.note = note, ""
+
+    def take_screenshot(self) -> None:
+        """Write the last image of both sides, without the panel, to a new file of the output folder."""
+        if self.image is None:
+            return
+        folder = self._out / f"compare_{self.left.simulation.scene.name}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path = next_free_path(folder, "shot").with_suffix(".png")
+            write_png(path, self.image)
+        except OSError as error:
+            self.show(Refusal(f"screenshot failed: {error_text(error)}"))
+        else:
+            self.show(f"wrote {shown_path(path)}")
 
     def request(self, action: str) -> None:
         """Run an action. If it may compile for seconds, first display a frame whose note says so (`run_deferred`)."""
@@ -199,200 +196,3 @@ class Comparison:
         """Update the metrics of both sides."""
         for side in self.sides:
             side.measure()
-
-
-NAME = "compare"
-HEIGHT = 700  # [pixels] of the panel
-BAND = PANEL_WIDTH + 2 * PANEL_MARGIN  # [pixels] column at the left that shows the panel and no image
-BAND_COLOR = 40  # of 255
-MIN_WIDTH = 2 * 100  # [pixels] minimum width of both images together, however narrow the window
-
-
-# -- window ------------------------------------------------------------------------------------------------------------
-
-
-def run(open_pair: Callable[[], Comparison], *, size: tuple[int, int], frames: int | None, log: Path | None) -> None:
-    """Open a window on a comparison. Return when the user closes it, or after `frames` displayed frames.
-
-    `open_pair` makes the comparison. `size`: of the window [pixels]. Taichi must have been started, and a display must
-    be available (`toolkit.window_obstacle`). Raises OSError if `log` cannot be written.
-    """
-    with contextlib.ExitStack() as stack:
-        frame_log = stack.enter_context(FrameLog(log)) if log else None
-        folder = stack.enter_context(TemporaryDirectory(prefix="taichi_cloth_"))
-        comparison = stack.enter_context(contextlib.closing(open_pair()))
-        stack.enter_context(contextlib.chdir(folder))
-        for letter, side in zip("ab", comparison.sides, strict=True):
-            print(f"{letter}: {side.simulation.scene.name} · {side.simulation.method}", flush=True)
-        window = ti.ui.Window(WINDOW_TITLE, size, vsync=True, pos=WINDOW_POSITION)
-        stack.callback(window.destroy)  # before the Taichi fields are released
-        loop(window, comparison, ComparisonPanel(size, Path(folder) / "imgui.ini"), frames, frame_log)
-
-
-def loop(
-    window: ti.ui.Window, comparison: Comparison, panel: ComparisonPanel, frames: int | None, frame_log: FrameLog | None
-) -> None:
-    """Process input, simulate and draw, once for every displayed frame."""
-    canvas, gui, clock = window.get_canvas(), window.get_gui(), FrameClock(time.perf_counter())
-    rendered_size, renderer = ((0, 0), 0), None  # of the window and the panel's column, that the renderer was made for
-    lines: list[str] = []
-    displayed, updated, draw_ms, idle = 0, 0.0, 0.0, Idle()
-    compiling = Progress("compiling: the first frames take seconds")
-    comparison.left.note = comparison.left.note or compiling
-    while window.running and comparison.running and displayed != frames:
-        now = time.perf_counter()
-        due = clock.due(now) if displayed >= STILL_FRAMES else 0
-        keys = pressed_keys(window)
-        size, cursor = window_size(window, panel.window_size), window.get_cursor_pos()
-        if idle.has_nothing_new(now, comparison.left, (size, cursor, held_buttons(window), keys, comparison.note)):
-            continue
-        if now - updated > STATISTICS_EVERY:
-            comparison.measure()
-            lines, updated = statistics(comparison, draw_ms), now
-        widget_used = not comparison.hidden and panel.draw(gui, comparison, lines)
-        band = 0 if comparison.hidden else band_of(size)
-        image_size = size[0] - band, size[1]
-        point = (cursor[0] * size[0] - band) / image_size[0], cursor[1]
-        on_panel = point[0] < 0 or (not comparison.hidden and panel.place.contains(cursor, size))
-        comparison.on_pointer(point, held_buttons(window), image_size, on_panel=on_panel, widget_changed=widget_used)
-        press_keys(window, comparison, keys, min(clock.elapsed, MAX_HOLD_SECONDS))  # on the side where the mouse is now
-        comparison.advance(due)
-        if due > 0 and comparison.left.note is compiling:
-            comparison.left.note = ""
-
-        start = time.perf_counter()
-        if renderer is None or (size, band) != rendered_size:
-            renderer, rendered_size = SplitRenderer(*image_size, samples=1), (size, band)
-            image = np.full((*size, 3), BAND_COLOR, np.uint8)  # the toolkit's origin is the bottom left
-        image[band:] = renderer.draw(comparison.draw_lists, comparison.view, comparison.left.camera).transpose(1, 0, 2)[
-            :, ::-1
-        ]
-        canvas.set_image(image)
-        draw_ms = 1e3 * (time.perf_counter() - start)
-        if frame_log:
-            comparison.measure()
-            frame_log.write({"cursor": list(cursor)} | line_of(comparison, displayed, image_size, band))
-        window.show()
-        displayed += 1
-        comparison.run_deferred()
-
-
-def band_of(size: tuple[int, int]) -> int:
-    """Return the width of the panel's column in a window of `size` [pixels]."""
-    return max(0, min(BAND, size[0] - MIN_WIDTH))
-
-
-def aspect_of(size: tuple[int, int]) -> float:
-    """Return width over height of one half, in a window of `size` [pixels] that shows its panel."""
-    return (size[0] - band_of(size)) / 2 / size[1]
-
-
-# -- panel -------------------------------------------------------------------------------------------------------------
-
-
-class ComparisonPanel:
-    """The panel of a comparison: sliders that act on both sides, and statistics of each side."""
-
-    def __init__(self, size: tuple[int, int], settings: Path) -> None:
-        """`size`: of the window when it opens [pixels]. `settings`: the toolkit's imgui.ini."""
-        self.window_size = size
-        self._initial_place = PanelRect(
-            PANEL_MARGIN, PANEL_MARGIN, PANEL_WIDTH, min(HEIGHT, size[1] - 2 * PANEL_MARGIN)
-        )
-        self._settings = settings
-
-    @property
-    def place(self) -> PanelRect:
-        """The panel's rectangle. If the user moves the panel, the value follows some seconds later."""
-        return saved_panel_rect(self._settings, NAME) or self._initial_place
-
-    def draw(self, gui: ti.ui.Gui, comparison: Comparison, lines: list[str]) -> bool:
-        """Declare all widgets for this frame. Return whether the user changed one. `lines`: of `statistics`."""
-        place, (width, height) = self._initial_place, self.window_size
-        changed = False
-        with gui.sub_window(NAME, place.left / width, place.top / height, place.width / width, place.height / height):
-            for name, key in parameters_of(comparison.left.simulation.scene).items():
-                if name in ("substeps", "iterations"):  # these belong to each side's solver
-                    continue
-                before = comparison.left.simulation.params[name]
-                label = f"{key.label} [{key.unit}]" if key.unit else key.label
-                after = gui.slider_float(label, before, key.slider_min, key.slider_max)
-                if has_changed(after, before):
-                    comparison.set_parameter(name, min(max(after, key.slider_min), key.slider_max))
-                    changed = True
-            for label in ("Freeze", "Step", "Reset", "View"):
-                if gui.button(label):
-                    comparison.act(label.lower())
-                    changed = True
-            for line in lines:
-                gui.text(line)
-            for line in wrap(comparison.note):
-                gui.text(line, color=NOTE_COLORS[type(comparison.note)])
-            for line in help_lines():
-                gui.text(line)
-        return changed
-
-
-def help_lines() -> list[str]:
-    """Return the keys that act on both sides, and those that act on the side under the cursor."""
-    lines = []
-    for scope, actions in (("both sides", SHARED_ACTIONS), ("side under the cursor", SIDE_ACTIONS)):
-        keys = ", ".join(f"{key.label} {key.help}" for key in SHORTCUTS if key.action in actions)
-        lines += wrap(f"{scope}: {keys}")
-    return lines
-
-
-def statistics(comparison: Comparison, draw_ms: float) -> list[str]:
-    """Return lines of text with the statistics of both sides. `draw_ms`: time to draw both [ms]."""
-    lines = [
-        line
-        for name, side in zip(("left", "right"), comparison.sides, strict=True)
-        for line in side_statistics(name, side)
-    ]
-    distance = f"{comparison.rms_distance:.2%} of the cloth's side"
-    frame = f"frame {comparison.left.simulation.frame}: RMS distance {distance}"
-    return [*lines, *wrap(frame), f"drawing: {draw_ms:.1f} ms"]
-
-
-def side_statistics(name: str, side: Session) -> list[str]:
-    """Return lines of text with the solver, time, strain and error of one side."""
-    simulation, metrics = side.simulation, side.metrics
-    return [
-        *wrap(f"{name}: {simulation.method} · {simulation.scene.fabric.preset or OWN_FABRIC}"),
-        f"  {milliseconds(side.physics_ms)} ms, strain {100 * metrics.max_strain:.1f} %",
-        *(part for line in error_lines(side.meter) for part in wrap(f"  {line.strip()}")),
-    ]
-
-
-def line_of(comparison: Comparison, displayed: int, image_size: tuple[int, int], band: int) -> dict[str, object]:
-    """Return the `--log` entry of one displayed frame.
-
-    `image_size`: of both images together [pixels]. `band`: width of the panel's column at their left [pixels].
-    """
-    aspect = image_size[0] / 2 / image_size[1]
-    sides = []
-    for k, side in enumerate(comparison.sides):
-        simulation = side.simulation
-        grabbed = next(iter(simulation.grabbed.tolist()), None)  # the particle grabbed first
-        particle = None
-        if grabbed is not None:
-            u, v = side.camera.to_screen(simulation.positions()[grabbed], aspect)[0][0].tolist()
-            particle = [(band + image_size[0] * (u + k) / 2) / (band + image_size[0]), v]
-        sides.append(
-            {
-                "solver": simulation.solver.name,
-                "frame": simulation.frame,
-                "grabbed": grabbed,
-                "particle": particle,
-                "physics_ms": round(side.physics_ms, 3),
-                "max_strain": side.metrics.max_strain,
-                "parameters": {name: simulation.params[name] for name in parameters_of(simulation.scene)},
-            }
-        )
-    shared = {
-        "displayed": displayed,
-        "mouse": comparison.mouse,
-        "rms_distance": comparison.rms_distance,
-        "frozen": comparison.left.frozen,
-    }
-    return {**shared, "sides": sides}

@@ -190,8 +190,8 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]
     percent = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
     share = ", more than the cloth moved" if found.error > found.motion else percent  # it rests
-    steps = f"substeps and model {millimeters(found.step_error)}"
-    parts = steps if found.residual is None else f"iterations {millimeters(found.residual)}, {steps}"
+    steps = f"by substeps and model {millimeters(found.step_error)}"
+    parts = steps if found.residual is None else f"by iterations {millimeters(found.residual)}, {steps}"
     parts += ", which partly cancel" if max(found.step_error, found.residual or 0.0) > 1.5 * found.error else ""
     estimate = [] if growth is None else [f"  estimate for 1 s without input: {millimeters(growth)}"]
     if not found.reference_has_converged:
@@ -200,7 +200,7 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
         return [
             f"error of frame {found.frame}: below {millimeters(2 * found.reference_error)}, as exact as the reference"
         ]
-    return [f"error of frame {found.frame}: {millimeters(found.error)}{share}", f"  {parts}", *estimate]
+    return [f"error of frame {found.frame}: {millimeters(found.error)} RMS{share}", f"  {parts}", *estimate]
 
 
 def millimeters(distance: float) -> str:

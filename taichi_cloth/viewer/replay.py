@@ -12,10 +12,9 @@ import numpy as np
 import taichi as ti
 
 from ..render.draw_list import VIEWS
-from ..render.image import render_pixels
+from ..render.image import RenderPlan, render_pixels
 from ..render.image_files import AppendImage
 from ..render.rasterizer import Rasterizer
-from ..render.sequence import RenderPlan
 from ..simulation.copies import FrameStart
 from ..simulation.events import Event
 from ..simulation.recording import REBUILDING, Recording, apply_recorded, hash_of

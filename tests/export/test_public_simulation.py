@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.simulation.simulation import Simulation as BaseSimulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
@@ -34,6 +35,26 @@ def test_the_running_cloth_is_exported(tmp_path: Path) -> None:
         assert pytest.approx(simulation.positions(), abs=1e-8) == np.array([x, z, -y]).T
     assert (tmp_path / "same.obj").read_bytes() == (tmp_path / "c.obj").read_bytes()
     assert (tmp_path / "c.PLY").read_bytes().startswith(b"ply\n")
+
+
+def test_a_step_tells_that_the_cloth_has_blown_up() -> None:
+    """The state stays as it is; a reset brings the cloth back, and the frames before are those of an unchecked run."""
+    with tc.Simulation(small()) as simulation, BaseSimulation(small()) as unchecked:
+        simulation.step(3)
+        unchecked.step(3)
+        assert simulation.positions().tobytes() == unchecked.positions().tobytes()
+        x = simulation.positions()
+        x[-1] += [1e5, 0.0, 0.0]
+        simulation.set_state(x)
+        with pytest.raises(tc.Diverged, match=r"^the cloth blew up in frame 4: try 2 substeps instead of 1,"):
+            simulation.step()
+        assert (simulation.frame, simulation.closed) == (4, False)
+        simulation.reset()
+        simulation.step(5)
+        unchecked.step(2)
+        assert simulation.positions().tobytes() == unchecked.positions().tobytes()
+        simulation.switch_solver("xpbd")  # which has another state
+        simulation.step()
 
 
 def test_triangles_are_a_copy_in_the_order_of_the_particles() -> None:

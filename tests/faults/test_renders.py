@@ -21,7 +21,7 @@ from PIL import Image
 
 from taichi_cloth import __main__ as cli
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.render.sequence import LAST_GOOD, RenderPlan, save_last_good
+from taichi_cloth.render.image import LAST_GOOD, RenderPlan, save_last_good
 from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system import files

@@ -13,7 +13,7 @@ from PIL import Image
 from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.colors import rounded_up
-from taichi_cloth.render.sequence import RenderReport
+from taichi_cloth.render.image import RenderReport
 from taichi_cloth.simulation.copies import FrameErrorMeter
 from taichi_cloth.simulation.simulation import Simulation
 

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichi_cloth.render.image import render_pixels
+from taichi_cloth.render.image import RenderPlan, render_pixels
 from taichi_cloth.render.rasterizer import Rasterizer
-from taichi_cloth.render.sequence import RenderPlan
 from taichi_cloth.scene import Scene
 from taichi_cloth.scene.schema import Camera, Cloth, Fabric, Solver, Wind
 from taichi_cloth.simulation import recording as recording_module

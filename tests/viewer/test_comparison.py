@@ -3,12 +3,16 @@
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.viewer.comparison import Comparison, statistics
+from taichi_cloth.viewer.comparison import Comparison
+from taichi_cloth.viewer.comparison_window import apart, statistics
+from taichi_cloth.viewer.input import Refusal
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
@@ -107,6 +111,49 @@ def test_shared_actions_affect_both_sides_and_the_solver_changes_on_one(comparis
     assert [(side.simulation.frame, side.simulation.scene.name) for side in comparison.sides] == [(0, "drape15")] * 2
     assert comparison.rms_distance < 1e-6
     assert comparison.left.camera is comparison.right.camera
+
+
+def test_a_screenshot_has_both_sides(comparison: Comparison, tmp_path: Path) -> None:
+    comparison.request("screenshot")  # nothing was drawn yet
+    assert not list(tmp_path.iterdir())
+    comparison.image = np.full((4, 6, 3), 7, np.uint8)
+    for number in (1, 2):
+        comparison.request("screenshot")
+        file = tmp_path / "compare_drape15" / f"shot_00{number}.png"
+        assert comparison.note.endswith(f"shot_00{number}.png")
+        assert (np.asarray(Image.open(file)) == comparison.image).all()
+    for path in (tmp_path / "compare_drape15").iterdir():
+        path.unlink()
+    (tmp_path / "compare_drape15").rmdir()
+    (tmp_path / "compare_drape15").touch()  # no folder can have this name
+    comparison.request("screenshot")
+    assert comparison.note.startswith("screenshot failed: ")
+
+
+@pytest.mark.parametrize(
+    ("action", "line"),
+    [
+        ("help", "A: the panel lists the keys"),
+        ("clip", "C: start/stop clip: not in a comparison"),
+        ("page", "Tab: next panel page: not in a comparison"),
+    ],
+)
+def test_a_key_that_a_comparison_does_not_support_says_so(comparison: Comparison, action: str, line: str) -> None:
+    comparison.request(action)
+    assert comparison.note == line
+    assert isinstance(comparison.note, Refusal)
+
+
+@pytest.mark.parametrize(("frames", "apart_by"), [((300, 360), ""), ((300, 361), "61"), ((2713, 157), "2556")])
+def test_errors_of_distant_frames_are_not_compared_in_silence(
+    comparison: Comparison, monkeypatch: pytest.MonkeyPatch, frames: tuple[int, int], apart_by: str
+) -> None:
+    assert apart(comparison) == ""  # nothing was measured
+    for side, frame in zip(comparison.sides, frames, strict=True):
+        side.meter = SimpleNamespace(error=SimpleNamespace(frame=frame), close=lambda: None)  # type: ignore[assignment]
+    line = apart(comparison)
+    assert line == (line and f"the errors are of frames {apart_by} apart: freeze to compare the same one")
+    assert bool(line) == bool(apart_by)
 
 
 def test_divergence_on_one_side_freezes_both(comparison: Comparison) -> None:

@@ -17,9 +17,10 @@ from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer import panel as panel_module
 from taichi_cloth.viewer.charts import CHART_SECONDS, History
-from taichi_cloth.viewer.comparison import HEIGHT as COMPARISON_HEIGHT
-from taichi_cloth.viewer.comparison import Comparison, ComparisonPanel
-from taichi_cloth.viewer.comparison import statistics as comparison_statistics
+from taichi_cloth.viewer.comparison import Comparison
+from taichi_cloth.viewer.comparison_window import HEIGHT as COMPARISON_HEIGHT
+from taichi_cloth.viewer.comparison_window import ComparisonPanel
+from taichi_cloth.viewer.comparison_window import statistics as comparison_statistics
 from taichi_cloth.viewer.error_process import Answer, error_lines, millimeters
 from taichi_cloth.viewer.input import (
     ARROWS,
@@ -435,23 +436,23 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     assert [millimeters(value) for value in (0.00123, 0.0994, 0.137, 2.5)] == ["1.2 mm", "99 mm", "137 mm", "2500 mm"]
     session.meter.answer = Answer(found, 0.02)
     assert error_lines(session.meter) == [
-        "error of frame 7: 1.2 mm, 12 % of its motion",
-        "  iterations 0.5 mm, substeps and model 0.8 mm",
+        "error of frame 7: 1.2 mm RMS, 12 % of its motion",
+        "  by iterations 0.5 mm, by substeps and model 0.8 mm",
         "  estimate for 1 s without input: 20 mm",
     ]
     explicit = replace(found, error=5e-5, motion=0.0, residual=None, step_error=5e-5)
     session.meter.answer = Answer(explicit)
-    assert error_lines(session.meter)[1:] == ["  substeps and model 0.05 mm"]
+    assert error_lines(session.meter)[1:] == ["  by substeps and model 0.05 mm"]
     session.meter.answer = Answer(replace(explicit, error=1.9e-6))
     assert error_lines(session.meter) == ["error of frame 7: below 0.002 mm, as exact as the reference"]
     session.meter.answer = Answer(replace(found, error=0.65, reference_error=0.4))  # of a motion of 10 mm
     assert error_lines(session.meter) == ["error of frame 7: not measured: the reference has not converged"]
     session.meter.answer = Answer(replace(found, residual=0.004, step_error=0.0045))
-    assert error_lines(session.meter)[1] == "  iterations 4 mm, substeps and model 4.5 mm, which partly cancel"
+    assert error_lines(session.meter)[1] == "  by iterations 4 mm, by substeps and model 4.5 mm, which partly cancel"
     more = "more than the cloth moved"
     for motion, share in ((0.00124, "99 % of its motion"), (0.0012, more), (0.0, more)):
         session.meter.answer = Answer(replace(found, motion=motion))
-        assert error_lines(session.meter)[0].startswith(f"error of frame 7: 1.2 mm, {share}")
+        assert error_lines(session.meter)[0].startswith(f"error of frame 7: 1.2 mm RMS, {share}")
     session.meter.answer = Answer(found, None, "its reference takes 3.1 s")
     assert error_lines(session.meter) == ["error of a frame: not measured: its reference takes 3.1 s"]
 
