@@ -9,7 +9,7 @@ from ..render.draw_list import VIEWS, DrawList
 from ..render.image_files import Pixels, write_png
 from ..render.split_view import camera_for_both, nearest_vertex_map, rms_distance
 from ..scene import Scene, parameters_of
-from ..system.errors import error_text, shown_path
+from ..system.errors import error_text
 from ..system.files import next_free_path
 from .input import HELD_KEY_RATES, SHORTCUTS, Refusal
 from .session import Session
@@ -132,7 +132,7 @@ class Comparison:
         except OSError as error:
             self.show(Refusal(f"screenshot failed: {error_text(error)}"))
         else:
-            self.show(f"wrote {shown_path(path)}")
+            self.show(f"wrote {path.relative_to(self._out.parent)}")
 
     def request(self, action: str) -> None:
         """Run an action. If it may compile for seconds, first display a frame whose note says so (`run_deferred`)."""

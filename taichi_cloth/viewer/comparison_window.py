@@ -198,7 +198,7 @@ def apart(comparison: Comparison) -> str:
     frames = [side.frame_error.frame for side in comparison.sides if side.frame_error]
     if len(frames) < 2 or abs(frames[0] - frames[1]) <= MAX_APART:
         return ""
-    return f"the errors are of frames {abs(frames[0] - frames[1])} apart: freeze to compare the same one"
+    return f"the errors are of frames {abs(frames[0] - frames[1])} apart"
 
 
 def side_statistics(name: str, side: Session) -> list[str]:
