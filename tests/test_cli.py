@@ -21,7 +21,7 @@ from taichi_cloth.cli import scenes
 from taichi_cloth.cli.program import overrides, summary
 from taichi_cloth.geometry import cloth_builder
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.render import sequence
+from taichi_cloth.render import image
 from taichi_cloth.simulation import error_estimate
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.console import count_noun
@@ -141,6 +141,7 @@ def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     [
         ("[cloth]\nwidth = 120\nheight = 90", "a side of more than 20 m: lengths are in meters"),
         ("[forces]\ngravity = -9.81", "gravity points up"),
+        ("[[attachments]]\ncenter = [0, 2, 0]", "an attachment without pins moves nothing"),
         ("[cloth]\nwidth = 2\nheight = 20", ""),
     ],
 )
@@ -381,7 +382,7 @@ def test_a_resume_on_another_arch_is_refused(
     here: None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert cli.main(DRAPE) == 0
-    monkeypatch.setattr(sequence, "running_arch", lambda: "cuda")
+    monkeypatch.setattr(image, "running_arch", lambda: "cuda")
     assert "cannot be resumed" in refused(capsys, "--resume")
 
 

@@ -199,6 +199,8 @@ def render_images(
             report = image.render(simulation, plan, advance)
     if report.median_error is not None:
         print(f"error of a frame: median {1e3 * report.median_error:.2g} mm")
+    elif plan.errors and plan.frames < image.MEASURED_EVERY:
+        print(f"no error was measured: --errors measures every {image.MEASURED_EVERY}th frame")
     print(plan.images + (", and contact_sheet.png" if plan.contact_sheet else ""))
     return 0
 

@@ -146,6 +146,8 @@ def unusual(scene: Scene) -> str:
         notes.append(f"a side of more than {UNUSUAL_SIDE:g} m: lengths are in meters")
     if scene.forces.gravity < 0:
         notes.append("gravity points up")
+    if not all(attachment.pins for attachment in scene.attachments):
+        notes.append("an attachment without pins moves nothing")
     return ", ".join(notes)
 
 

@@ -42,6 +42,11 @@ def test_every_tenth_frame_is_measured(tmp_path: Path, capsys: pytest.CaptureFix
     assert f"error of a frame: median {1e3 * median:.2g} mm" in capsys.readouterr().out
 
 
+def test_a_run_too_short_to_be_measured_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert not rendered(tmp_path / "a", "--frames", "3", "--errors")
+    assert "no error was measured: --errors measures every 10th frame" in capsys.readouterr().out
+
+
 def test_the_median_leaves_out_errors_that_the_reference_cannot_tell() -> None:
     report = RenderReport("a", 1, "", {}, {}, [{}])
     assert report.median_error is None
