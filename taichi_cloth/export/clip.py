@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -178,7 +179,8 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     def _guard_of_cloth(self) -> DivergenceGuard:
         if self._guarded is None or self._guarded[0] is not self.cloth:  # another scene or solver has another cloth
-            self._guarded = self.cloth, DivergenceGuard(self)
+            # A guard that referred to this simulation would keep it, and its fields, from being freed at once.
+            self._guarded = self.cloth, DivergenceGuard(weakref.proxy(self))
         return self._guarded[1]
 
     @property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +57,18 @@ def test_a_step_tells_that_the_cloth_has_blown_up() -> None:
         assert simulation.positions().tobytes() == unchecked.positions().tobytes()
         simulation.switch_solver("xpbd")  # which has another state
         simulation.step()
+
+
+def test_a_simulation_that_has_stepped_is_freed_with_its_last_reference() -> None:
+    simulation = tc.Simulation(small())
+    simulation.step()
+    reference = weakref.ref(simulation)
+    gc.disable()
+    try:
+        del simulation
+        assert reference() is None
+    finally:
+        gc.enable()
 
 
 def test_triangles_are_a_copy_in_the_order_of_the_particles() -> None:
