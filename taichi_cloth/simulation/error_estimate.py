@@ -347,7 +347,7 @@ def sample_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def percent(share: float) -> str:
     """Return a share as text, with two digits below 100 %, and without digits where linear theory does not hold."""
     if share >= MAX_REPORTED:
-        return f"over {100 * MAX_REPORTED:.0f} %"
+        return f"more than {100 * MAX_REPORTED:.0f} %"
     return f"{100 * share:.0f} %" if share >= 1 else f"{100 * share:.2g} %"
 
 
@@ -370,7 +370,8 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
         damped = constant * (1 + scene.fabric.damping_time / h)  # to a correction a damper is a stiffer spring
         fraction = factor * unconverged_fraction(damped, mass, h, iterations)
         stretch = fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet
-        too_large = f"forces of pins and grabs are too large, by up to about {percent(fraction)}"
+        up_to = "up to about " if fraction < MAX_REPORTED else ""
+        too_large = f"forces of pins and grabs are too large, by {up_to}{percent(fraction)}"
         line = f"not converged: {too_large}, and {percent(stretch)} artificial stretch at rest; {REMEDY}"
         return line if fraction >= MIN_REPORTED_FRACTION else ""
     return ""

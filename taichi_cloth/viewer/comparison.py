@@ -19,6 +19,7 @@ SHARED_ACTIONS = (
     *("freeze", "step", "reset", "wind", "view", "smaller_radius", "larger_radius", "restore_defaults", "errors"),
 )
 SIDE_ACTIONS = ("solver", "fabric", "feature", "pin")
+WINDOW_ACTIONS = ("first_view", "screenshot", "hide", "quit")
 
 
 class Comparison:
@@ -111,10 +112,12 @@ class Comparison:
             self.running = False
         elif action == "screenshot":
             self.take_screenshot()
+        elif action == "help":
+            keys = (f"{key.label} {key.help}" for key in SHORTCUTS if key.action in WINDOW_ACTIONS)
+            self.show(f"all other keys: {', '.join(keys)}; I, O and arrows move the camera")
         else:
             key = next(key for key in SHORTCUTS if key.action == action)
-            why = "the panel lists the keys" if action == "help" else f"{key.help}: not in a comparison"
-            self.show(Refusal(f"{key.label}: {why}"))
+            self.show(Refusal(f"{key.label}: {key.help}: not in a comparison"))
 
     def show(self, note: str) -> None:
         """Show one line for the user."""

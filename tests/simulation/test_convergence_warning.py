@@ -61,10 +61,14 @@ def test_pins_of_a_damped_sheet_carry_as_much_more_than_its_weight_as_is_reporte
 
 
 @pytest.mark.parametrize(
-    ("share", "shown"), [(0.0123, "1.2 %"), (0.5, "50 %"), (1.583, "158 %"), (9.9, "990 %"), (1e9, "over 1000 %")]
+    ("share", "shown"), [(0.0123, "1.2 %"), (0.5, "50 %"), (1.583, "158 %"), (9.9, "990 %"), (1e9, "more than 1000 %")]
 )
 def test_percentages_that_a_linear_estimate_cannot_give_are_not_shown(share: float, shown: str) -> None:
     assert percent(share) == shown
+
+
+def test_forces_far_too_large_have_no_figure() -> None:
+    assert "are too large, by more than 1000 %, and " in line("xpbd", 32, 2, 1)
 
 
 def test_nothing_is_reported_without_pins_and_for_solvers_that_converge() -> None:
