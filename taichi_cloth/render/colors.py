@@ -123,13 +123,13 @@ GLYPHS = {
     "9": "### #.# ### ..# ###",
     "+": "... .#. ### .#. ...",
     "-": "... ... ### ... ...",
-    ".": "... ... ... ... .#.",
-    "%": "#.# ..# .#. #.. #.#",
+    ".": ". . . . #",
+    "%": "##..# ##.#. ..#.. .#.## #..##",
     "a": "... .## #.# #.# .##",
     "e": "... .#. #.# ##. .##",
-    "f": ".## #.. ### #.. #..",
-    "m": "..... ..... ##.#. #.#.# #.#.#",
-    "r": "... #.# ##. #.. #..",
+    "f": ".## .#. ### .#. .#.",
+    "m": "..... ##.#. #.#.# #.#.# #.#.#",
+    "r": "... .## #.. #.. #..",
     "u": "... #.# #.# ### #..",
     " ": "... ... ... ... ...",
 }
@@ -162,7 +162,7 @@ def text_rectangles(text: str, left: float, top: float) -> NDArray[np.float64]:
 
 # -- color scales ------------------------------------------------------------------------------------------------------
 
-UNIT = 1 / 216  # [image heights] a pixel of a glyph
+UNIT = 1 / 216  # [image heights] a pixel of a glyph, before it is rounded to whole pixels of the image
 STEPS = 40  # colors in the bar
 BAR_WIDTH, BAR_HEIGHT, MARGIN = 5, 80, 8  # [units]
 PADDING = 3  # [units] of the background around a scale
@@ -198,6 +198,11 @@ def rounded_up(value: float) -> float:
     """Return the least number 1, 2 or 5 times a power of ten that is at least a positive `value`."""
     power = 10.0 ** floor(log10(value))
     return next(digit * power for digit in (1, 2, 5, 10) if digit * power >= value * (1 - 1e-9))
+
+
+def unit_pixels(height: int) -> int:
+    """Return the side of a pixel of a glyph in an image of `height` [pixels], as whole pixels: strokes of one width."""
+    return max(1, round(UNIT * height))
 
 
 def legend_rectangles(scale: Scale) -> tuple[Rectangles, Rectangles]:
@@ -264,10 +269,11 @@ def draw_legend_below(image: Pixels, scale: Scale) -> Pixels:
 
 def _draw(image: Pixels, rectangles: Rectangles, colors: Rectangles, x: float, y: float) -> Pixels:
     """Draw rectangles [units] into an image, from its point (x, y) [pixels]."""
-    unit = max(1, round(UNIT * len(image)))
+    unit = unit_pixels(len(image))
     for (left, top, w, h), color in zip(rectangles, colors, strict=True):
-        start, end = (max(0, round(x + unit * c)) for c in (left, left + w))
-        first, last = (max(0, round(y + unit * c)) for c in (top, top + h))
+        # Halves are rounded up: `round`, which rounds them to even numbers, would make rows of a glyph unequal.
+        start, end = (max(0, floor(x + unit * c + 0.5)) for c in (left, left + w))
+        first, last = (max(0, floor(y + unit * c + 0.5)) for c in (top, top + h))
         image[first:last, start:end] = np.rint(255 * color)
     return image
 
@@ -289,10 +295,11 @@ class WindowLegend:
         if (scale, size, bottom) != self._laid_out_for:
             self._laid_out_for = scale, size, bottom
             rectangles, colors = with_background(*legend_rectangles(scale))  # cloth may be behind it
-            middle = max(0.5, bottom + UNIT * ((BAR_HEIGHT + GLYPH_HEIGHT) / 2 + PADDING))
+            unit = unit_pixels(size[1])
+            middle = max(0.5 * size[1], bottom * size[1] + unit * ((BAR_HEIGHT + GLYPH_HEIGHT) / 2 + PADDING))
             left, top, w, h = rectangles.T
-            x, x_end = (1 + UNIT * c * size[1] / size[0] for c in (left, left + w))
-            y, y_end = (middle - UNIT * c for c in (top, top + h))
+            x, x_end = (1 + np.floor(unit * c + 0.5) / size[0] for c in (left, left + w))
+            y, y_end = (np.floor(middle - unit * c + 0.5) / size[1] for c in (top, top + h))
             ends = [(x, y), (x_end, y), (x_end, y_end), (x, y), (x_end, y_end), (x, y_end)]
             points = np.stack([np.stack(corner, axis=-1) for corner in ends], axis=1).reshape(-1, 2)
             unused = 6 * MAX_RECTANGLES - len(points)  # they repeat the last corner: triangles without area

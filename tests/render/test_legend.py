@@ -25,6 +25,7 @@ from taichi_cloth.render.colors import (
     rounded_up,
     text_rectangles,
     text_width,
+    unit_pixels,
 )
 from taichi_cloth.render.draw_list import DrawList
 from taichi_cloth.render.shading import FULL_STRAIN
@@ -34,7 +35,23 @@ from taichi_cloth.viewer.charts import top
 
 def test_glyphs_have_five_rows_of_one_width() -> None:
     for letter, rows in GLYPHS.items():
-        assert [len(row) for row in rows.split()] == [5 if letter == "m" else 3] * 5
+        assert [len(row) for row in rows.split()] == [{"m": 5, "%": 5, ".": 1}.get(letter, 3)] * 5
+
+
+@pytest.mark.parametrize("height", [180, 480, 540, 720, 1080])
+def test_all_pixels_of_glyphs_have_one_size_in_images_and_in_the_window(height: int) -> None:
+    side = unit_pixels(height)
+    image = draw_legend(np.full((height, 320, 3), 200, np.uint8), distance_scale(0.005, "frame 61"))
+    ink = (image == np.rint(255 * np.array(TEXT_COLOR))).all(axis=2)
+    rows = np.flatnonzero(ink.any(axis=1))
+    caption = ink[rows[0] : rows[0] + GLYPH_HEIGHT * side]
+    columns = np.flatnonzero(caption.any(axis=0))
+    caption = caption[:, columns[0] : columns[0] + text_width("frame 61") * side]
+    assert (np.kron(caption[::side, ::side], np.ones((side, side), bool)) == caption).all()
+    legend, canvas = WindowLegend(), Canvas()
+    legend.show(canvas, distance_scale(0.005, "frame 61"), (1280, height))
+    triangles = legend._position.to_numpy().reshape(-1, 6, 2) * (1280, height)
+    assert triangles == pytest.approx(np.rint(triangles), abs=1e-3), "an edge is between two pixels"
 
 
 def test_text_is_drawn_as_glyphs_side_by_side() -> None:
