@@ -20,7 +20,7 @@ from ..scene import Camera, Scene
 NEAR, FAR = 0.1, 1000.0  # [m] clip planes, those of GGUI
 MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is undefined
 ZOOM_STEP = 0.1  # change of log(distance) per step
-MAX_ZOOM = 20.0  # zooming changes the initial distance by at most this factor, in both directions
+MAX_ZOOM = 20.0  # zooming changes the distance of the framed view by at most this factor, in both directions
 WIDTH_MARGIN = 1.25  # largest factor of the distance in `fit_width`
 INCLUDE_MARGIN = 1.1  # factor of the distance at which `include` just sees all points
 FLOOR_CLEARANCE = 0.02  # smallest height of eye and target above the floor, as a fraction of the initial distance
@@ -61,14 +61,14 @@ class OrbitCamera:
     def reset(self) -> None:
         """Return to the initial target, distance and angles."""
         self.target = self._initial_target.copy()
-        self.distance = self._initial_distance
+        self.distance = self._unzoomed_distance = self._initial_distance
         self.azimuth = self._initial_azimuth
         self.elevation = self._initial_elevation
 
     @property
     def zoom_level(self) -> float:
-        """Zoom steps from the initial distance, positive if the eye is closer."""
-        return log(self._initial_distance / self.distance) / ZOOM_STEP
+        """Zoom steps from the distance that the scene or the last framing set, positive if the eye is closer."""
+        return log(self._unzoomed_distance / self.distance) / ZOOM_STEP
 
     def include(self, points: ArrayLike, aspect: float) -> None:
         """Move the target to the middle of `points`, (N, 3) [m], and the eye back, if not all are in the picture.
@@ -86,7 +86,7 @@ class OrbitCamera:
         half = tan(self.fov / 2)
         right = right + 2 * self.view_shift * half * back  # nearer points are shifted more than the target
         needed = np.maximum(np.abs(up), np.abs(right) / aspect) / half + back
-        self.distance = max(INCLUDE_MARGIN * float(needed.max()), NEAR)
+        self.distance = self._unzoomed_distance = max(INCLUDE_MARGIN * float(needed.max()), NEAR)
         self._stay_above_floor()
 
     def fit_width(self, points: ArrayLike, aspect: float) -> None:
@@ -99,7 +99,7 @@ class OrbitCamera:
             across = self._in_uncovered_part(points, aspect)[:, 0]
             if ((across >= 0) & (across <= 1)).all():
                 return
-            self.distance = min(1.02 * self.distance, largest)
+            self.distance = self._unzoomed_distance = min(1.02 * self.distance, largest)
 
     def _in_uncovered_part(self, points: ArrayLike, aspect: float) -> NDArray[np.float64]:
         """Return screen points, (N, 2), in the part of the picture that `include` describes: 0…1 in each direction."""
@@ -121,9 +121,9 @@ class OrbitCamera:
 
     def zoom(self, steps: float) -> None:
         """Move the eye closer by `steps`, or farther away if negative. The target stays in the center."""
-        nearest = max(self._initial_distance / MAX_ZOOM, NEAR)
+        nearest = max(self._unzoomed_distance / MAX_ZOOM, NEAR)
         log_distance = log(self.distance) - ZOOM_STEP * steps  # no number of steps overflows a logarithm
-        self.distance = exp(min(max(log_distance, log(nearest)), log(self._initial_distance * MAX_ZOOM)))
+        self.distance = exp(min(max(log_distance, log(nearest)), log(self._unzoomed_distance * MAX_ZOOM)))
         self._stay_above_floor()
 
     def pan(self, right: float, up: float) -> None:

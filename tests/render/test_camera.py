@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import pi, radians, sqrt, tan
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from taichi_cloth.geometry.cloth_builder import build_particles
 from taichi_cloth.render.camera import (
@@ -248,6 +250,21 @@ def test_a_camera_moves_back_by_at_most_a_quarter_for_a_wide_cloth() -> None:
     camera.reset()
     camera.fit_width([[9.0 * half_width, 1.0, 0.0]], 1.8)
     assert camera.distance == pytest.approx(1.25 * 3.0)
+
+
+@pytest.mark.parametrize("frame", [OrbitCamera.include, OrbitCamera.fit_width])
+def test_zoom_counts_from_the_framed_view(frame: Callable[[OrbitCamera, ArrayLike, float], None]) -> None:
+    camera = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
+    frame(camera, [[-90.0, 1.0, 0.0], [90.0, 1.0, 0.0]], 1.8)
+    framed = camera.distance
+    assert framed > 3.0
+    assert camera.zoom_level == 0.0
+    camera.zoom(0.0)
+    assert camera.distance == pytest.approx(framed), "the limits of the zoom are those of another view"
+    camera.zoom(2.0)
+    assert camera.zoom_level == pytest.approx(2.0)
+    camera.reset()
+    assert camera.zoom_level == 0.0
 
 
 def test_a_scene_without_a_camera_frames_the_colliders_near_its_cloth() -> None:
