@@ -20,9 +20,9 @@ from ..simulation.frame_clock import FrameClock
 from .comparison import SHARED_ACTIONS, SIDE_ACTIONS, Comparison
 from .error_process import error_lines
 from .input import OWN_FABRIC, SHORTCUTS, Progress
-from .panel import NOTE_COLORS, PANEL_MARGIN, PANEL_WIDTH, milliseconds, wrap
+from .panel import HIDDEN_TITLE, NOTE_COLORS, PANEL_MARGIN, PANEL_WIDTH, draw_caption, milliseconds, wrap
 from .session import Session
-from .toolkit import PanelRect, has_changed, saved_panel_rect
+from .toolkit import PanelRect, has_changed, saved_panel_rect, sub_window
 from .window import (
     MAX_HOLD_SECONDS,
     STATISTICS_EVERY,
@@ -87,6 +87,8 @@ def loop(
             comparison.measure()
             lines, updated = statistics(comparison, draw_ms), now
         widget_used = not comparison.hidden and panel.draw(gui, comparison, lines)
+        if comparison.hidden and comparison.note:
+            draw_caption(gui, panel.window_size, HIDDEN_TITLE, [comparison.note])
         band = 0 if comparison.hidden else band_of(size)
         image_size = size[0] - band, size[1]
         point = (cursor[0] * size[0] - band) / image_size[0], cursor[1]
@@ -144,9 +146,8 @@ class ComparisonPanel:
 
     def draw(self, gui: ti.ui.Gui, comparison: Comparison, lines: list[str]) -> bool:
         """Declare all widgets for this frame. Return whether the user changed one. `lines`: of `statistics`."""
-        place, (width, height) = self._initial_place, self.window_size
         changed = False
-        with gui.sub_window(NAME, place.left / width, place.top / height, place.width / width, place.height / height):
+        with sub_window(gui, NAME, self._initial_place, self.window_size):
             for name, key in parameters_of(comparison.left.simulation.scene).items():
                 if name in ("substeps", "iterations"):  # these belong to each side's solver
                     continue
@@ -163,10 +164,10 @@ class ComparisonPanel:
                     changed = True
             if is_frozen:
                 gui.text("frozen: Space resumes", color=NOTE_COLORS[Progress])
-            for line in lines:
-                gui.text(line)
             for line in wrap(comparison.note):
                 gui.text(line, color=NOTE_COLORS[type(comparison.note)])
+            for line in lines:
+                gui.text(line)
             for line in help_lines():
                 gui.text(line)
         return changed
@@ -190,7 +191,7 @@ def statistics(comparison: Comparison, draw_ms: float) -> list[str]:
     ]
     distance = f"{comparison.rms_distance:.2%} of the cloth's side"
     frame = f"frame {comparison.left.simulation.frame}: RMS distance {distance}"
-    return [*lines, *wrap(frame), *wrap(apart(comparison)), f"drawing: {draw_ms:.1f} ms"]
+    return [*lines, *wrap(frame), *wrap(apart(comparison)), f"view: {comparison.view}, drawing: {draw_ms:.1f} ms"]
 
 
 def apart(comparison: Comparison) -> str:
@@ -204,10 +205,12 @@ def apart(comparison: Comparison) -> str:
 def side_statistics(name: str, side: Session) -> list[str]:
     """Return lines of text with the solver, time, strain and error of one side."""
     simulation, metrics = side.simulation, side.metrics
+    error, *parts = error_lines(side.meter)
+    errors = [error, *parts[1:]]  # the legend shows the largest error of a particle
     return [
         *wrap(f"{name}: {simulation.method} · {simulation.scene.fabric.preset or OWN_FABRIC}"),
         f"  {milliseconds(side.physics_ms)} ms, strain {100 * metrics.max_strain:.1f} %",
-        *(part for line in error_lines(side.meter) for part in wrap(f"  {line.strip()}")),
+        *(part for line in errors for part in wrap(f"  {line.strip()}")),
     ]
 
 

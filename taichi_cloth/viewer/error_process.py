@@ -178,7 +178,10 @@ class ErrorProcess:
 
 
 def error_lines(meter: ErrorProcess | None) -> list[str]:
-    """Return the last error of a frame that was measured, with its parts, or one line that says why none was."""
+    """Return the last error of a frame that was measured, or one line that says why none was.
+
+    After it that of the particle with the largest, then its parts.
+    """
     if meter is None:
         return ["error of a frame: not measured (U)"]
     if meter.answer is None:
@@ -200,7 +203,8 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
         return [
             f"error of frame {found.frame}: below {millimeters(2 * found.reference_error)}, as exact as the reference"
         ]
-    return [f"error of frame {found.frame}: {millimeters(found.error)} RMS{share}", f"  {parts}", *estimate]
+    largest = f"  largest error of a particle: {millimeters(found.by_particle.max())}"
+    return [f"error of frame {found.frame}: {millimeters(found.error)} RMS{share}", largest, f"  {parts}", *estimate]
 
 
 def millimeters(distance: float) -> str:

@@ -28,7 +28,7 @@ from . import charts
 from .error_process import error_lines
 from .input import HELP, MENU, OWN_FABRIC, PAGES, SPEEDS, Progress, Refusal, chosen, display_name, help_lines, names
 from .session import Session
-from .toolkit import PanelRect, has_changed, saved_panel_rect
+from .toolkit import PanelRect, draw_lines, has_changed, saved_panel_rect, sub_window
 
 # -- panel -------------------------------------------------------------------------------------------------------------
 
@@ -38,16 +38,18 @@ PANEL_WIDTH = 392  # [pixels] a slider takes 65 % of it, which leaves 17 charact
 PANEL_HEIGHT = 700  # [pixels] room for the longest page
 # Characters in a line: the toolkit's padding is 8 pixels, its scroll bar 14, and a character is 7 pixels wide.
 LINE_LENGTH = (PANEL_WIDTH - 2 * 8 - 14) // 7
-LINE_HEIGHT, CAPTION_HEIGHT = 17, 36  # [pixels] of a line of text; of a caption without any
 HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 68 characters
-SUMMARY_LINES = 6  # lines of the statistics that most pages show; pages with lists show the first: scenes are many
-LIST_SUMMARY_LINES = 1
+SUMMARY_LINES = 5  # lines of the statistics that most pages show, and then the error of a frame
+BRIEF_LINES = 1  # the same without room for all: below a list, or in a panel that is lower than
+FULL_HEIGHT = 560  # [pixels]
+HIDDEN_TITLE = "message (H shows the panel)"  # of the caption of a note while the panel is hidden
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
-LIST_LENGTH = 20  # names on a page; a longer list has several pages
+LIST_LENGTH = 20  # names on a page, fewer in a low panel; a longer list has several pages
+ROW_HEIGHT, LIST_EXTRA_HEIGHT = 23, 183  # [pixels] of a button; of a page with a list, without the names
 MAX_ZOOM_LEVEL = 15.0  # end of the zoom slider [steps], in both directions
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
 FIRST_HELP = (
-    "Drag cloth or a ball; drag beside it to orbit; I, O: zoom; Tab: next page. Move a slider to show its help."
+    "Drag cloth or a ball; drag beside it to orbit; I, O: zoom; A: help; Tab: next page. Move a slider for its help."
 )
 GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
 # Kind of list of each page.
@@ -86,11 +88,8 @@ class Panel:
 
         `statistics`: the text that the function `statistics` returns.
         """
-        place, (width, height) = self._initial_place, self.window_size
         changed = False
-        with gui.sub_window(
-            PANEL_NAME, place.left / width, place.top / height, place.width / width, place.height / height
-        ):
+        with sub_window(gui, PANEL_NAME, self._initial_place, self.window_size):
             changed |= apply_changes(gui, session, buttons=[("menu", "Menu")])
             if session.page not in LIST_PAGES:
                 freeze = ("freeze", "Freeze", session.frozen)
@@ -112,11 +111,10 @@ class Panel:
             for line in wrap(slow_line(session)):
                 gui.text(line, color=NOTE_COLORS[Refusal])
             if session.page != "Statistics":
-                is_list = session.page in LIST_PAGES
-                lines = statistics.splitlines()[: LIST_SUMMARY_LINES if is_list else SUMMARY_LINES]
-                if is_list and session.view == "error" and not session.frame_error:  # why nothing is colored
-                    lines.append(error_lines(session.meter)[0])
-                for line in wrapped_lines(lines):
+                for line in wrapped_lines(self._summary(session, statistics)):
+                    gui.text(line)
+            if session.page == "Sliders":  # last: a low panel has no room for it beside a note
+                for line in wrap(help_for(self._moved, acting_parameters(session.simulation))):
                     gui.text(line)
             if session.charts and session.page not in LIST_PAGES:
                 gui.text(f"charts of the last {charts.CHART_SECONDS:g} s:")
@@ -124,14 +122,12 @@ class Panel:
                     gui.text(line, color=color)
         return changed
 
-    def draw_caption(self, gui: ti.ui.Gui, lines: Sequence[str]) -> None:
-        """Draw lines where the panel would be: about a replay, or the note."""
-        lines = wrapped_lines(lines)
-        width, height = self.window_size
-        size = (PANEL_WIDTH / width, (CAPTION_HEIGHT + len(lines) * LINE_HEIGHT) / height)
-        with gui.sub_window("replay", PANEL_MARGIN / width, PANEL_MARGIN / height, *size):
-            for line in lines:
-                gui.text(line)
+    def _summary(self, session: Session, statistics: str) -> list[str]:
+        """Return what runs and the error of a frame, with its largest of a particle if that is what colors mean."""
+        is_brief = session.page in LIST_PAGES or self._initial_place.height < FULL_HEIGHT
+        lines = statistics.splitlines()[: BRIEF_LINES if is_brief else SUMMARY_LINES]
+        shows_error = session.view == "error"
+        return lines if is_brief and not shows_error else [*lines, *error_lines(session.meter)[: 1 + shows_error]]
 
     # Each page declares its widgets, and returns whether the user changed one.
 
@@ -145,10 +141,11 @@ class Panel:
         """A button for each name of a list, or of a part of it. The one in use is marked."""
         kind = LIST_PAGES[session.page]
         listed, in_use = names(session, kind), chosen(session, kind)
-        parts = -(-len(listed) // LIST_LENGTH)
+        length = max(1, min(LIST_LENGTH, (self._initial_place.height - LIST_EXTRA_HEIGHT) // ROW_HEIGHT))
+        parts = -(-len(listed) // length)
         self._list_part += int(parts > 1 and gui.button(f"More {session.page.lower()}"))
-        first = self._list_part % parts * LIST_LENGTH
-        labels = {name: name or own_fabric(session) for name in listed[first : first + LIST_LENGTH]}
+        first = self._list_part % parts * length
+        labels = {name: name or own_fabric(session) for name in listed[first : first + length]}
         pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
         for name in pressed:
             if kind == "speed":
@@ -160,7 +157,7 @@ class Panel:
         return bool(pressed)
 
     def _sliders_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
-        """Runtime parameters that act, the grab radius, and the help of the slider that was moved last."""
+        """Runtime parameters that act, the grab radius, and the zoom."""
         changed = False
         keys = acting_parameters(session.simulation)
         if not session.simulation.params["wind"]:
@@ -177,10 +174,7 @@ class Panel:
         if has_changed(zoom, level):
             session.camera.zoom(zoom - level)
             changed = True
-        changed |= apply_changes(gui, session, buttons=[("restore_defaults", "Restore defaults")])
-        for line in wrap(help_for(self._moved, keys)):
-            gui.text(line)
-        return changed
+        return apply_changes(gui, session, buttons=[("restore_defaults", "Restore defaults")]) or changed
 
     def _features_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
         """Switches for features, and a button to time them."""
@@ -213,8 +207,8 @@ class Panel:
 
     def draw_help(self, gui: ti.ui.Gui) -> None:
         """Draw the help on keys and mouse over the picture."""
-        place, (width, height) = self.help_place, self.window_size
-        with gui.sub_window(HELP, place.left / width, place.top / height, place.width / width, place.height / height):
+        place = self.help_place
+        with sub_window(gui, HELP, place, self.window_size):
             for line in help_lines(2 if place.width == HELP_SIZE[0] else 1):
                 gui.text(line)
 
@@ -231,6 +225,11 @@ class Panel:
 
 Switches = Sequence[tuple[str, str, bool]]  # action, label, state
 Buttons = Sequence[tuple[str, str]]  # action, label
+
+
+def draw_caption(gui: ti.ui.Gui, window_size: tuple[int, int], title: str, lines: Sequence[str]) -> None:
+    """Draw lines where the panel would be. `window_size`: of the window when it opens [pixels]."""
+    draw_lines(gui, title, wrapped_lines(lines), (PANEL_MARGIN, PANEL_MARGIN, PANEL_WIDTH), window_size)
 
 
 def own_fabric(session: Session) -> str:

@@ -1,4 +1,4 @@
-"""What the UI toolkit does not report: whether a window can open, where its panel is, if a slider moved.
+"""What the UI toolkit does not report: whether a window can open, where its panel is, if a slider moved. Its panels.
 
 If a window cannot open, Taichi ends the process.
 """
@@ -10,9 +10,13 @@ import math
 import os
 import re
 import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
+
+import taichi as ti
 
 VULKAN = "vulkan-1.dll" if sys.platform == "win32" else "libvulkan.so.1"
 TIMEOUT = 3.0  # [s] timeout for an X server that accepts the connection but does not answer
@@ -92,6 +96,7 @@ def _vulkan_obstacle() -> str | None:
 # The toolkit does not report it, but saves it to its settings file some seconds after a move.
 
 TITLE_HEIGHT = 19  # [pixels] height of a collapsed panel
+LINE_HEIGHT, LINES_HEIGHT = 17, 36  # [pixels] of a line of text; of a panel of lines without any
 
 # A section of imgui.ini. "Collapsed" is 1 if the user has collapsed the panel to its title bar.
 SECTION = r"\[Window\]\[{name}\]\nPos=(-?\d+),(-?\d+)\nSize=(\d+),(\d+)\nCollapsed=(\d)"
@@ -115,6 +120,27 @@ class PanelRect:
         """Return whether a screen point (from the bottom left, 0…1) of a window of `size` [pixels] lies in it."""
         x, y = cursor[0] * size[0] - self.left, (1 - cursor[1]) * size[1] - self.top
         return 0 <= x <= self.width and 0 <= y <= self.height
+
+
+def sub_window(
+    gui: ti.ui.Gui, name: str, place: PanelRect, window_size: tuple[int, int]
+) -> AbstractContextManager[object]:
+    """Begin a panel at `place`, where it stays until the user moves it. `window_size`: when it opens [pixels]."""
+    width, height = window_size
+    rect = place.left / width, place.top / height, place.width / width, place.height / height
+    panel: AbstractContextManager[object] = gui.sub_window(name, *rect)
+    return panel
+
+
+def draw_lines(
+    gui: ti.ui.Gui, title: str, lines: Sequence[str], top: tuple[int, int, int], window_size: tuple[int, int]
+) -> None:
+    """Draw a panel that is as high as its lines. `top`: left and top edge and width [pixels]."""
+    # The toolkit keeps the size with which a name was first shown. It does not show what follows ##.
+    name, height = f"{title}##{len(lines)}", LINES_HEIGHT + len(lines) * LINE_HEIGHT
+    with sub_window(gui, name, PanelRect(*top, height), window_size):
+        for line in lines:
+            gui.text(line)
 
 
 def saved_panel_rect(settings: Path, name: str) -> PanelRect | None:

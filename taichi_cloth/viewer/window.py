@@ -30,7 +30,7 @@ from ..simulation.simulation import Simulation
 from ..system import taichi_runtime as runtime
 from .charts import CurveDrawing, top
 from .input import HELP, SHORTCUTS, SPEEDS, Progress, Refusal
-from .panel import Panel, statistics
+from .panel import HIDDEN_TITLE, Panel, draw_caption, statistics
 from .session import Session
 
 
@@ -203,7 +203,8 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         if session.page == HELP:
             panel.draw_help(gui)
         if session.caption:
-            panel.draw_caption(gui, session.caption)
+            title = HIDDEN_TITLE if session.is_allowed("hide") else "replay"
+            draw_caption(gui, panel.window_size, title, session.caption)
         session.camera.zoom(scroll_steps(window))
         session.camera.view_shift = 0.0 if session.hidden else panel.shift(size)
         if session.camera is not camera:  # that of a new scene

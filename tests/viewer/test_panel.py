@@ -36,6 +36,7 @@ from taichi_cloth.viewer.input import (
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
     HELP_SIZE,
+    HIDDEN_TITLE,
     LINE_LENGTH,
     PANEL_HEIGHT,
     PANEL_MARGIN,
@@ -44,6 +45,7 @@ from taichi_cloth.viewer.panel import (
     Panel,
     acting_parameters,
     description,
+    draw_caption,
     help_for,
     slow_line,
     statistics,
@@ -67,9 +69,12 @@ class FakeGui:
         self.texts: list[str] = []
         self.colors: dict[str, Any] = {}  # of texts
         self.values: dict[str, float] = {}  # shown by sliders
+        self.bottoms: dict[str, int] = {}  # lower edges of texts [pixels]
+        self.windows: list[tuple[str, tuple[float, ...]]] = []  # names, with left, top, width, height as fractions
 
     @contextmanager
     def sub_window(self, name: str, *rect: float) -> Iterator[None]:
+        self.windows.append((name, rect))
         yield
 
     def slider_float(self, label: str, value: float, low: float, high: float) -> float:
@@ -94,6 +99,7 @@ class FakeGui:
     def text(self, text: str, color: Any = None) -> None:
         self.texts.append(text)
         self.colors[text] = color
+        self.bottoms[text] = TITLE_HEIGHT + PADDING + len(self.labels) * WIDGET_ROW + len(self.texts) * TEXT_ROW
 
 
 @pytest.fixture
@@ -354,6 +360,65 @@ def test_every_page_says_once_that_the_view_error_has_no_error_yet(drawn: Drawn)
         assert gui.texts.count("error of a frame: not measured (U)") == 1
 
 
+def test_every_page_shows_rms_and_largest_error_in_the_view_error(drawn: Drawn) -> None:
+    for page in PAGES:
+        session, _, _ = drawn("drape15", page)
+        session.measure_errors(True)
+        assert session.meter is not None
+        found = FrameError(7, 0.00123, 0.01, 1e-6, 0.0005, 0.0008, np.linspace(0.0, 0.0034, 225), 0.01)
+        session.meter.answer, session.view = Answer(found, 0.02), "error"
+        gui = FakeGui()
+        Panel(SIZE, Path("imgui.ini")).draw(gui, session, statistics(session, {"drawing": 1.0}, 60.0))
+        for line in ("error of frame 7: 1.2 mm RMS, 12 % of its motion", "  largest error of a particle: 3.4 mm"):
+            assert gui.texts.count(line) == 1, page
+
+
+@pytest.mark.parametrize("scene", ["curtain", "denim", "sphere"])
+def test_notes_are_visible_in_a_small_window(drawn: Drawn, scene: str) -> None:
+    """On every page whose lines do not fill the panel; `curtain` and `denim` have the most sliders."""
+    size = (640, 480)
+    session, _, _ = drawn(scene)
+    session.frozen, session.view = True, "error"
+    session.note = "nothing to undo: no grab or pin since the start or a change of scene"
+    for page in (*PAGES, MENU):
+        if page == "Statistics":
+            continue
+        session.page = page
+        gui = FakeGui()
+        panel = Panel(size, Path("imgui.ini"))
+        panel.draw(gui, session, statistics(session, {"drawing": 1.0}, 60.0))
+        last = panel_module.wrap(session.note)[-1]
+        assert gui.bottoms[last] <= panel.place.height - PADDING, page
+        assert gui.texts.index(last) < gui.texts.index(next(text for text in gui.texts if text.startswith(scene)))
+
+
+def test_a_low_panel_lists_fewer_names(drawn: Drawn) -> None:
+    session, _, _ = drawn("drape15")
+    session.page = "Scenes"
+    counts = []
+    for height in (720, 600, 480, 100):
+        gui = FakeGui()
+        Panel((640, height), Path("imgui.ini")).draw(gui, session, "")
+        counts.append(len({label.removeprefix("> ") for label in gui.labels} & set(session.scenes)))
+    assert counts == [20, 17, 12, 1]
+
+
+def test_the_caption_has_room_for_its_lines_and_a_title(drawn: Drawn) -> None:
+    """The toolkit keeps the first size of a name, and does not show what follows ##."""
+    names, heights = [], []
+    for lines in (["wrote a file"], ["a long message " * 8]):
+        gui = FakeGui()
+        draw_caption(gui, SIZE, HIDDEN_TITLE, lines)
+        ((name, rect),) = gui.windows
+        names.append(name)
+        heights.append(rect[3] * SIZE[1])
+        assert heights[-1] >= max(gui.bottoms.values()) + PADDING
+        assert rect[2] * SIZE[0] == pytest.approx(PANEL_WIDTH)
+    assert [name.partition("##")[0] for name in names] == 2 * ["message (H shows the panel)"]
+    assert names[0] != names[1]
+    assert heights[0] < heights[1]
+
+
 def test_the_grab_radius_has_a_slider_with_help(drawn: Drawn) -> None:
     session, gui, used = drawn("curtain", Grab=0.4)
     assert used
@@ -432,23 +497,24 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     assert "error of a frame: not measured (U)" in gui.texts
     assert session.meter is not None
     assert error_lines(session.meter) == ["error of a frame: not measured yet"]
-    found = FrameError(7, 0.00123, 0.01, 1e-6, 0.0005, 0.0008, np.zeros(225), 0.01)
+    found = FrameError(7, 0.00123, 0.01, 1e-6, 0.0005, 0.0008, np.linspace(0.0, 0.0034, 225), 0.01)
     assert [millimeters(value) for value in (0.00123, 0.0994, 0.137, 2.5)] == ["1.2 mm", "99 mm", "137 mm", "2500 mm"]
     session.meter.answer = Answer(found, 0.02)
     assert error_lines(session.meter) == [
         "error of frame 7: 1.2 mm RMS, 12 % of its motion",
+        "  largest error of a particle: 3.4 mm",
         "  by iterations 0.5 mm, by substeps and model 0.8 mm",
         "  estimate for 1 s without input: 20 mm",
     ]
     explicit = replace(found, error=5e-5, motion=0.0, residual=None, step_error=5e-5)
     session.meter.answer = Answer(explicit)
-    assert error_lines(session.meter)[1:] == ["  by substeps and model 0.05 mm"]
+    assert error_lines(session.meter)[2:] == ["  by substeps and model 0.05 mm"]
     session.meter.answer = Answer(replace(explicit, error=1.9e-6))
     assert error_lines(session.meter) == ["error of frame 7: below 0.002 mm, as exact as the reference"]
     session.meter.answer = Answer(replace(found, error=0.65, reference_error=0.4))  # of a motion of 10 mm
     assert error_lines(session.meter) == ["error of frame 7: not measured: the reference has not converged"]
     session.meter.answer = Answer(replace(found, residual=0.004, step_error=0.0045))
-    assert error_lines(session.meter)[1] == "  by iterations 4 mm, by substeps and model 4.5 mm, which partly cancel"
+    assert error_lines(session.meter)[2] == "  by iterations 4 mm, by substeps and model 4.5 mm, which partly cancel"
     more = "more than the cloth moved"
     for motion, share in ((0.00124, "99 % of its motion"), (0.0012, more), (0.0, more)):
         session.meter.answer = Answer(replace(found, motion=motion))

@@ -43,6 +43,13 @@ def test_a_drag_acts_on_both_sides(open_window: Callable[..., Any]) -> None:
         if corner.mean() > 120:
             break
     assert corner.mean() > 120, "the panel's column is still visible"
+    app.press_key("e")
+    for _ in range(20):
+        app.wait_until(lambda line: True, "an image with the message")
+        message = app.screenshot()[34:54, 20:300]  # that a comparison writes no mesh
+        if message.mean() < 120:
+            break
+    assert message.mean() < 120, "a message needs the panel"
     app.press_key("Escape")
     assert app.exit_code() == 0
 
