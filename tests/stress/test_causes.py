@@ -12,12 +12,12 @@ from taichi_cloth.evaluation.stress.causes import EXPERIMENTS, Cause, alive, ano
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.store import Store, load
-from taichi_cloth.evaluation.stress.trial import Trial
+from taichi_cloth.evaluation.stress.trial import TIMED_FRAMES, TooSlow, Trial
 from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit
 from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import Solver
 
-from .conftest import failed, moves_late, result
+from .conftest import SMALL, failed, moves_late, result
 
 ONE = Setting("verlet", Solver("verlet", 1, 1, damping=0.0))
 
@@ -93,6 +93,15 @@ def test_an_experiment_that_takes_too_long_finds_no_cause(monkeypatch: pytest.Mo
     assert explained(unit_of(finer)).shown
     monkeypatch.setattr(causes, "EXPERIMENT_SECONDS", -1.0)
     assert explained(unit_of(finer)).shown == ""
+
+
+def test_an_experiment_ends_once_its_frames_will_take_too_long() -> None:
+    trial = causes.UntimedTrial(SMALL, 0, seconds=1.0, least_frames=10**7)
+    trial.open(sheet(4))
+    trial.start()
+    with pytest.raises(TooSlow):
+        trial.run(1.0)
+    assert trial.frame == 1 + TIMED_FRAMES  # the first is not timed
 
 
 def test_a_failure_that_does_not_repeat_has_no_cause() -> None:
