@@ -294,6 +294,25 @@ def test_frame_times_are_compared_with_real_time() -> None:
     ]
 
 
+def test_check_takes_overrides_and_refuses_them_with_the_line_of_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["check", "drape15", "--set", "rows=20,columns=30", "--set", "solver=lines"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("drape15: valid · 30×20 particles · ")
+    assert " · lines " in out
+    assert err == ""
+    for wrong, line in (
+        ("substep=8", "drape15 (override): substep: unknown key (did you mean 'substeps'?)\n"),
+        ("rows=1", "drape15 (override): cloth.rows: 1 is out of range: 2 to 2048\n"),
+    ):
+        assert cli.main(["check", "drape15", "--set", wrong]) == 2
+        out, err = capsys.readouterr()
+        assert (out, err) == (line, "taichi-cloth: 1 mistake\n")
+        assert cli.main(["export", "drape15", "--set", wrong]) == 2
+        assert capsys.readouterr().err == f"taichi-cloth: {line}"
+    assert cli.main(["check", "drape15", "--set", "rows"]) == 2
+    assert capsys.readouterr().err == "taichi-cloth: --set: rows: must be KEY=VALUE, as in wind.z=6\n"
+
+
 def test_schema(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["schema"]) == 0
     assert "area_density" in capsys.readouterr().out
@@ -322,6 +341,23 @@ def test_every_command_has_an_example_and_its_defaults(capsys: pytest.CaptureFix
     with pytest.raises(SystemExit):
         cli.main(["render", "--help"])
     assert "(default: 240)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["run", "compare", "render", "export", "replay", "bench", "stress", "validate"])
+def test_help_lists_allowed_values_in_its_sentences_and_not_in_braces(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        cli.main([command, "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "{" not in text
+    lists = {
+        ("run", "compare", "render", "export", "replay"): "Taichi backend: cpu, cuda, vulkan, metal or gpu",
+        ("compare", "render"): "view: shaded, strain, error, wireframe or particles (default: shaded)",
+        ("bench", "validate"): "only this solver: verlet, xpbd, explicit, lines, rk4 or implicit",
+        ("export",): "file format: obj, ply, pc2, usd, glb or html (default: by the suffix of --out)",
+    }
+    assert [line for commands, line in lists.items() if command in commands and line not in text] == []
 
 
 def test_help_states_each_default_once_and_omits_empty_ones(capsys: pytest.CaptureFixture[str]) -> None:

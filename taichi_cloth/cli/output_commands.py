@@ -13,8 +13,10 @@ from ..export.output import FORMATS, UP_AXES, Output, check_format, default_path
 from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError, choose_from
 from .program import (
+    ARCH_HELP,
     DEFAULT_FRAMES,
     Command,
+    any_of,
     check_log,
     chosen_scene,
     count,
@@ -74,16 +76,27 @@ def add_export(command: Command) -> None:
         type=frames,
         default=str(DEFAULT_FRAMES),
         metavar="N|A:B",
-        help="the cloth after N frames [1/60 s], or a clip of the frames from A to before B",
+        help="N: the cloth after N frames of 1/60 s; A:B: a clip of the frames from A to before B",
     )
-    parser.add_argument("--every", type=count, metavar="K", help="number of frames per sample of a clip (default: 1)")
-    parser.add_argument("--format", choices=FORMATS, help="file format (default: by the suffix of --out)")
-    parser.add_argument("--up-axis", choices=UP_AXES, default="y", help="up axis of the file")
+    parser.add_argument("--every", type=count, metavar="K", help="with A:B: write every Kth frame (default: 1)")
+    parser.add_argument(
+        "--format",
+        choices=FORMATS,
+        metavar="NAME",
+        help=f"file format: {any_of(FORMATS)} (default: by the suffix of --out)",
+    )
+    parser.add_argument(
+        "--up-axis",
+        choices=UP_AXES,
+        default="y",
+        metavar="AXIS",
+        help=f"axis that points up in the file: {any_of(UP_AXES)}",
+    )
     parser.add_argument(
         "--out",
         type=file_path,
         metavar="PATH",
-        help="file, or folder for a clip of OBJ or PLY files (default: in the folder out)",
+        help="file to write, or folder for a clip of OBJ or PLY files (default: a name in the folder out)",
     )
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
 
@@ -137,6 +150,12 @@ def describe(output: Output) -> str:
     return f"{where}: {count_noun(output.samples, 'sample')}, {60 / output.every:g} per second"
 
 
+def samples_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--samples` to a command that renders images."""
+    text = "samples per pixel, 1 or 4: 4 gives smooth edges, 1 is faster"
+    parser.add_argument("--samples", type=int, choices=(1, 4), default=4, metavar="N", help=text)
+
+
 # -- replay ------------------------------------------------------------------------------------------------------------
 
 
@@ -148,19 +167,32 @@ def add_replay(command: Command) -> None:
         "replay a recording and check that it ends in the same bits",
         "replay out/curtain/clip_001.toml --video again.mp4",
     )
-    replay.add_argument("file", type=file_path, metavar="FILE", help="recording: .toml file of a screenshot or clip")
+    replay.add_argument(
+        "file", type=file_path, metavar="FILE", help="recording: the .toml file beside a screenshot or clip"
+    )
     output = replay.add_mutually_exclusive_group()
     output.add_argument("--headless", action="store_true", help="render images instead of opening a window")
-    output.add_argument("--video", type=file_path, metavar="FILE", help="video to write, .mp4 or .webp")
-    output.add_argument("--check", action="store_true", help="check the result without drawing")
-    replay.add_argument("--log", type=file_path, metavar="FILE", help="write a JSON line per displayed frame")
-    replay.add_argument("--out", type=file_path, metavar="DIR", help="image folder (default: FILE without .toml)")
+    output.add_argument(
+        "--video",
+        type=file_path,
+        metavar="FILE",
+        help="write a video instead of opening a window: an .mp4 or .webp file",
+    )
+    output.add_argument("--check", action="store_true", help="only compare the result, without drawing")
+    replay.add_argument(
+        "--log", type=file_path, metavar="FILE", help="write a line of JSON for each displayed frame to FILE"
+    )
+    replay.add_argument(
+        "--out", type=file_path, metavar="DIR", help="folder of the images (default: FILE without .toml)"
+    )
     replay.add_argument(
         "--size", type=size, metavar="WxH", help="image or window size [pixels] (default: the recorded size)"
     )
-    replay.add_argument("--every", type=count, default=1, metavar="K", help="number of frames per image")
-    replay.add_argument("--samples", type=int, choices=(1, 4), default=4, help="samples per pixel; 4 smooths edges")
-    replay.add_argument("--arch", choices=runtime.ARCHS, help="Taichi backend (default: the recorded one)")
+    replay.add_argument("--every", type=count, default=1, metavar="K", help="render every Kth frame")
+    samples_option(replay)
+    replay.add_argument(
+        "--arch", choices=runtime.ARCHS, metavar="NAME", help=f"{ARCH_HELP} (default: the recorded one)"
+    )
     replay.add_argument("--force", action="store_true", help="overwrite existing images or video")
 
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NoReturn, Protocol
 from .. import __version__
 from ..scene import Scene, SceneError, parse_override, scene_names
 from ..scene.overrides import scene_without
-from ..scene.schema import Fabric, VerletSprings
+from ..scene.schema import SOLVER_NAMES, Fabric, VerletSprings
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import (
@@ -230,17 +230,23 @@ def strain(text: str) -> float:
     return value
 
 
+def any_of(words: Sequence[str]) -> str:
+    """Return the allowed values of an option as text: `y or z`, `simd, serial or parallel`."""
+    return f"{', '.join(words[:-1])} or {words[-1]}"
+
+
+ARCH_HELP = f"Taichi backend: {any_of(runtime.ARCHS)}, which is the first GPU backend found"
+
+
 def no_errors_option(parser: argparse.ArgumentParser) -> None:
     """Add `--no-errors` to a command that shows a running scene."""
     parser.add_argument(
-        "--no-errors", action="store_true", help="do not measure the errors of frames; U starts it while the scene runs"
+        "--no-errors", action="store_true", help="do not measure the errors of frames; press U to measure them later"
     )
 
 
-def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
-    """Add the options of every command that runs a scene. `nargs` "?" makes the scene optional."""
-    default = DEFAULT_SCENE if nargs else None
-    parser.add_argument("scene", nargs=nargs, default=default, metavar="SCENE", help="shipped scene or TOML file")
+def set_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--set`, whose texts `overrides` reads."""
     parser.add_argument(
         "--set",
         action="append",
@@ -248,14 +254,21 @@ def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> 
         metavar="KEY=VALUE",
         help="scene keys to override, such as wind.z=6 or rows=20,columns=30; repeatable",
     )
+
+
+def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
+    """Add the options of every command that runs a scene. `nargs` "?" makes the scene optional."""
+    default = DEFAULT_SCENE if nargs else None
+    parser.add_argument("scene", nargs=nargs, default=default, metavar="SCENE", help="shipped scene or TOML file")
+    set_option(parser)
     parser.add_argument(
         "--without",
         action="append",
         default=[],
         metavar="FEATURE",
-        help="feature to remove, such as tethers; repeatable",
+        help="feature of the scene to leave out, such as tethers; repeatable",
     )
-    parser.add_argument("--solver", metavar="NAME", help="solver, such as xpbd (default: the scene's)")
+    parser.add_argument("--solver", metavar="NAME", help=f"solver: {any_of(SOLVER_NAMES)} (default: the scene's)")
     parser.add_argument(
         "--layout",
         metavar="NAME",
@@ -265,9 +278,9 @@ def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> 
         "--target-error",
         type=percent,
         metavar="P",
-        help="largest RMS error [%% of the longer side]; selects the fastest stored setting that meets it",
+        help="use the fastest stored setting with an RMS error of at most P [%% of the longer side]",
     )
-    parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi backend")
+    parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", metavar="NAME", help=ARCH_HELP)
 
 
 NEXT_KEY = re.compile(r",(?=\s*\w[\w.\[\]]*\s*=)")  # a comma before another key

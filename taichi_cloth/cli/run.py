@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING
 from ..scene import Scene
 from ..system import taichi_runtime as runtime
 from ..system.errors import Diverged, UsageError, install_command
-from .output_commands import check_video, write_video
+from .output_commands import check_video, samples_option, write_video
 from .program import (
     DEFAULT_FRAMES,
     VIEWS,
     Command,
+    any_of,
     check_log,
     chosen_scene,
     count,
@@ -47,15 +48,17 @@ def add_commands(command: Command) -> None:
     run = command("run", run_scene, "open a scene in a window, or render images if no window can open", "run table")
     scene_options(run, nargs="?")
     run.add_argument(
-        "--size", type=size, metavar="WxH", help="size of window or images [pixels] (default: 1280x720 or 960x540)"
+        "--size", type=size, metavar="WxH", help="size [pixels] (default: 1280x720 for a window, 960x540 for images)"
     )
     run.add_argument(
         "--frames",
         type=count,
         metavar="N",
-        help="number of displayed frames before the window closes (default: no limit)",
+        help="close the window after N frames, or render N frames (default: no limit, or 240)",
     )
-    run.add_argument("--log", type=file_path, metavar="FILE", help="write a JSON line per displayed frame")
+    run.add_argument(
+        "--log", type=file_path, metavar="FILE", help="write a line of JSON for each displayed frame to FILE"
+    )
     no_errors_option(run)
     run.add_argument("--headless", action="store_true", help="render images to out/run_SCENE, without a window")
 
@@ -87,21 +90,21 @@ def add_commands(command: Command) -> None:
     )
     scene_options(render)
     render.add_argument(
-        "--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="number of frames to simulate [1/60 s]"
+        "--frames", type=count, default=DEFAULT_FRAMES, metavar="N", help="number of frames to simulate, of 1/60 s each"
     )
     render.add_argument("--size", type=size, default="960x540", metavar="WxH", help="image size [pixels]")
     render.add_argument("--out", type=file_path, metavar="DIR", help="folder of the images (default: out/SCENE)")
-    render.add_argument("--view", choices=VIEWS, default="shaded", help="view of the cloth")
-    render.add_argument("--every", type=count, default=1, metavar="K", help="number of frames per image")
-    render.add_argument("--samples", type=int, choices=(1, 4), default=4, help="samples per pixel; 4 smooths edges")
+    render.add_argument("--view", choices=VIEWS, default="shaded", metavar="NAME", help=f"view: {any_of(VIEWS)}")
+    render.add_argument("--every", type=count, default=1, metavar="K", help="render every Kth frame")
+    samples_option(render)
     render.add_argument(
-        "--video", type=file_path, metavar="FILE", help="write a video instead of images, .mp4 or .webp"
+        "--video", type=file_path, metavar="FILE", help="write a video instead of images: an .mp4 or .webp file"
     )
     render.add_argument(
         "--contact-sheet", action="store_true", help="also write contact_sheet.png with twelve of the images"
     )
     render.add_argument(
-        "--errors", action="store_true", help="measure the error of every tenth frame, and write it to run.json"
+        "--errors", action="store_true", help="also measure the error of every tenth frame, and write it to run.json"
     )
     existing = render.add_mutually_exclusive_group()
     existing.add_argument("--force", action="store_true", help="overwrite existing images or video")

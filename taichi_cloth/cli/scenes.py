@@ -12,7 +12,7 @@ from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, sections
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError, choose_from
-from .program import Command, inside_at_start, keys_without_effect
+from .program import Command, inside_at_start, keys_without_effect, overrides, set_option
 
 if TYPE_CHECKING:
     from ..geometry.topology import Topology
@@ -31,10 +31,11 @@ def add_commands(command: Command) -> None:
     check = command(
         "check",
         check_files,
-        "report all mistakes of scene files, and what a frame of a valid one costs",
+        "report all mistakes in scene files, and what a frame of a valid one costs",
         "check my_scene.toml curtain",
     )
     check.add_argument("files", nargs="+", metavar="FILE", help="TOML files or shipped scenes")
+    set_option(check)
     check.add_argument(
         "--time", action="store_true", help="run frames and measure their time, instead of estimating it"
     )
@@ -77,21 +78,27 @@ def check_files(args: argparse.Namespace) -> int:
 
     if args.time:
         runtime.start("cpu")
-    found = [check_file(file, timed=args.time) for file in args.files]
+    changes = overrides(args.set, "--set")
+    found = [check_file(file, changes, timed=args.time) for file in args.files]
     if wrong := [count for count in found if count]:
         files = f" in {len(wrong)} of {len(found)} files" if len(found) > 1 else ""
         raise UsageError(f"{count_noun(sum(wrong), 'mistake')}{files}")
     return 0
 
 
-def check_file(file: str, *, timed: bool) -> int:
-    """Print a line for each mistake of a scene, or one about a valid scene. Return the number of mistakes."""
-    from ..geometry.scene_loader import load_with_mistakes
+def check_file(file: str, changes: dict[str, object], *, timed: bool) -> int:
+    """Print a line for each mistake of a scene, or one about a valid scene. Return the number of mistakes.
+
+    `changes`: values by key. They apply to a scene that is valid without them, as in a run, and only the first mistake
+    in them is found.
+    """
+    from ..geometry.scene_loader import load_scene, load_with_mistakes
 
     scene, mistakes = load_with_mistakes(file)
     lines = []
     if scene and not mistakes:
         with mistakes.collect():
+            scene = load_scene(file, **changes) if changes else scene
             lines = [f"{file}: valid · {describe(scene, timed=timed)}"]
     for line in lines or mistakes:
         print(line, flush=True)

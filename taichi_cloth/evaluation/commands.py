@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..cli.program import Command, count, file_path, seed, strain
+from ..cli.program import Command, any_of, count, file_path, seed, strain
 from ..scene.schema import SOLVER_NAMES
 from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError
@@ -16,6 +16,14 @@ if TYPE_CHECKING:
     from .stress.store import Store
     from .stress.unit import Result, Unit
 
+SETTINGS = (*SOLVER_NAMES, "robust", "robust-slack")
+ONE_SOLVER = f"measure only this solver: {any_of(SOLVER_NAMES)}"
+
+
+def file_option(parser: argparse.ArgumentParser, name: str, help: str, dest: str | None = None) -> None:
+    """Add an option with a file."""
+    parser.add_argument(name, type=file_path, dest=dest, metavar="FILE", help=help)
+
 
 def add_commands(command: Command) -> None:
     """Add the commands and their options."""
@@ -23,78 +31,71 @@ def add_commands(command: Command) -> None:
         "bench", run_bench, "measure frame time, compile time and memory on this machine", "bench --filter verlet"
     )
     which = bench.add_mutually_exclusive_group()
-    which.add_argument("--filter", choices=SOLVER_NAMES, metavar="SOLVER", help="measure one solver")
-    which.add_argument("--features", action="store_true", help="instead: the cost of each feature of the curtain")
-    which.add_argument("--goals", action="store_true", help="instead: run time of commands, errors on fine sheets")
-    which.add_argument("--gpu", action="store_true", help="instead: a GPU against the CPU, in five minutes")
-    bench.add_argument("--arch", choices=runtime.ARCHS[1:], help="with --gpu: Taichi backend (default: gpu)")
-    bench.add_argument("--error", action="store_true", help="instead: error and frame time of each setting")
+    which.add_argument("--filter", choices=SOLVER_NAMES, metavar="SOLVER", help=ONE_SOLVER)
+    which.add_argument("--features", action="store_true", help="measure what each feature of the curtain costs instead")
+    which.add_argument("--goals", action="store_true", help="measure commands, and errors on fine sheets, instead")
+    which.add_argument("--gpu", action="store_true", help="measure a GPU against the CPU instead, in five minutes")
+    text = f"with --gpu: {any_of(runtime.ARCHS[1:])} (default: gpu)"
+    bench.add_argument("--arch", choices=runtime.ARCHS[1:], metavar="NAME", help=text)
+    bench.add_argument("--error", action="store_true", help="measure error and frame time of each setting instead")
     bench.add_argument(
-        "--scene",
-        action="append",
-        default=[],
-        metavar="SCENE",
-        help="with --error: measure on this scene instead of the curtain",
+        "--scene", action="append", default=[], metavar="SCENE", help="with --error: a scene to measure on; repeatable"
     )
-    bench.add_argument("--markdown", type=file_path, metavar="FILE", help="with --scene: write the tables as Markdown")
+    file_option(bench, "--markdown", "with --scene: write the tables as Markdown")
     bench.add_argument("--plot", type=file_path, metavar="DIR", help="with --error: write a plot for each grid")
-    bench.add_argument("--all", action="store_true", help="measure all cases; takes half an hour")
+    bench.add_argument("--all", action="store_true", help="measure all cases, in half an hour")
     bench.add_argument("--frames", type=count, default=120, metavar="N", help="frames to time in each measurement")
-    bench.add_argument("--csv", type=file_path, metavar="FILE", help="write the measurements, a line each")
-    bench.add_argument("--json", type=file_path, metavar="FILE", help="write measurements, features and machine")
-    bench.add_argument("--force", action="store_true", help="replace FILE if it exists")
+    file_option(bench, "--csv", "write the measurements as CSV")
+    file_option(bench, "--json", "write measurements and machine as JSON")
+    bench.add_argument("--force", action="store_true", help="replace output files that exist")
 
     validate = command(
         "validate", run_validate, "compare every solver with known solutions", "validate --filter A2 --solver explicit"
     )
-    validate.add_argument("--filter", metavar="REF", help="one reference, or all that begin with REF: A2.1, A2, B")
-    validate.add_argument("--solver", choices=SOLVER_NAMES, metavar="NAME", help="one solver")
-    validate.add_argument(
-        "--from", type=file_path, dest="read", metavar="FILE", help="measure nothing: report results that --json wrote"
-    )
-    validate.add_argument("--json", type=file_path, metavar="FILE", help="write the results, with bounds and sources")
-    validate.add_argument("--markdown", type=file_path, metavar="FILE", help="write the report as Markdown")
-    validate.add_argument("--force", action="store_true", help="replace FILE if it exists")
+    validate.add_argument("--filter", metavar="REF", help="only references that begin with REF, such as A2.1, A2 or B")
+    validate.add_argument("--solver", choices=SOLVER_NAMES, metavar="NAME", help=ONE_SOLVER)
+    file_option(validate, "--from", "measure nothing; report the results that --json wrote", dest="read")
+    file_option(validate, "--json", "write results, bounds and sources as JSON")
+    file_option(validate, "--markdown", "write the report as Markdown")
+    validate.add_argument("--force", action="store_true", help="replace output files that exist")
 
     stress = command("stress", run_stress, "run 40 cases that break cloth", "stress --filter yank --solver lines")
-    stress.add_argument("--filter", metavar="CASE", help="one case, by its number or name")
-    stress.add_argument("--variant", metavar="NAME", help="with --filter: one variant of the case")
+    stress.add_argument("--filter", metavar="CASE", help="run only this case, a number or name")
+    stress.add_argument("--variant", metavar="NAME", help="with --filter: run only this variant")
     stress.add_argument(
-        "--solver", choices=(*SOLVER_NAMES, "robust", "robust-slack"), metavar="NAME", help="one solver or setting"
+        "--solver", choices=SETTINGS, metavar="NAME", help=f"run only this solver or setting: {any_of(SETTINGS)}"
     )
     stress.add_argument("--tear", type=strain, metavar="STRAIN", help="let sheets tear at this strain")
     how_many = stress.add_mutually_exclusive_group()
-    how_many.add_argument(
-        "--runs", type=count, default=10, metavar="N", help="runs of each variant, each from another start"
-    )
-    how_many.add_argument("--quick", action="store_const", dest="runs", const=1, help="one run of each variant")
-    how_many.add_argument("--seed", type=seed, metavar="N", help="with one variant and --solver: one run of this seed")
+    how_many.add_argument("--runs", type=count, default=10, metavar="N", help="runs of each variant, from other starts")
+    how_many.add_argument("--quick", action="store_const", dest="runs", const=1, help="run each variant once: --runs 1")
+    how_many.add_argument("--seed", type=seed, metavar="N", help="with --variant and --solver: run this start only")
     stress.add_argument("--soak", action="store_true", help="with --filter 32: run a million frames")
-    stress.add_argument("--json", type=file_path, metavar="FILE", help="write all results, after each variant")
+    file_option(stress, "--json", "write all results as JSON, after each variant")
     stress.add_argument("--resume", action="store_true", help="with --json: continue from the results in FILE")
     stress.add_argument(
         "--recheck",
         action="store_true",
-        help="with --resume: keep results of an earlier version on this machine if their last run repeats bit by bit",
+        help="with --resume: keep results of an earlier version whose last run, repeated here, ends in the same bits",
     )
     stress.add_argument(
-        "--explain", action="store_true", help="with --json: find causes of failures by experiments, after the run"
+        "--explain", action="store_true", help="with --json: then find causes of failures by experiments"
     )
-    stress.add_argument(
-        "--from", type=file_path, dest="source", metavar="FILE", help="run nothing: report the results in FILE"
-    )
-    stress.add_argument("--markdown", type=file_path, metavar="FILE", help="write the report as Markdown")
+    file_option(stress, "--from", "run nothing; report the results that --json wrote", dest="source")
+    file_option(stress, "--markdown", "write the report as Markdown")
     stress.add_argument(
         "--image-dir", type=file_path, default=Path("out/stress"), metavar="DIR", help="images of failed frames"
     )
-    stress.add_argument("--force", action="store_true", help="replace FILE if it exists, drop results of removed cases")
+    stress.add_argument(
+        "--force", action="store_true", help="replace output files that exist; drop results of removed cases"
+    )
 
     ablation = command("ablate", run_ablate, "measure what each feature of a scene costs and changes", "ablate curtain")
     ablation.add_argument("scenes", nargs="+", metavar="SCENE", help="shipped scenes or TOML files")
-    ablation.add_argument("--frames", type=count, default=120, metavar="N", help="largest number of frames to compare")
-    ablation.add_argument("--json", type=file_path, metavar="FILE", help="write all results")
-    ablation.add_argument("--markdown", type=file_path, metavar="FILE", help="write the tables as Markdown")
-    ablation.add_argument("--force", action="store_true", help="replace FILE if it exists")
+    ablation.add_argument("--frames", type=count, default=120, metavar="N", help="compare at most N frames")
+    file_option(ablation, "--json", "write all results as JSON")
+    file_option(ablation, "--markdown", "write the tables as Markdown")
+    ablation.add_argument("--force", action="store_true", help="replace output files that exist")
 
 
 # -- bench -------------------------------------------------------------------------------------------------------------

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..cli.program import (
+    ARCH_HELP,
     DEFAULT_FRAMES,
     VIEWS,
     Command,
+    any_of,
     check_log,
     count,
     file_path,
@@ -46,13 +48,19 @@ def add_commands(command: Command) -> None:
             action="append",
             default=[],
             metavar="KEY=VALUE,…",
-            help=f"scene keys of the {side} side, such as solver=explicit; repeatable",
+            help=f"scene keys to override on the {side} side, such as solver=explicit; repeatable",
         )
     comparing.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="scene key of both sides; repeatable"
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE,…",
+        help="scene keys to override on both sides; repeatable",
     )
-    comparing.add_argument("--arch", choices=runtime.ARCHS, default="cpu", help="Taichi backend")
-    comparing.add_argument("--frames", type=count, metavar="N", help="number of frames (default: no limit in a window)")
+    comparing.add_argument("--arch", choices=runtime.ARCHS, default="cpu", metavar="NAME", help=ARCH_HELP)
+    comparing.add_argument(
+        "--frames", type=count, metavar="N", help="number of frames (default: no limit in a window, 240 as images)"
+    )
     comparing.add_argument(
         "--size",
         type=size,
@@ -60,16 +68,18 @@ def add_commands(command: Command) -> None:
         metavar="WxH",
         help="size of window or image, both sides together [pixels]",
     )
-    comparing.add_argument("--log", type=file_path, metavar="FILE", help="write a JSON line per displayed frame")
+    comparing.add_argument(
+        "--log", type=file_path, metavar="FILE", help="write a line of JSON for each displayed frame to FILE"
+    )
     no_errors_option(comparing)
     comparing.add_argument("--headless", action="store_true", help="render images instead of opening a window")
-    comparing.add_argument("--view", choices=VIEWS, default="shaded", help="view of the cloth")
-    comparing.add_argument("--every", type=count, default=1, metavar="K", help="number of frames per image")
+    comparing.add_argument("--view", choices=VIEWS, default="shaded", metavar="NAME", help=f"view: {any_of(VIEWS)}")
+    comparing.add_argument("--every", type=count, default=1, metavar="K", help="render every Kth frame")
     comparing.add_argument(
         "--out",
         type=file_path,
         metavar="DIR",
-        help="image folder; implies --headless (default: out/compare_SCENE)",
+        help="folder of the images; implies --headless (default: out/compare_SCENE)",
     )
     comparing.add_argument("--force", action="store_true", help="overwrite existing images")
 
