@@ -60,16 +60,21 @@ def list_scenes(args: argparse.Namespace) -> int:
     for name in names:
         scene = load_scene(name)
         topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
-        print(" · ".join(filter(None, [f"{name:{width}}  {scene.title}", left_unfinished(scene, topology)])))
+        print(
+            " · ".join(
+                filter(
+                    None, [f"{name:{width}}  {scene.title}", left_unfinished(scene, topology, scene.solver.substeps)]
+                )
+            )
+        )
     return 0
 
 
-def left_unfinished(scene: Scene, topology: Topology) -> str:
+def left_unfinished(scene: Scene, topology: Topology, substeps: int) -> str:
     """Return the line of a run's summary about iterations that end too early, or empty. It simulates nothing."""
     from ..simulation.error_estimate import unconverged
 
-    solver = scene.solver
-    return unconverged(scene, topology, FRAME_SECONDS / solver.substeps, solver.iterations)
+    return unconverged(scene, topology, FRAME_SECONDS / substeps, scene.solver.iterations)
 
 
 def check_files(args: argparse.Namespace) -> int:
@@ -129,7 +134,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
         memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
     else:
         topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
-        unfinished, inside = left_unfinished(scene, topology), inside_at_start(scene, topology)
+        unfinished, inside = left_unfinished(scene, topology, cost.substeps), inside_at_start(scene, topology)
         pins = count_noun(int(topology.pinned.sum()), "pin")
         if scene.cloth.file:
             extent = topology.start.max(axis=0) - topology.start.min(axis=0)

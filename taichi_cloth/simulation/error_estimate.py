@@ -15,6 +15,10 @@ For stiff springs ρ → 1, and it becomes κ/i: an artificial stretch of ½·N�
 position-based dynamics this is the only elongation.) Both formulas are for structural springs; shear springs carry a
 third of the load.
 
+`lines` solves A·λ = K·C, A = I + K·J·W·Jᵀ, block by block; an iteration multiplies the error of λ by a matrix M. In
+equilibrium (I − Mⁱ)·λ carries the weight, and the springs pull with A·Mⁱ·λ more: beside single pins, where the load
+differs from spring to spring. It depends on the cells of the sheet, not on their number.
+
 Cost: the stored frame times of `bench --error` are those of sheets with structural springs only, in the SIMD layout, on
 one thread. The estimate scales them by particles and springs, substeps and iterations. Bending forces are computed once
 in a substep, not in every iteration.
@@ -31,33 +35,16 @@ from math import hypot, log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.cloth_builder import (
-    BYTES_PER_PARTICLE,
-    build_particles,
-    build_topology,
-    particle_count,
-    reason_not_a_grid,
-    spring_stiffness,
-    too_many_particles,
-)
-from ..geometry.stability_bounds import (
-    max_damping_time,
-    max_frequency,
-    min_force_substeps,
-    min_line_substeps,
-    min_rk4_substeps,
-    min_symplectic_substeps,
-    repulsion_frequency,
-    too_many_substeps,
-)
+from ..geometry import cloth_builder
+from ..geometry import stability_bounds as bounds
 from ..geometry.topology import Topology
 from ..scene.presets import asset_folder
-from ..scene.schema import COLLIDERS, FRAME_SECONDS, Fabric, Scene, Solver
+from ..scene.schema import COLLIDERS, FRAME_SECONDS, Cloth, Fabric, Scene, Solver
 from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid
 from ..system.errors import UsageError
 
 # Fewest stable substeps of explicit solvers.
-MIN_STABLE_SUBSTEPS = {"explicit": min_symplectic_substeps, "rk4": min_rk4_substeps}
+MIN_STABLE_SUBSTEPS = {"explicit": bounds.min_symplectic_substeps, "rk4": bounds.min_rk4_substeps}
 
 # -- error of motion ---------------------------------------------------------------------------------------------------
 
@@ -99,11 +86,6 @@ def measured() -> tuple[MeasuredSetting, ...]:
         )
 
 
-def cells_of(scene: Scene) -> int:
-    """Return the number of cells along the longer side of a scene's grid."""
-    return max(scene.cloth.rows, scene.cloth.columns) - 1
-
-
 def settings_near(cells: float) -> list[MeasuredSetting]:
     """Return the measured settings of the grid closest in size."""
     grid = min({row.cells for row in measured()}, key=lambda n: (abs(log(n / cells)), n))
@@ -117,7 +99,8 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
     """
     if scene.cloth.file:
         raise UsageError("a target error needs a grid: errors were not measured for a cloth from a mesh file")
-    near = [row for row in settings_near(cells_of(scene)) if only in (None, row.solver)]
+    cells = max(scene.cloth.rows, scene.cloth.columns) - 1
+    near = [row for row in settings_near(cells) if only in (None, row.solver)]
     ignored = only is None and scene.solver.name != "verlet" and scene.fabric != Fabric()
     if ignored:
         near = [row for row in near if row.solver != "verlet"]
@@ -154,10 +137,10 @@ def estimate_for_scene(row: MeasuredSetting, scene: Scene) -> MeasuredSetting:
     ms = row.ms * particles / (row.cells + 1) ** 2
     if row.solver not in MIN_STABLE_SUBSTEPS:
         return replace(row, ms=ms)
-    topology = build_topology(scene, "fabric")
-    frequency = max_frequency(topology, spring_stiffness(scene, "fabric", topology))
+    topology = cloth_builder.build_topology(scene, "fabric")
+    frequency = bounds.max_frequency(topology, cloth_builder.spring_stiffness(scene, "fabric", topology))
     coarsest = min(r.substeps for r in measured() if (r.solver, r.cells) == (row.solver, row.cells))
-    damping_time = min(scene.fabric.damping_time, max_damping_time(frequency))
+    damping_time = min(scene.fabric.damping_time, bounds.max_damping_time(frequency))
     substeps = MIN_STABLE_SUBSTEPS[row.solver](frequency, damping_time, FRAME_SECONDS) * row.substeps // coarsest
     return replace(row, substeps=substeps, ms=ms * substeps / row.substeps)
 
@@ -188,7 +171,7 @@ class Cost:
     @property
     def bytes(self) -> int:
         """Estimated peak memory, without that of the program [bytes]."""
-        return BYTES_PER_PARTICLE * self.particles
+        return cloth_builder.BYTES_PER_PARTICLE * self.particles
 
 
 def cost_of(scene: Scene) -> Cost:
@@ -197,19 +180,19 @@ def cost_of(scene: Scene) -> Cost:
     Raises UsageError for a scene that `Simulation` refuses: by its solver, its memory or its substeps.
     """
     name, iterations, cloth = scene.solver.name, scene.solver.iterations, scene.cloth
-    info, no_grid = SOLVER_CATALOG[name], reason_not_a_grid(scene)
+    info, no_grid = SOLVER_CATALOG[name], cloth_builder.reason_not_a_grid(scene)
     if no_grid and info.grid_only:
         raise UsageError(needs_a_grid(name, no_grid))
-    if reason := too_many_particles(scene):
+    if reason := cloth_builder.too_many_particles(scene):
         raise UsageError(reason)
     part = _sample_of(scene)
-    topology = build_topology(part, info.stiffness_section)
+    topology = cloth_builder.build_topology(part, info.stiffness_section)
     corners = scene if cloth.file else replace(scene, cloth=replace(cloth, rows=2, columns=2))
-    needed = _min_substeps(part, topology, build_particles(corners).extent)
-    if reason := too_many_substeps(name, needed):
+    needed = _min_substeps(part, topology, cloth_builder.build_particles(corners).extent)
+    if reason := bounds.too_many_substeps(name, needed):
         raise UsageError(reason)
     substeps = max(scene.solver.substeps, needed)
-    particles = particle_count(cloth)
+    particles = cloth_builder.particle_count(cloth)
     counts = topology.spring_count, len(topology.bending_links.ends)
     springs, links = (round(count * particles / topology.particle_count) for count in counts)
     cells, iterations = max(1, round(sqrt(particles)) - 1), 1 if info.is_explicit else iterations
@@ -227,7 +210,7 @@ def cost_of(scene: Scene) -> Cost:
 def _sample_of(scene: Scene) -> Scene:
     """Return a scene with a small part of its sheet, with the same cells and without pins, if the sheet is large."""
     cloth = scene.cloth
-    if cloth.file or particle_count(cloth) <= SAMPLE**2:
+    if cloth.file or cloth_builder.particle_count(cloth) <= SAMPLE**2:
         return scene
     rows, columns = min(cloth.rows, SAMPLE), min(cloth.columns, SAMPLE)
     width = cloth.width * (columns - 1) / (cloth.columns - 1)
@@ -242,18 +225,18 @@ def _min_substeps(scene: Scene, topology: Topology, extent: float) -> int:
     `extent`: of the whole cloth [m].
     """
     name, info = scene.solver.name, SOLVER_CATALOG[scene.solver.name]
-    stiffness = spring_stiffness(scene, info.stiffness_section, topology)
+    stiffness = cloth_builder.spring_stiffness(scene, info.stiffness_section, topology)
     explicit_forces = stiffness if info.is_explicit else 0 * stiffness
     implicit = name == "implicit" or not (info.is_explicit or len(topology.bending_links.ends))
-    frequency = 0.0 if implicit else max_frequency(topology, explicit_forces)
+    frequency = 0.0 if implicit else bounds.max_frequency(topology, explicit_forces)
     found = [getattr(scene, section) for section in COLLIDERS] + [(scene.ground,) if scene.ground else ()]
     colliders = [collider for section in found for collider in section]
-    frequency = hypot(frequency, repulsion_frequency(colliders, scene.cloth.area_density))
+    frequency = hypot(frequency, bounds.repulsion_frequency(colliders, scene.cloth.area_density))
     if info.is_explicit:
-        damping_time = min(scene.fabric.damping_time, max_damping_time(frequency))
+        damping_time = min(scene.fabric.damping_time, bounds.max_damping_time(frequency))
         return MIN_STABLE_SUBSTEPS[name](frequency, damping_time, FRAME_SECONDS)
-    needed = min_force_substeps(frequency, FRAME_SECONDS)
-    return max(needed, min_line_substeps(topology, extent, FRAME_SECONDS)) if name == "lines" else needed
+    needed = bounds.min_force_substeps(frequency, FRAME_SECONDS)
+    return max(needed, bounds.min_line_substeps(topology, extent, FRAME_SECONDS)) if name == "lines" else needed
 
 
 # -- frame time --------------------------------------------------------------------------------------------------------
@@ -351,6 +334,37 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 1 else f"{100 * share:.2g} %"
 
 
+STAGE = 1 - sqrt(0.5)  # of a substep of `lines`: γ of `solvers/two_stage.py`, which needs Taichi
+MODEL_CELLS = 6  # along the sides of the sheet that stands for all; more change the result by a few hundredths of it
+
+
+@lru_cache(maxsize=16)
+def lines_excess(cloth: Cloth, fabric: Fabric, h: float, iterations: int) -> float:
+    """Return how much too large the forces of single pins are with `lines`, as a fraction. `h`: of a substep [s].
+
+    By linear theory, for a flat sheet of a few such cells that hangs by two corners.
+    """
+    n, cell = MODEL_CELLS + 1, (cloth.width / (cloth.columns - 1), cloth.height / (cloth.rows - 1))
+    same = {name: getattr(cloth, name) for name in ("area_density", "diagonals", "mass_lumping")}
+    sheet = Cloth(n, n, MODEL_CELLS * cell[0], MODEL_CELLS * cell[1], pins=("top-left", "top-right"), **same)
+    topology = cloth_builder.build_topology(scene := Scene(cloth=sheet, fabric=fabric), "fabric")
+    incidence, bend = np.eye(n * n)[topology.ends[:, 1]] - np.eye(n * n)[topology.ends[:, 0]], topology.family("bend")
+    steps, free = incidence @ topology.flat[:, :2], ~np.repeat(topology.pinned, 2)
+    j = (incidence[:, :, None] * (steps / topology.rest[:, None])[:, None]).reshape(len(steps), -1)
+    mass, stage = np.repeat(topology.mass, 2), STAGE * h
+    k = stage * (stage + fabric.damping_time) * cloth_builder.spring_stiffness(scene, "fabric", topology)[:, None]
+    a = np.eye(len(j)) + k * (j * np.where(free, 1 / mass, 0.0)) @ j.T
+    right, down = np.rint(steps / cell).T
+    block = np.select([down == 0, right == 0, right * down > 0], [0, 1, 2], 3)
+    block[bend] = 4 + np.arange(len(bend))  # one by one
+    matrix = np.eye(len(j)) - np.linalg.solve(np.where(block[:, None] >= block, a, 0.0), a)
+    exact = np.linalg.solve(a, k * j[:, free])
+    remaining = np.linalg.matrix_power(matrix, iterations) @ exact
+    weight = np.where(np.arange(len(mass)) % 2, mass, 0.0)[free]  # of each particle: along x, and along y
+    excess = j.T @ a @ remaining @ np.linalg.solve(j[:, free].T @ (exact - remaining), weight)
+    return float(abs(excess[~free][1::2].sum() / weight.sum()))
+
+
 def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> str:
     """Return a line with the artificial stretch by iterations that do not converge; empty if it is small.
 
@@ -374,4 +388,12 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
         too_large = f"forces of pins and grabs are too large, by {up_to}{percent(fraction)}"
         line = f"not converged: {too_large}, and {percent(stretch)} artificial stretch at rest; {REMEDY}"
         return line if fraction >= MIN_REPORTED_FRACTION else ""
+    neighbors = topology.ends[np.concatenate([topology.family("structural"), topology.family("shear")])]
+    edges = neighbors[topology.pinned[neighbors].all(axis=1)]  # an edge that is pinned as a whole has no excess
+    stable = min(scene.fabric.warp, scene.fabric.weft, scene.fabric.shear) > 0  # else the model is a mechanism
+    if scene.solver.name == "lines" and stable and len(np.unique(edges)) < topology.pinned.sum():
+        excess = lines_excess(scene.cloth, scene.fabric, h, iterations)
+        up_to = "up to about " if excess < MAX_REPORTED else ""
+        line = f"not converged: forces of single pins and grabs are too large, by {up_to}{percent(excess)}; {REMEDY}"
+        return line if excess >= MIN_REPORTED_FRACTION else ""
     return ""

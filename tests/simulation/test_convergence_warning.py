@@ -1,14 +1,24 @@
 """The line that a run prints if iterations do not converge."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, VerletSprings
-from taichi_cloth.simulation.error_estimate import MAX_SAMPLES, REMEDY, percent, rows_below, sample_points, unconverged
+from taichi_cloth.simulation.error_estimate import (
+    MAX_SAMPLES,
+    REMEDY,
+    STAGE,
+    percent,
+    rows_below,
+    sample_points,
+    unconverged,
+)
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.solvers.two_stage import GAMMA
 
 
 def line(solver: str, cells: int, substeps: int, iterations: int, **cloth: object) -> str:
@@ -58,6 +68,59 @@ def test_pins_of_a_damped_sheet_carry_as_much_more_than_its_weight_as_is_reporte
         shown = unconverged(scene, simulation.topology, simulation.h, 1)
     reported = float(re.findall(r"by up to about ([\d.]+) %", shown)[0]) / 100
     assert 0.75 * reported < too_large < 1.01 * reported
+
+
+def sheet_of(cells: int, iterations: int, damping_time: float = 0.0, **cloth: object) -> Scene:
+    """Return a sheet for `lines`, which after seconds of strong damping is at rest."""
+    return Scene(
+        cloth=Cloth(rows=cells + 1, columns=cells + 1, width=1.0, height=1.0, **cloth),  # type: ignore[arg-type]
+        fabric=Fabric(damping_time=damping_time),
+        solver=Solver("lines", 10, iterations, damping=4.0),
+    )
+
+
+CORNERS = ("top-left", "top-right")
+
+
+@pytest.mark.parametrize(
+    ("cells", "iterations", "damping_time", "pins"),
+    [
+        (16, 1, 0.0, CORNERS),
+        (16, 2, 0.0, CORNERS),
+        (24, 1, 0.0, CORNERS),
+        (24, 2, 0.0, CORNERS),
+        (24, 1, 1e-3, CORNERS),
+        (24, 1, 0.0, (0, 4, 8, 12, 16, 20, 24)),
+    ],
+)
+def test_single_pins_of_lines_pull_as_much_more_than_the_weight_as_is_reported(
+    cells: int, iterations: int, damping_time: float, pins: tuple[str | int, ...]
+) -> None:
+    """The sheet of the linear theory is flat, has 6 cells and hangs by two corners."""
+    with Simulation(sheet_of(cells, iterations, damping_time, pins=pins)) as simulation:
+        simulation.step(420)
+        weight = simulation.topology.mass.sum() * 9.81
+        too_large = simulation.reaction_forces()[:, 1].sum() / weight - 1
+        shown = unconverged(simulation.scene, simulation.topology, simulation.h, iterations)
+    reported = float(re.findall(r"single pins and grabs are too large, by up to about ([\d.]+) %", shown)[0]) / 100
+    assert too_large == pytest.approx(reported, rel=0.06)
+
+
+def test_nothing_is_reported_for_lines_that_converge_or_hang_by_an_edge_or_have_no_stiffness_in_shear() -> None:
+    def reported(scene: Scene, substeps: int = 10) -> str:
+        topology = build_topology(scene, "fabric")
+        return unconverged(scene, topology, FRAME_SECONDS / substeps, scene.solver.iterations)
+
+    scene = sheet_of(24, 1, pins=CORNERS)
+    assert reported(scene).startswith("not converged: forces of single pins and grabs are too large, by up to about ")
+    assert reported(scene, substeps=100) == ""
+    assert reported(sheet_of(24, 1, pins=("top",))) == ""
+    assert reported(sheet_of(24, 1, pins=("top", "bottom-left"))) != ""
+    assert reported(replace(scene, fabric=Fabric(shear=0.0))) == ""
+
+
+def test_the_model_of_lines_has_the_stages_of_the_solver() -> None:
+    assert STAGE == GAMMA
 
 
 @pytest.mark.parametrize(
