@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from .export.clip import Simulation, export_mesh, replay
     from .geometry.scene_loader import load_scene
     from .geometry.topology import ClothMetrics
-    from .render.image import Image, render_image
+    from .render.image import Image, render_image, render_video
     from .simulation.copies import FrameError
     from .simulation.events import Event, GrabHandle
     from .simulation.recording import Recorder
@@ -91,6 +91,7 @@ __all__ = [
     "list_scenes",
     "load_scene",
     "render_image",
+    "render_video",
     "replay",
 ]
 
@@ -106,6 +107,7 @@ _TAICHI = {
     "Simulation": "export.clip",
     "export_mesh": "export.clip",
     "render_image": "render.image",
+    "render_video": "render.image",
     "replay": "export.clip",
 }
 

@@ -130,14 +130,14 @@ def run_export(args: argparse.Namespace) -> int:
 
 
 def check_output(output: Output, *, force: bool) -> None:
-    """Check the output path before the simulation. Raises OutputConflict, and UsageError for a missing folder."""
-    from ..system.console import check_output_file
+    """Check the path of the output before the simulation. Raises OutputConflict and UsageError."""
+    from ..system.console import prepare_output_file
 
     if output.is_folder and output.existing_samples() and not force:
         raise OutputConflict(f"{output.path} has a clip already: use --force to replace it")
     for path in output.single_files():
-        if path.parent.exists():
-            check_output_file(path, force=force)
+        if path.parent.exists():  # else `Output.prepare` makes it, once the simulation has started
+            prepare_output_file(path, force=force)
 
 
 def describe(output: Output) -> str:
@@ -259,12 +259,15 @@ def run_session(recording: Recording, args: argparse.Namespace, obstacle: str | 
 
 
 def check_video(path: Path, *, force: bool) -> None:
-    """Check that a video can be written, before minutes of work. Raises OutputConflict and UsageError."""
+    """Make the folder of a video, and check that it can be written, before minutes of work.
+
+    Raises OutputConflict and UsageError.
+    """
     from ..render.image_files import check_format
-    from ..system.console import check_output_file
+    from ..system.console import prepare_output_file
 
     check_format(path)
-    check_output_file(path, force=force)
+    prepare_output_file(path, force=force)
 
 
 def write_video(session: Session, plan: RenderPlan, path: Path) -> None:
@@ -280,7 +283,8 @@ def write_video(session: Session, plan: RenderPlan, path: Path) -> None:
 
 def write_images(session: Session, plan: RenderPlan, *, force: bool) -> None:
     """Render a session to numbered PNG files in the folder `plan.out`."""
-    from ..render.image import background_writer, claim_folder
+    from ..render.image import claim_folder
+    from ..render.image_files import background_writer
     from ..system.console import frames_progress
     from ..viewer.replay import session_images
 

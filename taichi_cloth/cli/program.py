@@ -333,11 +333,11 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
 
 
 def check_log(path: Path | None) -> None:
-    """Check before a window opens that its log can be written. Raises OutputConflict and UsageError."""
+    """Prepare the file of a log, before a window opens. Raises OutputConflict and UsageError."""
     if path:
-        from ..system.console import check_output_file
+        from ..system.console import prepare_output_file
 
-        check_output_file(path, force=True)
+        prepare_output_file(path, force=True)
 
 
 def refuse_log(path: Path | None, obstacle: str) -> None:

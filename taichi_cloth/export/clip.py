@@ -14,7 +14,6 @@ from typing import SupportsIndex
 import numpy as np
 
 from ..collision.colliders import PosedCollider, is_deforming
-from ..collision.shapes.plane import polygons
 from ..geometry.topology import ClothMetrics
 from ..render.draw_list import TriangleSoup, collider_color, pole_mesh
 from ..render.image import render_image
@@ -27,7 +26,7 @@ from ..simulation.error_estimate import unconverged
 from ..simulation.events import Event
 from ..simulation.parameter_values import check_frames
 from ..simulation.recording import read_recording, run_recording
-from ..simulation.rollback import DivergenceGuard
+from ..simulation.rollback import DivergenceGuard, guarded_frames
 from ..simulation.running_cloth import check_simulation
 from ..simulation.simulation import Simulation as BaseSimulation
 from ..state import ClothState
@@ -39,6 +38,7 @@ from .mesh_files import (
     Solid,
     collider_name,
     export_mesh_of,
+    floor_square,
     glb_clip,
     pc2_clip,
     rotate_to_up,
@@ -58,11 +58,11 @@ def export(simulation: BaseSimulation, output: Output, on_frame: Callable[[int],
     written. After an error the finished numbered files of a clip remain; any other file is as it was before.
     """
     before = output.first if output.clip else output.frames
-    for _ in _frames(simulation, range(before), on_frame):
+    for _ in guarded_frames(simulation, range(before), on_frame):
         pass
     if output.clip:
         with _clip(output, simulation) as add:
-            for k in _frames(simulation, range(before, output.frames), on_frame):
+            for k in guarded_frames(simulation, range(before, output.frames), on_frame):
                 if (k - before) % output.every == 0:
                     add()
     else:
@@ -96,6 +96,7 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
         more = "; export_clip writes clips" if format else ""
         raise UsageError(f"{file}: {problem}; use {', '.join(suffixes)}{more}")
     check_format(format, up)
+    file.parent.mkdir(parents=True, exist_ok=True)
     write_frame(file, format, simulation, up)
 
 
@@ -154,8 +155,9 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
         Empty if none of these is true.
 
-        The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins. Nothing is
-        estimated for `lines` and `implicit`, and for cloth that hangs by grabs.
+        The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins, and of `lines`,
+        for pins beside which no other particle is pinned. Nothing is estimated for `implicit`, and for cloth that hangs
+        by grabs.
         """
         iterations = int(self.params["iterations"])
         return "; ".join(filter(None, [super().warnings, unconverged(self.scene, self.topology, self.h, iterations)]))
@@ -224,11 +226,19 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         self._guarded = None
         super().close()
 
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a checkpoint (.npz), and make a missing folder. Not within a frame.
+
+        Raises OSError; a partial file never remains.
+        """
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        super().save(path)
+
     def export(self, path: str | PathLike[str], up: str = "y") -> None:
         """Write the cloth as it is now to an OBJ, PLY, USD or glTF file, by the suffix of `path`. `up`: "y" or "z".
 
-        Raises UsageError for another suffix, for another axis, and for z in a glTF file, and OSError; a partial file
-        never remains.
+        A missing folder is made. Raises UsageError for another suffix, for another axis, and for z in a glTF file, and
+        OSError; a partial file never remains.
         """
         export_mesh(self, path, up)
 
@@ -247,9 +257,9 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         folder of OBJ files. `up`: "y" or "z". `on_frame(k)` is called after frame k, 0 first, and may move grabs and
         change parameters, but not the scene.
 
-        Existing files are replaced. Raises UsageError for another suffix or axis, ValueError for numbers that are not
-        integers from 1, Diverged if the cloth blows up, and OSError; a partial file never remains, and the finished
-        files of a folder do.
+        Existing files are replaced, and a missing folder is made. Raises UsageError for another suffix or axis,
+        ValueError for numbers that are not integers from 1, Diverged if the cloth blows up, and OSError; a partial file
+        never remains, and the finished files of a folder do.
         """
         export_clip(self, Path(path), check_frames(frames, "frames", 1), check_frames(every, "every", 1), up, on_frame)
 
@@ -293,7 +303,7 @@ def _solids(simulation: BaseSimulation) -> list[Solid]:
 
 
 def _collider(simulation: BaseSimulation, number: int, posed: PosedCollider) -> Solid:
-    """Return a collider in its own coordinates. The ground is a square, as in USD files."""
+    """Return a collider in its own coordinates."""
     name = collider_name(number, posed.collider)
     if is_deforming(posed.collider):
         mesh = local_mesh(posed)
@@ -306,7 +316,7 @@ def _collider(simulation: BaseSimulation, number: int, posed: PosedCollider) -> 
         return replace(_solid(name, mesh), vertices_now=vertices_now)
     if not isinstance(posed.collider, Ground):
         return _solid(name, local_mesh(posed))
-    corners, _ = polygons(posed.collider)
+    corners = floor_square(simulation.positions(), posed.center)
     up = np.tile([0.0, 1.0, 0.0], (4, 1))
     return Solid(name, np.array(collider_color(posed)), corners, up, np.array([[0, 1, 2], [0, 2, 3]]))
 
@@ -329,17 +339,6 @@ def _poses(simulation: BaseSimulation) -> Floats:
     if simulation.scene.look.pole:
         poses.append(np.eye(4))
     return np.array(poses).reshape(-1, 4, 4)
-
-
-def _frames(simulation: BaseSimulation, frames: range, on_frame: Callable[[int], object]) -> Iterator[int]:
-    """Yield the index of each frame before it is simulated. Raises Diverged."""
-    for k in frames:
-        yield k
-        guard = DivergenceGuard(simulation)  # of every frame: `on_frame` may have changed the cloth
-        BaseSimulation.step(simulation)
-        if not guard.check_and_snapshot():
-            raise Diverged(guard.roll_back())
-        on_frame(k)
 
 
 @contextmanager

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..collision.shapes.plane import SQUARE
 from ..geometry.topology import Topology
 from ..render.colors import merge_vertices, pattern_colors
 from ..scene.schema import Scene
@@ -81,6 +82,20 @@ def export_mesh_of(scene: Scene, topology: Topology) -> ExportMesh:
     across = np.sort(np.argsort(-sides, kind="stable")[:2])
     uv = ((topology.flat - low) / np.where(sides > 0, sides, 1.0))[:, across]
     return ExportMesh(scene.name, topology.triangles, uv, pattern_colors(topology, scene.look))
+
+
+FLOOR_SIDE = 2.0  # side of the exported floor, in longest sides of the cloth
+
+
+def floor_square(x: Floats, center: Floats) -> Floats:
+    """Return the corners of the square that is exported for the ground, (4, 3) [m], relative to its `center` (3,) [m].
+
+    It is under the cloth, positions `x` (N, 3) [m], and not much larger: a viewer shows all of a file at once.
+    """
+    low, high = x.min(axis=0), x.max(axis=0)
+    offset = ((low + high) / 2 - center) * [1.0, 0.0, 1.0]
+    corners: Floats = offset + FLOOR_SIDE * (high - low).max() * SQUARE
+    return corners
 
 
 def linear_rgb(colors: NDArray[Any]) -> Floats32:

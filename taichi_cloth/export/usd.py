@@ -20,9 +20,10 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
 from ..collision.colliders import PosedCollider, is_deforming, is_static, shape_of
 from ..render.draw_list import collider_color
+from ..scene.collider_schema import Ground
 from ..system.errors import one_line
 from ..system.files import atomic_path
-from .mesh_files import ExportMesh, Floats, Solid, collider_name, linear_rgb, rotate_to_up, vertex_normals
+from .mesh_files import ExportMesh, Floats, Solid, collider_name, floor_square, linear_rgb, rotate_to_up, vertex_normals
 
 
 class ColliderPrims:
@@ -34,11 +35,11 @@ class ColliderPrims:
         self._transforms: list[UsdGeom.XformOp] = []
         self._prims: list[UsdGeom.Gprim] = []
 
-    def write(self, colliders: list[PosedCollider], time: Usd.TimeCode) -> None:
-        """Write the poses at a time. Static colliders are written once."""
+    def write(self, colliders: list[PosedCollider], x: Floats, time: Usd.TimeCode) -> None:
+        """Write the poses at a time. Static colliders are written once. `x`: positions of the cloth (N, 3) [m]."""
         first = not self._transforms
         if first:
-            self._transforms = [self._define(number, posed) for number, posed in enumerate(colliders)]
+            self._transforms = [self._define(number, posed, x) for number, posed in enumerate(colliders)]
         for transform, posed in zip(self._transforms, colliders, strict=True):
             if first or not is_static(posed.collider):
                 time_code = Usd.TimeCode.Default() if is_static(posed.collider) else time
@@ -47,7 +48,7 @@ class ColliderPrims:
             if is_deforming(posed.collider):
                 _set_points(prim, posed, time)
 
-    def _define(self, number: int, posed: PosedCollider) -> UsdGeom.XformOp:
+    def _define(self, number: int, posed: PosedCollider, x: Floats) -> UsdGeom.XformOp:
         """Define the prim of a collider, in its own frame of reference, and return its transform."""
         path = self._path.AppendChild(collider_name(number, posed.collider))
         shape = shape_of(posed.collider)
@@ -55,6 +56,8 @@ class ColliderPrims:
             prim = getattr(UsdGeom, shape.usd.name).Define(self._stage, path)
             for name, value in shape.usd.attributes(posed.size).items():
                 getattr(prim, f"Create{name}Attr")(value)
+        elif isinstance(posed.collider, Ground):
+            prim = _mesh(self._stage, path, floor_square(x, posed.center), np.arange(4)[None])
         else:
             assert shape.polygons is not None, f"{shape.section} have neither a USD schema nor polygons"
             prim = _mesh(self._stage, path, *shape.polygons(posed.collider))
@@ -178,7 +181,7 @@ def _stage(sheet: ExportMesh, up: str, fixed: Sequence[Solid]) -> tuple[Usd.Stag
         mesh.GetPointsAttr().Set(points, time)
         mesh.GetNormalsAttr().Set(_vectors(vertex_normals(positions, sheet.triangles)), time)
         mesh.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(points), time)
-        prims.write(colliders, time)
+        prims.write(colliders, x, time)
 
     return stage, write
 

@@ -9,13 +9,12 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -23,8 +22,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from ..scene import Camera, scene_to_toml
 from ..scene.reader import check_keys
 from ..simulation.copies import FrameErrorMeter, FrameStart
-from ..simulation.parameter_values import check_image_size
-from ..simulation.rollback import DivergenceGuard
+from ..simulation.parameter_values import check_frames, check_image_size
+from ..simulation.rollback import DivergenceGuard, guarded_frames
 from ..simulation.running_cloth import check_simulation
 from ..simulation.simulation import Simulation
 from ..system.errors import Diverged, OutputConflict, UsageError, choose_from, error_text
@@ -33,7 +32,7 @@ from ..system.taichi_runtime import check_thread, machine, running_arch
 from .camera import OrbitCamera, camera_of
 from .colors import draw_legend
 from .draw_list import VIEWS, DrawList
-from .image_files import Pixels, contact_sheet, encode_png, write_png
+from .image_files import Pixels, background_writer, check_format, contact_sheet, encode_png, open_video, write_png
 from .rasterizer import Rasterizer
 
 
@@ -63,12 +62,13 @@ class Image:
     """Red, green and blue, uint8 (height, width, 3), top row first."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a PNG file. Raises UsageError for a name that does not end in .png, and OSError.
+        """Write a PNG file, and make a missing folder. Raises UsageError for a name not ending in .png, and OSError.
 
         A partial file never remains.
         """
         if Path(path).suffix.lower() != ".png":
             raise UsageError(f"{os.fspath(path)}: images are saved as PNG files: the name must end in .png")
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
         write_png(path, self.pixels)
 
     def __repr__(self) -> str:
@@ -100,6 +100,53 @@ def render_image(
     unknown view, and a position that a scene does not allow: one not of three numbers, or a camera that looks straight
     up or down. Raises UsageError for the view "error" of a frame without a measured error.
     """
+    with _camera_on(simulation, size, view, eye, target) as image:
+        return Image(image())
+
+
+def render_video(
+    simulation: Simulation,
+    path: str | os.PathLike[str],
+    frames: SupportsIndex,
+    size: tuple[int, int] = (640, 360),
+    view: str = "shaded",
+    *,
+    every: SupportsIndex = 1,
+    eye: ArrayLike | None = None,
+    target: ArrayLike | None = None,
+    on_frame: Callable[[int], object] | None = None,
+) -> None:
+    """Run some frames, and write an image before every `every`-th of them to a video, an .mp4 or .webp file.
+
+    The video plays in real time, with 60/`every` images per second. `size`, `view`, `eye` and `target`: as in
+    `render_image`, but the camera does not move. `on_frame(k)` is called after frame k, 0 first, and may move grabs and
+    change parameters, but not the scene. An .mp4 file has even width and height, one pixel less than an odd one.
+
+    An existing file is replaced, and a missing folder is made. Raises UsageError for another suffix, for the view
+    "error", and with the command that installs it if ffmpeg is missing, or Pillow for .webp. Raises ValueError as
+    `render_image` does and for numbers that are not integers from 1, Diverged if the cloth blows up, and OSError; a
+    partial file never remains.
+    """
+    check_simulation(simulation)
+    file, count, step = Path(path), check_frames(frames, "frames", 1), check_frames(every, "every", 1)
+    if view == "error":
+        raise UsageError(
+            "the view 'error' measures each frame: use `taichi-cloth render SCENE --view error --video FILE`"
+        )
+    check_format(file)
+    with _camera_on(simulation, size, view, eye, target) as image:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with open_video(file, check_image_size(size), step) as show:
+            for k in guarded_frames(simulation, range(count), on_frame or (lambda _: None)):
+                if k % step == 0:
+                    show(image())
+
+
+@contextmanager
+def _camera_on(
+    simulation: Simulation, size: tuple[int, int], view: str, eye: ArrayLike | None, target: ArrayLike | None
+) -> Iterator[Callable[[], Pixels]]:
+    """Yield a function that returns an image of the cloth as it is then. Arguments and errors: of `render_image`."""
     check_thread()
     check_simulation(simulation)
     if view not in VIEWS:
@@ -121,7 +168,7 @@ def render_image(
     if error:
         draw_list.errors = error.by_particle
     try:
-        return Image(render_pixels(raster, draw_list, camera, view))
+        yield lambda: render_pixels(raster, draw_list, camera, view)
     finally:
         draw_list.close()
 
@@ -344,23 +391,3 @@ def _frame_entry(simulation: Simulation, frame: int) -> dict[str, Any]:
     metrics = simulation.metrics()
     entry = {"frame": frame, "max_strain": metrics.max_strain, "mean_strain": metrics.mean_strain}
     return entry if metrics.intersections is None else {**entry, "intersections": metrics.intersections}
-
-
-@contextmanager
-def background_writer() -> Iterator[Callable[[Path, Pixels], None]]:
-    """Provide a function that writes a PNG file in a second thread, while the next frame is computed.
-
-    At most two images wait to be written; a further call blocks. At the end of the block all files have been written.
-    An error of an earlier image is raised by a later call, or at the end of the block.
-    """
-    with ThreadPoolExecutor(1, "png") as executor:
-        pending: list[Future[None]] = []
-
-        def write(path: Path, pixels: Pixels) -> None:
-            if len(pending) == 2:
-                pending.pop(0).result()
-            pending.append(executor.submit(write_png, path, pixels))
-
-        yield write
-        for future in pending:
-            future.result()

@@ -14,6 +14,7 @@ import subprocess
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
 from importlib.util import find_spec
@@ -60,6 +61,26 @@ def write_png(path: str | os.PathLike[str], rgb: Pixels) -> None:
 def _chunk(kind: bytes, data: bytes) -> bytes:
     """Return a PNG chunk: length, type, data, checksum."""
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+@contextmanager
+def background_writer() -> Iterator[Callable[[Path, Pixels], None]]:
+    """Provide a function that writes a PNG file in a second thread, while the next frame is computed.
+
+    At most two images wait to be written; a further call blocks. At the end of the block all files have been written.
+    An error of an earlier image is raised by a later call, or at the end of the block.
+    """
+    with ThreadPoolExecutor(1, "png") as executor:
+        pending: list[Future[None]] = []
+
+        def write(path: Path, pixels: Pixels) -> None:
+            if len(pending) == 2:
+                pending.pop(0).result()
+            pending.append(executor.submit(write_png, path, pixels))
+
+        yield write
+        for future in pending:
+            future.result()
 
 
 def contact_sheet(

@@ -25,8 +25,8 @@ from ..system.taichi_runtime import machine
 from .camera import OrbitCamera, camera_of, floor_height
 from .colors import draw_legend_below
 from .draw_list import DrawList
-from .image import MEASURED_EVERY, RenderPlan, background_writer, render_without_scale
-from .image_files import Pixels
+from .image import MEASURED_EVERY, RenderPlan, render_without_scale
+from .image_files import Pixels, background_writer
 from .rasterizer import Rasterizer
 
 # -- images ------------------------------------------------------------------------------------------------------------

@@ -105,7 +105,7 @@ class Recorder:
         self.rows.append(row)
 
     def save(self, path: str | PathLike[str], size: tuple[int, int] = (1280, 720)) -> None:
-        """Write the recording. `size`: of replayed images, 1 to 8192 [pixels].
+        """Write the recording. `size`: of replayed images, 1 to 8192 [pixels]. A missing folder is made.
 
         Raises ValueError for another size, UsageError within a frame and for a name that does not end in .toml, and
         OSError; a partial file never remains.
@@ -114,7 +114,9 @@ class Recorder:
         path = Path(path)
         if path.suffix.lower() != ".toml":
             raise UsageError(f"{path}: recordings are saved as TOML files: the name must end in .toml")
-        Recording.of(self, check_image_size(size)).write(path)
+        recording = Recording.of(self, check_image_size(size))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        recording.write(path)
 
 
 @dataclass(frozen=True)

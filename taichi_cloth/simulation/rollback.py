@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from ..kernels.integration import roll_back as restore_snapshot
@@ -9,6 +10,7 @@ from ..kernels.integration import snapshot
 from ..scene import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..state.solver_data import snapshots_of
+from ..system.errors import Diverged
 from .checkpoint import Arrays, restore, state_arrays
 from .events import Event
 from .simulation import Simulation
@@ -71,6 +73,17 @@ class DivergenceGuard:
         used, minimum = simulation.substeps, simulation.min_stable_substeps
         limit = f" (small motions need at least {minimum})" if minimum > 1 else ""
         return f"try {2 * used} substeps instead of {used}{limit}, or less wind, gravity or stiffness"
+
+
+def guarded_frames(simulation: Simulation, frames: range, on_frame: Callable[[int], object]) -> Iterator[int]:
+    """Yield the index of each frame before it is simulated, and call `on_frame` with it afterwards. Raises Diverged."""
+    for k in frames:
+        yield k
+        guard = DivergenceGuard(simulation)  # of every frame: `on_frame` may have changed the cloth
+        Simulation.step(simulation)  # without the checks of a subclass
+        if not guard.check_and_snapshot():
+            raise Diverged(guard.roll_back())
+        on_frame(k)
 
 
 # -- the last seconds --------------------------------------------------------------------------------------------------

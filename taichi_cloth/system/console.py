@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from .errors import OutputConflict, UsageError
+from .errors import OutputConflict, UsageError, error_text
 from .files import atomic_file
 from .taichi_runtime import cpu_model
 
@@ -190,14 +190,21 @@ def machine() -> dict[str, str]:
     }
 
 
-def check_output_file(path: Path, *, force: bool) -> None:
-    """Check before a long run that a file can be written. Raises OutputConflict and UsageError."""
+def prepare_output_file(path: Path, *, force: bool) -> None:
+    """Make the folder of a file, before a long run, and check that the file can be written.
+
+    Raises OutputConflict and UsageError.
+    """
     if path.is_dir():
         raise OutputConflict(f"{path} is a folder, not a file")
     if path.exists() and not force:
         raise OutputConflict(f"{path} already exists; use --force to replace it")
-    if not path.parent.is_dir():
-        raise UsageError(f"cannot write {path.name}: {path.parent} is not a folder")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise UsageError(f"cannot write {path.name}: {path.parent} is not a folder") from None
+    except OSError as error:
+        raise UsageError(f"cannot write {path.name}: {error_text(error)}") from None
     if not os.access(path.parent, os.W_OK):
         raise UsageError(f"cannot write {path.name}: no permission to write in {path.parent}")
 

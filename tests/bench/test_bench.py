@@ -302,7 +302,7 @@ def test_features_can_be_measured_alone(monkeypatch: pytest.MonkeyPatch, capsys:
         (["--csv", "there.csv"], "there.csv already exists; use --force to replace it"),
         (["--json", "there.csv"], "there.csv already exists"),
         (["--csv", "."], ". is a folder, not a file"),
-        (["--json", "none/b.json", "--force"], "cannot write b.json: none is not a folder"),
+        (["--json", "there.csv/b.json", "--force"], "cannot write b.json: there.csv is not a folder"),
         (["--frames", "0"], "not an integer"),
     ],
 )

@@ -255,6 +255,12 @@ COLLIDERS = Scene(
 )
 
 
+def floor_below(x: np.ndarray, height: float) -> list[list[float]]:
+    """Return the box of a floor whose middle is below that of the cloth `x` and which is twice as wide, (2, 3)."""
+    middle, side = (x.min(axis=0) + x.max(axis=0)) / 2, np.ptp(x, axis=0).max()
+    return [[middle[0] + sign * side, height, middle[2] + sign * side] for sign in (-1, 1)]
+
+
 def bounds(prim: Usd.Prim, time: float) -> np.ndarray:
     """Return the bounding box of a prim in world space, (2, 3), as computed by USD."""
     box = UsdGeom.Imageable(prim).ComputeWorldBound(time, "default").ComputeAlignedRange()
@@ -280,7 +286,7 @@ def test_usd_colliders_have_their_poses_at_each_time(up: str, tmp_path: Path) ->
         "capsule_1": [[[0.5, 1.9, 2.9], [1.5, 2.1, 3.1]]] * 2,
         "box_2": [[[0.5, -0.5, -2], [1.5, 1.5, 2]], None],
         "plane_3": [[[-1.5, -1, -1.5], [1.5, -1, 1.5]]] * 2,
-        "ground_4": [[[-10, -2, -10], [10, -2, 10]]] * 2,
+        "ground_4": [floor_below(x, -2.0)] * 2,
         "mesh_5": [[corners.min(axis=0), corners.max(axis=0)], None],
     }
     for name, boxes in expected.items():

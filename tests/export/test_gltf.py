@@ -252,7 +252,11 @@ def test_colliders_and_the_pole_are_where_they_are_in_each_frame(tmp_path: Path)
     pole = file.corners("pole")
     assert pole[:, 0].min() < top[:, 0].min() < top[:, 0].max() < pole[:, 0].max()
     assert pole[:, 1:].mean(axis=0) == pytest.approx(top[0, 1:], abs=0.01)
-    assert np.ptp(file.corners("ground_3"), axis=0) == pytest.approx([20, 0, 20])
+    first = states[0][1]
+    floor, side = file.corners("ground_3") + nodes["ground_3"]["translation"], np.ptp(first, axis=0).max()
+    assert np.ptp(floor, axis=0) == pytest.approx([2 * side, 0, 2 * side])
+    middle = (first.min(axis=0) + first.max(axis=0)) / 2
+    assert (floor.min(axis=0) + floor.max(axis=0)) / 2 == pytest.approx([middle[0], -1.0, middle[2]])
     looks = [material["pbrMetallicRoughness"]["baseColorFactor"] for material in file.json["materials"]]
     drawn = [(1.0, 1.0, 1.0), SPHERE.color, CAPSULE.color, BOX.color, FLOOR_COLOR, POLE_COLOR]
     assert np.array(looks) == pytest.approx(np.array([[*linear(np.array(color)), 1.0] for color in drawn]), abs=1e-6)

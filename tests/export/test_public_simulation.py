@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -108,9 +109,27 @@ def test_what_cannot_be_exported_is_refused_by_one_line(
         with pytest.raises(tc.UsageError) as caught:
             simulation.export(name, up)
         assert str(caught.value) == line
-        with pytest.raises(OSError, match="gone"):
-            simulation.export(tmp_path / "gone" / "c.obj")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_whatever_is_saved_makes_its_folder_and_refuses_a_file_in_its_place(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with tc.Simulation(small()) as simulation:
+        recorder = tc.Recorder(simulation)
+        saves: dict[str, Callable[[Path], None]] = {
+            "c.obj": simulation.export,
+            "c.pc2": lambda path: simulation.export_clip(path, 1),
+            "c.npz": simulation.save,
+            "c.toml": recorder.save,
+            "c.png": tc.render_image(simulation, (16, 9)).save,
+            "c.webp": lambda path: tc.render_video(simulation, path, 1, (16, 9)),
+        }
+        for name, save in saves.items():
+            save(tmp_path / name.replace(".", "") / "new" / name)
+            assert (tmp_path / name.replace(".", "") / "new" / name).stat().st_size > 0
+            with pytest.raises(OSError, match=r"file'"):
+                save(tmp_path / "file" / name)
+    assert (tmp_path / "file").read_bytes() == b""
 
 
 def test_a_clip_has_what_a_program_does_with_the_cloth(tmp_path: Path) -> None:
@@ -179,7 +198,12 @@ def test_a_replayed_simulation_can_do_the_same(tmp_path: Path) -> None:
 
 def test_what_needs_a_simulation_refuses_a_scene_in_one_line(taichi: None, tmp_path: Path) -> None:
     scene = tc.Scene(cloth=tc.Cloth(rows=3, columns=3))
-    for needs_a_simulation in (tc.render_image, tc.Recorder, lambda one: tc.export_mesh(one, tmp_path / "a.obj")):
+    for needs_a_simulation in (
+        tc.render_image,
+        tc.Recorder,
+        lambda one: tc.export_mesh(one, tmp_path / "a.obj"),
+        lambda one: tc.render_video(one, tmp_path / "a.webp", 1),
+    ):
         for wrong in (scene, "curtain"):
             with pytest.raises(TypeError, match=r"a simulation is needed, not a \w+: use tc\.Simulation\(scene\)"):
                 needs_a_simulation(wrong)  # type: ignore[operator]

@@ -82,7 +82,7 @@ def test_a_scene_is_rendered_to_a_video(capsys: pytest.CaptureFixture[str]) -> N
     [
         (["--video", "small.toml"], "small.toml: a video file must end in .mp4 or .webp"),
         (["--video", "old.mp4"], "old.mp4 already exists; use --force to replace it"),
-        (["--video", "gone/a.mp4"], "cannot write a.mp4: gone is not a folder"),
+        (["--video", "small.toml/a.mp4"], "cannot write a.mp4: small.toml is not a folder"),
         (
             ["--video", "a.mp4", "--resume"],
             "--video writes one file: it cannot be combined with --out, --resume or --contact-sheet",

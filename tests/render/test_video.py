@@ -7,6 +7,7 @@ import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from PIL import Image
 from PIL.WebPImagePlugin import WebPImageFile
 
+import taichi_cloth as tc
 from taichi_cloth.render import image_files
 from taichi_cloth.render.image_files import Pixels, available_formats, open_video
 from taichi_cloth.system.errors import UsageError, install_command
@@ -147,3 +149,77 @@ def test_an_ffmpeg_without_h264_is_skipped(tmp_path: Path, monkeypatch: pytest.M
 def test_other_suffixes_are_rejected(tmp_path: Path, name: str) -> None:
     with pytest.raises(UsageError, match=r"a video file must end in \.mp4 or \.webp"):
         open_video(tmp_path / name, SIZE)
+
+
+# -- a video of a simulation -------------------------------------------------------------------------------------------
+
+
+def small() -> tc.Scene:
+    return tc.load_scene("drape15", rows=5, columns=6)
+
+
+@pytest.mark.usefixtures("serial_layout")
+def test_a_video_of_a_simulation_has_the_images_of_its_frames(tmp_path: Path) -> None:
+    size = (64, 48)
+    with tc.Simulation(small()) as simulation, tc.Simulation(small()) as same:
+        pulled, grab = simulation.grab(29), same.grab(29)
+
+        def pull(k: int) -> None:
+            pulled.move_to((0.1 * k, 1.0, 0.5))
+
+        tc.render_video(simulation, tmp_path / "a.webp", 7, size, every=3, on_frame=pull)
+        frames, seconds = read_webp(tmp_path / "a.webp")
+        assert (len(frames), seconds, simulation.frame) == (3, pytest.approx(9 / 60, abs=0.001), 7)
+        for k in range(7):
+            if k % 3 == 0:
+                lost = frames[k // 3].astype(float) - tc.render_image(same, size).pixels
+                assert np.abs(lost).mean() < 4
+            same.step()
+            grab.move_to((0.1 * k, 1.0, 0.5))
+        assert (simulation.positions() == same.positions()).all()
+        tc.render_video(
+            simulation, tmp_path / "a.mp4", 2, size, "wireframe", eye=(0.0, 1.0, 3.0), target=(0.0, 1.0, 0.0)
+        )
+        assert len(read_mp4(tmp_path / "a.mp4")[0]) == 2
+
+
+@pytest.mark.usefixtures("serial_layout")
+@pytest.mark.parametrize(
+    ("name", "options", "error", "line"),
+    [
+        ("a.avi", {}, UsageError, r"a.avi: a video file must end in \.mp4 or \.webp"),
+        ("a.mp4", {}, UsageError, "a.mp4 needs ffmpeg: .* pip install"),
+        ("a.webp", {"view": "error"}, UsageError, "the view 'error' measures each frame: use `taichi-cloth render"),
+        ("a.webp", {"view": "shadde"}, ValueError, "unknown view 'shadde'.*did you mean 'shaded'"),
+        ("a.webp", {"size": (0, 9)}, ValueError, "size must be"),
+        ("a.webp", {"frames": 0}, ValueError, "frames must be an integer from 1, not 0"),
+        ("a.webp", {"every": 1.5}, ValueError, "every must be an integer from 1, not 1.5"),
+    ],
+)
+def test_a_video_that_cannot_be_written_is_refused_before_the_first_frame(
+    tmp_path: Path,
+    without: Callable[..., None],
+    name: str,
+    options: dict[str, Any],
+    error: type[Exception],
+    line: str,
+) -> None:
+    without("imageio_ffmpeg")
+    with tc.Simulation(small()) as simulation:
+        with pytest.raises(error, match=line):
+            tc.render_video(simulation, tmp_path / "new" / name, **({"frames": 2} | options))
+        assert simulation.frame == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("serial_layout")
+def test_a_video_of_a_cloth_that_blows_up_is_not_written(tmp_path: Path) -> None:
+    with tc.Simulation(small()) as simulation:
+
+        def throw(k: int) -> None:
+            if k == 2:
+                simulation.set_state(simulation.positions(), (0.0, -1e6, 0.0))  # [m/s]
+
+        with pytest.raises(tc.Diverged, match="the cloth blew up in frame 4"):
+            tc.render_video(simulation, tmp_path / "a.webp", 8, (16, 9), on_frame=throw)
+    assert list(tmp_path.iterdir()) == []

@@ -246,7 +246,7 @@ def test_the_page_says_how_many_units_were_not_run(ran: list[Unit]) -> None:
         (["--from", "o.json", "--variant", "10 m", "--tear", "0.5"], "leave out --variant, --tear"),
         (["--from", "o.json", "--soak", "--seed", "0"], "leave out --seed, --soak"),
         (["--from", "o.json", "--resume", "--recheck", "--explain"], "leave out --resume, --recheck, --explain"),
-        (["--markdown", "no/where.md"], "cannot write where.md: no is not a folder"),
+        (["--markdown", "o.json/where.md"], "cannot write where.md: o.json is not a folder"),
         (["--markdown", "o.md", "--tear", "0.5"], "--markdown cannot be combined with --tear"),
         (["--solver", "lines", "--tear", "0.5"], "lines needs complete grid rows"),
     ],

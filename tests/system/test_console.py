@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import sys
+from pathlib import Path
 
 import pytest
 
-from taichi_cloth.system.console import frames_progress
+from taichi_cloth.system.console import frames_progress, prepare_output_file
+from taichi_cloth.system.errors import UsageError
 
 
 class Terminal(io.StringIO):
@@ -52,3 +54,12 @@ def test_a_log_has_few_lines(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     assert len(lines) == 8
     assert lines[0] == "frame 5/40, 1 frames/s"
     assert lines[-1] == "frame 40/40, 1 frames/s"
+
+
+def test_the_folder_of_an_output_file_is_made_and_a_file_in_its_place_refused(tmp_path: Path) -> None:
+    prepare_output_file(tmp_path / "a" / "b" / "c.csv", force=False)
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["b"]
+    (tmp_path / "file").touch()
+    for name in ("file/c.csv", "file/a/c.csv"):
+        with pytest.raises(UsageError, match=r"^cannot write c\.csv: .*file(/a)? is not a folder$"):
+            prepare_output_file(tmp_path / name, force=True)
