@@ -131,13 +131,12 @@ def run_export(args: argparse.Namespace) -> int:
 
 def check_output(output: Output, *, force: bool) -> None:
     """Check the path of the output before the simulation. Raises OutputConflict and UsageError."""
-    from ..system.console import prepare_output_file
+    from ..system.console import check_output_file
 
     if output.is_folder and output.existing_samples() and not force:
         raise OutputConflict(f"{output.path} has a clip already: use --force to replace it")
     for path in output.single_files():
-        if path.parent.exists():  # else `Output.prepare` makes it, once the simulation has started
-            prepare_output_file(path, force=force)
+        check_output_file(path, force=force)
 
 
 def describe(output: Output) -> str:
@@ -259,23 +258,21 @@ def run_session(recording: Recording, args: argparse.Namespace, obstacle: str | 
 
 
 def check_video(path: Path, *, force: bool) -> None:
-    """Make the folder of a video, and check that it can be written, before minutes of work.
-
-    Raises OutputConflict and UsageError.
-    """
+    """Check that a video can be written, before minutes of work. Raises OutputConflict and UsageError."""
     from ..render.image_files import check_format
-    from ..system.console import prepare_output_file
+    from ..system.console import check_output_file
 
     check_format(path)
-    prepare_output_file(path, force=force)
+    check_output_file(path, force=force)
 
 
 def write_video(session: Session, plan: RenderPlan, path: Path) -> None:
-    """Render a session to a video. `plan.out` is not used."""
+    """Render a session to a video, and make its folder. `plan.out` is not used."""
     from ..render.image_files import open_video
     from ..system.console import count_noun, frames_progress
     from ..viewer.replay import session_images
 
+    path.parent.mkdir(parents=True, exist_ok=True)
     with open_video(path, (plan.width, plan.height), plan.every) as show, frames_progress(plan.frames) as advance:
         images = session_images(session, plan, show, advance)
     print(f"{count_noun(images, 'image')} in {path}")

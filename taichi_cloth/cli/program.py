@@ -335,9 +335,10 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
 def check_log(path: Path | None) -> None:
     """Prepare the file of a log, before a window opens. Raises OutputConflict and UsageError."""
     if path:
-        from ..system.console import prepare_output_file
+        from ..system.console import check_output_file
 
-        prepare_output_file(path, force=True)
+        check_output_file(path, force=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
 
 
 def refuse_log(path: Path | None, obstacle: str) -> None:

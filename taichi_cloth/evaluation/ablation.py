@@ -21,8 +21,7 @@ from ..scene.schema import COLLIDERS, Scene
 from ..simulation.copies import feature_cost
 from ..simulation.simulation import Simulation
 from ..solvers import SOLVERS
-from ..system.console import commit_of, machine, markdown_table, printed_table, wide_console
-from ..system.files import atomic_file
+from ..system.console import commit_of, machine, markdown_table, new_file, printed_table, wide_console
 from .bench.scene_error import digest_of
 
 Floats = NDArray[np.float64]
@@ -228,7 +227,7 @@ def this_machine(scenes: list[Ablations]) -> Run:
 
 def write_json(path: Path, run: Run) -> None:
     """Write a run. Raises OSError."""
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(json.dumps(asdict(run), indent=1, allow_nan=False).encode())
 
 
@@ -241,5 +240,5 @@ def write_markdown(path: Path, run: Run) -> None:
     for found in run.scenes:
         title = load_scene(found.scene).title if found.scene in scene_names() else found.scene
         lines += [f"## {found.scene}", "", title, "", heading(found), "", *markdown_table(table(found)), ""]
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write("\n".join(lines).encode())

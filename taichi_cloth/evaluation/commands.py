@@ -103,13 +103,13 @@ def add_commands(command: Command) -> None:
 
 def run_bench(args: argparse.Namespace) -> int:
     """Run `bench`, or the measurement that its options select."""
-    from ..system.console import prepare_output_file, steps_progress, write_csv
+    from ..system.console import check_output_file, steps_progress, write_csv
     from .bench import bench_report as report
     from .bench import cases as c
     from .bench import subprocess_runner
 
     for path in filter(None, (args.csv, args.json, args.markdown)):
-        prepare_output_file(path, force=args.force)
+        check_output_file(path, force=args.force)
     if args.markdown and not args.scene:
         raise UsageError("--markdown needs --scene: it writes the errors on scenes")
     if args.arch and not args.gpu:
@@ -235,12 +235,12 @@ def run_scene_errors(args: argparse.Namespace) -> int:
 
 def run_validate(args: argparse.Namespace) -> int:
     """Run `validate`. The exit code is 1 if a result falls short and theory does not explain by how much."""
-    from ..system.console import page_files, prepare_output_file, steps_progress
+    from ..system.console import check_output_file, page_files, steps_progress
     from .validate import validation_report as report
     from .validate.references import measure_all, select_pairs
 
     for path in filter(None, (args.json, *page_files(args.markdown))):
-        prepare_output_file(path, force=args.force)
+        check_output_file(path, force=args.force)
     if args.read:
         if args.filter or args.solver:
             raise UsageError("--from reads earlier results: it cannot be combined with --filter or --solver")
@@ -262,12 +262,12 @@ def run_validate(args: argparse.Namespace) -> int:
 
 def run_stress(args: argparse.Namespace) -> int:
     """Run `stress`. The exit code is 1 if a failure has no known cause."""
-    from ..system.console import page_files, prepare_output_file
+    from ..system.console import check_output_file, page_files
     from .stress import store
     from .stress import stress_report as report
 
     for path in page_files(args.markdown):
-        prepare_output_file(path, force=args.force)
+        check_output_file(path, force=args.force)
     if args.tear is not None and args.markdown:
         raise UsageError("--markdown cannot be combined with --tear: it writes the report of sheets that do not tear")
     if args.source:
@@ -287,7 +287,7 @@ def run_stress(args: argparse.Namespace) -> int:
 
 def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     """Run the requested units that are not stored yet. Return the store, and the results of all requested units."""
-    from ..system.console import prepare_output_file, steps_progress
+    from ..system.console import check_output_file, steps_progress
     from .stress import runner, store
     from .stress.runner import select_units
     from .stress.setup import ROBUST_SLACK
@@ -296,7 +296,7 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
         if getattr(args, flag) and not getattr(args, other):
             raise UsageError(f"--{flag} needs --{other}")
     if args.json and not (args.resume and args.json.is_file()):
-        prepare_output_file(args.json, force=args.force)
+        check_output_file(args.json, force=args.force)
     if args.image_dir.exists() and not args.image_dir.is_dir():
         raise OutputConflict(f"{args.image_dir} is a file, not a folder")
     units = select_units(args.filter, args.variant, args.solver, long=args.soak, tear=args.tear)
@@ -380,11 +380,11 @@ def run_ablate(args: argparse.Namespace) -> int:
     from ..geometry.scene_loader import load_scene
 
     scenes = [load_scene(name) for name in args.scenes]
-    from ..system.console import prepare_output_file, steps_progress
+    from ..system.console import check_output_file, steps_progress
     from . import ablation
 
     for path in filter(None, (args.json, args.markdown)):
-        prepare_output_file(path, force=args.force)
+        check_output_file(path, force=args.force)
     runtime.start("cpu")
     found = []
     with steps_progress(len(scenes)) as on_step:

@@ -17,14 +17,14 @@ from contextlib import contextmanager
 from dataclasses import asdict, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from .errors import OutputConflict, UsageError, error_text
+from .errors import OutputConflict, UsageError, shown_path
 from .files import atomic_file
 from .taichi_runtime import cpu_model
 
@@ -190,8 +190,8 @@ def machine() -> dict[str, str]:
     }
 
 
-def prepare_output_file(path: Path, *, force: bool) -> None:
-    """Make the folder of a file, before a long run, and check that the file can be written.
+def check_output_file(path: Path, *, force: bool) -> None:
+    """Check before a long run that a file can be written, in a folder that may be missing.
 
     Raises OutputConflict and UsageError.
     """
@@ -199,14 +199,19 @@ def prepare_output_file(path: Path, *, force: bool) -> None:
         raise OutputConflict(f"{path} is a folder, not a file")
     if path.exists() and not force:
         raise OutputConflict(f"{path} already exists; use --force to replace it")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise UsageError(f"cannot write {path.name}: {path.parent} is not a folder") from None
-    except OSError as error:
-        raise UsageError(f"cannot write {path.name}: {error_text(error)}") from None
-    if not os.access(path.parent, os.W_OK):
-        raise UsageError(f"cannot write {path.name}: no permission to write in {path.parent}")
+    folder = next(folder for folder in path.absolute().parents if folder.exists())
+    if not folder.is_dir():
+        raise UsageError(f"cannot write {path.name}: {path.parent} is not a folder")
+    if not os.access(folder, os.W_OK):
+        raise UsageError(f"cannot write {path.name}: no permission to write in {shown_path(folder)}")
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """Write a file atomically, as `atomic_file` does, and make its folder. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_file(path) as file:
+        yield file
 
 
 ROWS = "_rows"  # suffix of the name of a second page, with all rows
@@ -223,5 +228,5 @@ def write_csv(path: Path, rows: Sequence[Any], kind: type) -> None:
     writer = csv.DictWriter(text, [field.name for field in fields(kind)], lineterminator="\n")
     writer.writeheader()
     writer.writerows(asdict(row) for row in rows)
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(text.getvalue().encode())

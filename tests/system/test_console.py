@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from taichi_cloth.system.console import frames_progress, prepare_output_file
+from taichi_cloth.system.console import check_output_file, frames_progress, new_file
 from taichi_cloth.system.errors import UsageError
 
 
@@ -56,10 +56,13 @@ def test_a_log_has_few_lines(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     assert lines[-1] == "frame 40/40, 1 frames/s"
 
 
-def test_the_folder_of_an_output_file_is_made_and_a_file_in_its_place_refused(tmp_path: Path) -> None:
-    prepare_output_file(tmp_path / "a" / "b" / "c.csv", force=False)
-    assert [path.name for path in (tmp_path / "a").iterdir()] == ["b"]
+def test_a_file_may_be_in_a_missing_folder_which_is_made_when_it_is_written(tmp_path: Path) -> None:
+    check_output_file(tmp_path / "a" / "b" / "c.csv", force=False)
+    assert list(tmp_path.iterdir()) == []
+    with new_file(tmp_path / "a" / "b" / "c.csv") as file:
+        file.write(b"1")
+    assert (tmp_path / "a" / "b" / "c.csv").read_bytes() == b"1"
     (tmp_path / "file").touch()
     for name in ("file/c.csv", "file/a/c.csv"):
         with pytest.raises(UsageError, match=r"^cannot write c\.csv: .*file(/a)? is not a folder$"):
-            prepare_output_file(tmp_path / name, force=True)
+            check_output_file(tmp_path / name, force=True)

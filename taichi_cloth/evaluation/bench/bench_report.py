@@ -12,8 +12,7 @@ from pathlib import Path
 from rich import box
 from rich.table import Table
 
-from ...system.console import LOG_WIDTH, commit_of, machine, milliseconds, number, wide_console
-from ...system.files import atomic_file
+from ...system.console import LOG_WIDTH, commit_of, machine, milliseconds, new_file, number, wide_console
 from .cases import Case
 
 NOT_FINITE = "not finite"  # instead of a figure of a cloth that ended in NaN or infinity
@@ -194,5 +193,5 @@ def write_json(path: Path, rows: Sequence[Row], features: Sequence[FeatureRow], 
         "features": [asdict(feature) for feature in features],
         "missing": missing,
     }
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(json.dumps(results, indent=1).encode())

@@ -22,9 +22,9 @@ from ...scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver,
 from ...simulation.running_cloth import timed_frame
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
-from ...system.console import machine, printed_table, wide_console
+from ...system.console import machine, new_file, printed_table, wide_console
 from ...system.errors import UsageError, install_command
-from ...system.files import atomic_file, cached
+from ...system.files import cached
 from .bench_report import finite, run_info
 from .cases import FRAME_RATES
 
@@ -352,7 +352,7 @@ def print_report(points: Sequence[Point]) -> None:
 def write_json(path: Path, points: Sequence[Point]) -> None:
     """Write all results as JSON. Raises OSError."""
     results = {**run_info(), "points": [asdict(point) for point in points], "summary": summary_lines(points)}
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(json.dumps(results, indent=1).encode())
 
 
@@ -393,7 +393,7 @@ def plot(folder: Path, points: Sequence[Point]) -> list[Path]:
         axes.legend()
         figure.tight_layout()
         path = folder / f"error_{cells}.png"
-        with atomic_file(path) as file:
+        with new_file(path) as file:
             figure.savefig(file, format="png", metadata={"Software": None})
         pyplot.close(figure)
         paths.append(path)

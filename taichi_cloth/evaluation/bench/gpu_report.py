@@ -11,8 +11,7 @@ from typing import Any
 
 from ...scene.schema import FRAME_SECONDS
 from ...scene.solver_catalog import SOLVER_CATALOG
-from ...system.console import machine, milliseconds, number, printed_table, wide_console
-from ...system.files import atomic_file
+from ...system.console import machine, milliseconds, new_file, number, printed_table, wide_console
 from ..worker_pool import TIME
 from .bench_report import run_info
 from .error_sweep import FRAMES
@@ -365,7 +364,7 @@ def print_report(run: GpuRun) -> None:
 def write_json(path: Path, run: GpuRun) -> None:
     """Write all results as JSON. Raises OSError."""
     results = {**run_info(), **asdict(run), "summary": summary_lines(run)}
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(json.dumps(results, indent=1, allow_nan=False).encode())
 
 

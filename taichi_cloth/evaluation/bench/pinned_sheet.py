@@ -20,8 +20,8 @@ import numpy as np
 from ...scene.collider_schema import Sphere
 from ...scene.schema import Cloth, Fabric, Forces, Scene, Solver, Tethers, Wind
 from ...simulation.simulation import Simulation
-from ...system.console import machine, number, printed_table, wide_console
-from ...system.files import atomic_file, cached
+from ...system.console import machine, new_file, number, printed_table, wide_console
+from ...system.files import cached
 from .. import reference
 from ..reference.solution import Motion, Solution, distances, solve, steps_per_frame
 from .bench_report import run_info
@@ -169,5 +169,5 @@ def write_json(path: Path, commands: Sequence[Startup], sheets: Sequence[SheetEr
         "commands": [asdict(one) for one in commands],
         "sheets": [asdict(one) for one in sheets],
     }
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(json.dumps(results, indent=1).encode())

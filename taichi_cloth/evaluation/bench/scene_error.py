@@ -31,9 +31,9 @@ from ...simulation.frame_contact import penetration
 from ...simulation.running_cloth import timed_frame
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
-from ...system.console import machine, markdown_table, printed_table, wide_console
+from ...system.console import machine, markdown_table, new_file, printed_table, wide_console
 from ...system.errors import UsageError
-from ...system.files import atomic_file, cached
+from ...system.files import cached
 from .. import reference
 from ..reference.solution import Solution, distances, reason_unsupported, solve, steps_per_frame
 from .bench_report import NOT_FINITE, finite, run_info
@@ -237,7 +237,7 @@ def report(all_found: Sequence[SceneErrors]) -> dict[str, object]:
 
 def write_json(path: Path, all_found: Sequence[SceneErrors]) -> None:
     """Write all results as JSON. Raises OSError."""
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(json.dumps(report(all_found), indent=1).encode())
 
 
@@ -271,5 +271,5 @@ def page(stored: dict[str, Any]) -> str:
 
 def write_markdown(path: Path, all_found: Sequence[SceneErrors]) -> None:
     """Write the Markdown page. Raises OSError."""
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(page(report(all_found)).encode())

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from ...scene.schema import SOLVER_NAMES
-from ...system.console import count_noun, machine
+from ...system.console import count_noun, machine, new_file
 from ...system.errors import UsageError
-from ...system.files import atomic_file
 from .causes import EXPERIMENTS, Cause
 from .setup import ROBUST, ROBUST_SLACK
 from .trial import Measurement
@@ -351,7 +350,7 @@ class Store:
         data: dict[str, object] = {"machine": self.machine, "older": self.older, "planned": planned}
         data["results"] = [asdict(result) for result in self.ordered()]
         data["causes"] = [[*result.key, asdict(cause)] for result in self.ordered() if (cause := self.cause(result))]
-        with atomic_file(self.path) as file:
+        with new_file(self.path) as file:
             file.write(json.dumps(data, indent=1, ensure_ascii=False).encode())
 
 

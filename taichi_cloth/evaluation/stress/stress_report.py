@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...scene.schema import FRAME_SECONDS
-from ...system.console import count_noun, markdown_table, page_files, print_table
-from ...system.files import atomic_file
+from ...system.console import count_noun, markdown_table, new_file, page_files, print_table
 from .case_catalog import CASES
 from .causes import EXPERIMENT_SECONDS, FINER
 from .extremes import HANGING_FRAMES, LONG_HANGING, LONG_SWINGING
@@ -205,7 +204,7 @@ def write_pages(path: Path, store: Store) -> None:
     """Write the summary to `path` and the table of variants next to it, from stored results alone. Raises OSError."""
     path, rows = page_files(path)
     for target, lines in ((path, main_page(store, rows.name)), (rows, rows_page(store, path.name))):
-        with atomic_file(target) as file:
+        with new_file(target) as file:
             file.write("\n".join([*lines, ""]).encode())
 
 

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...system.console import commit_of, machine, markdown_table, page_files, print_table
+from ...system.console import commit_of, machine, markdown_table, new_file, page_files, print_table
 from ...system.errors import UsageError, error_text
-from ...system.files import atomic_file
 from .check import EXCELLENT, FAIL, PASS, SAME_ITERATIONS, TOO_SLOW, Check, KnownLimit, Result
 
 HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
@@ -157,7 +156,7 @@ def write_json(path: Path, run: Measured) -> None:
         "summary": {"all": tally(run.results), **by_solver(run.results)},
         "rows": rows,
     }
-    with atomic_file(path) as file:
+    with new_file(path) as file:
         file.write(json.dumps(everything, indent=1, ensure_ascii=False, allow_nan=False).encode())
 
 
@@ -198,7 +197,7 @@ def write_pages(path: Path, run: Measured) -> None:
     """Write the main page to `path` and the page of all rows next to it. Raises OSError."""
     path, rows = page_files(path)
     for target, lines in ((path, main_page(run, rows.name)), (rows, rows_page(run, path.name))):
-        with atomic_file(target) as file:
+        with new_file(target) as file:
             file.write("\n".join([*lines, ""]).encode())
 
 
