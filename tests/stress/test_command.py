@@ -246,7 +246,7 @@ def test_the_page_says_how_many_units_were_not_run(ran: list[Unit]) -> None:
         (["--from", "o.json", "--variant", "10 m", "--tear", "0.5"], "leave out --variant, --tear"),
         (["--from", "o.json", "--soak", "--seed", "0"], "leave out --seed, --soak"),
         (["--from", "o.json", "--resume", "--recheck", "--explain"], "leave out --resume, --recheck, --explain"),
-        (["--markdown", "o.json/where.md"], "cannot write where.md: o.json is not a folder"),
+        (["--markdown", "file/where.md"], "cannot write where.md: file is not a folder"),
         (["--markdown", "o.md", "--tear", "0.5"], "--markdown cannot be combined with --tear"),
         (["--solver", "lines", "--tear", "0.5"], "lines needs complete grid rows"),
     ],
@@ -255,6 +255,7 @@ def test_wrong_use_is_reported_in_one_line(
     words: list[str], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    Path("file").touch()
     assert main(["stress", *words]) == 2
     [message] = capsys.readouterr().err.strip().splitlines()
     assert line in message
