@@ -156,8 +156,8 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         Empty if none of these is true.
 
         The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins, and of `lines`,
-        for pins beside which no other particle is pinned. Nothing is estimated for `implicit`, and for cloth that hangs
-        by grabs.
+        for pins beside which no other particle is pinned. Nothing is estimated for `implicit`, for tethered cloth
+        with `lines`, and for cloth that hangs by grabs.
         """
         iterations = int(self.params["iterations"])
         return "; ".join(filter(None, [super().warnings, unconverged(self.scene, self.topology, self.h, iterations)]))

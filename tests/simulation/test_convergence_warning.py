@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_cloth.geometry.cloth_builder import build_topology
-from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, VerletSprings
+from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, Tethers, VerletSprings
 from taichi_cloth.simulation.error_estimate import (
     MAX_SAMPLES,
     REMEDY,
@@ -106,7 +106,7 @@ def test_single_pins_of_lines_pull_as_much_more_than_the_weight_as_is_reported(
     assert too_large == pytest.approx(reported, rel=0.06)
 
 
-def test_nothing_is_reported_for_lines_that_converge_or_hang_by_an_edge_or_have_no_stiffness_in_shear() -> None:
+def test_nothing_is_reported_for_lines_that_converge_or_hang_otherwise_or_have_no_stiffness_in_shear() -> None:
     def reported(scene: Scene, substeps: int = 10) -> str:
         topology = build_topology(scene, "fabric")
         return unconverged(scene, topology, FRAME_SECONDS / substeps, scene.solver.iterations)
@@ -117,6 +117,7 @@ def test_nothing_is_reported_for_lines_that_converge_or_hang_by_an_edge_or_have_
     assert reported(sheet_of(24, 1, pins=("top",))) == ""
     assert reported(sheet_of(24, 1, pins=("top", "bottom-left"))) != ""
     assert reported(replace(scene, fabric=Fabric(shear=0.0))) == ""
+    assert reported(replace(scene, tethers=Tethers())) == ""
 
 
 def test_the_model_of_lines_has_the_stages_of_the_solver() -> None:
