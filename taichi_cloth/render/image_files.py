@@ -136,10 +136,11 @@ def available_formats() -> list[str]:
 
 def check_format(path: Path) -> None:
     """Raise UsageError for a video file that cannot be written here."""
-    if path.suffix not in (".mp4", ".webp"):
+    suffix = path.suffix.lower()
+    if suffix not in (".mp4", ".webp"):
         raise UsageError(f"{path}: a video file must end in .mp4 or .webp")
-    if path.suffix not in available_formats():
-        package = "ffmpeg" if path.suffix == ".mp4" else "Pillow"
+    if suffix not in available_formats():
+        package = "ffmpeg" if suffix == ".mp4" else "Pillow"
         other = ", or choose a .webp file" if ".webp" in available_formats() else ""
         raise UsageError(f"{path} needs {package}: {install_command('video')}{other}")
 
@@ -174,7 +175,7 @@ def open_video(path: Path, size: tuple[int, int], every: int = 1) -> AbstractCon
     file below 2×2 pixels, and OSError.
     """
     check_format(path)
-    return _mp4(path, size, every) if path.suffix == ".mp4" else _webp(path, every)
+    return _mp4(path, size, every) if path.suffix.lower() == ".mp4" else _webp(path, every)
 
 
 @contextmanager

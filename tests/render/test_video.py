@@ -50,7 +50,7 @@ def read_webp(path: Path) -> tuple[Frames, float]:
     return frames, milliseconds / 1000
 
 
-@pytest.mark.parametrize(("kind", "read", "size"), [("mp4", read_mp4, (64, 48)), ("webp", read_webp, SIZE)])
+@pytest.mark.parametrize(("kind", "read", "size"), [("MP4", read_mp4, (64, 48)), ("webp", read_webp, SIZE)])
 @pytest.mark.parametrize("every", [1, 7])
 def test_a_video_has_the_images_at_their_frame_rate(
     tmp_path: Path, kind: str, read: Callable[[Path], tuple[Frames, float]], size: tuple[int, int], every: int
@@ -145,7 +145,7 @@ def test_an_ffmpeg_without_h264_is_skipped(tmp_path: Path, monkeypatch: pytest.M
     assert image_files.find_ffmpeg() == imageio_ffmpeg.get_ffmpeg_exe()
 
 
-@pytest.mark.parametrize("name", ["video.avi", "video", "video.MP4", "mp4"])
+@pytest.mark.parametrize("name", ["video.avi", "video", "mp4"])
 def test_other_suffixes_are_rejected(tmp_path: Path, name: str) -> None:
     with pytest.raises(UsageError, match=r"a video file must end in \.mp4 or \.webp"):
         open_video(tmp_path / name, SIZE)
