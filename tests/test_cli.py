@@ -113,13 +113,12 @@ def test_several_keys_are_joined_by_commas() -> None:
 
 def test_list_prints_a_line_for_every_scene(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    *lines, explanation = capsys.readouterr().out.splitlines()
+    assert explanation.startswith("not converged: ")
     assert {"curtain", "drape15", "table"} <= {line.split()[0] for line in lines}
     assert all(len(line.split()) > 3 for line in lines)
     [drape, curtain] = (next(line for line in lines if line.startswith(name)) for name in ("drape15", "curtain"))
-    assert drape.endswith(
-        " · not converged: about 2 % artificial stretch at rest; more iterations or substeps reduce it"
-    )  # ⅓·16·g·h²/5 over 1/7 m, h = 1/60 s
+    assert drape.endswith(" · not converged")
     assert "not converged" not in curtain
 
 

@@ -255,7 +255,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
         .pc2 (with an OBJ file beside it), .usdc, .usda, .usd, .glb and .html are one file; a path without a suffix is a
         folder of OBJ files. `up`: "y" or "z". `on_frame(k)` is called after frame k, 0 first, and may move grabs and
-        change parameters, but not the scene.
+        change parameters, but not step, reset or change the scene (UsageError).
 
         Existing files are replaced, and a missing folder is made. Raises UsageError for another suffix or axis,
         ValueError for numbers that are not integers from 1, Diverged if the cloth blows up, and OSError; a partial file

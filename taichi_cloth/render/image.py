@@ -120,7 +120,8 @@ def render_video(
 
     The video plays in real time, with 60/`every` images per second. `size`, `view`, `eye` and `target`: as in
     `render_image`, but the camera does not move. `on_frame(k)` is called after frame k, 0 first, and may move grabs and
-    change parameters, but not the scene. An .mp4 file has even width and height, one pixel less than an odd one.
+    change parameters, but not step, reset or change the scene (UsageError). An .mp4 file has even width and height, one
+    pixel less than an odd one.
 
     An existing file is replaced, and a missing folder is made. Raises UsageError for another suffix, for the view
     "error", and with the command that installs it if ffmpeg is missing, or Pillow for .webp. Raises ValueError as

@@ -108,10 +108,8 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
     good = [row for row in rows if row.error <= target]
     if not good:
         best = min(rows, key=lambda row: row.error)
-        raise UsageError(
-            f"no measured setting reaches an error of {100 * target:g} %: the best, {best.setting}, has"
-            f" {100 * best.error:.2g} %"
-        )
+        reached = f"the best, {best.setting}, has {100 * best.error:.2g} %"
+        raise UsageError(f"no measured setting reaches an error of {100 * target:g} %: {reached}")
     chosen = good[0]
     same = chosen.solver, chosen.iterations, chosen.error
     measured_as = next(row.setting for row in near if (row.solver, row.iterations, row.error) == same)
@@ -301,6 +299,7 @@ STRETCH_WITH_SHEAR = 2 / 3  # of the stretch remains with shear springs: ⅓·N�
 MAX_SAMPLES = 2048  # particles, and pins, whose distances are compared
 MIN_REPORTED_STRETCH = 1e-3  # smallest artificial stretch that is reported, as a fraction of the hanging length
 REMEDY = "more iterations or substeps reduce it"
+REMEDY_OF_FORCES = f"{REMEDY}, and `implicit` has none of it"
 MAX_REPORTED = 10.0  # largest share that is reported as a number
 MIN_REPORTED_FRACTION = 1e-2  # smallest excess that is reported, as a fraction of the elastic elongation
 
@@ -327,11 +326,11 @@ def sample_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return sampled
 
 
-def percent(share: float) -> str:
+def percent(share: float, before: str = "") -> str:
     """Return a share as text, with two digits below 100 %, and without digits where linear theory does not hold."""
     if share >= MAX_REPORTED:
         return f"more than {100 * MAX_REPORTED:.0f} %"
-    return f"{100 * share:.0f} %" if share >= 1 else f"{100 * share:.2g} %"
+    return f"{before}{100 * share:.0f} %" if share >= 1 else f"{before}{100 * share:.2g} %"
 
 
 STAGE = 1 - sqrt(0.5)  # of a substep of `lines`: γ of `solvers/two_stage.py`, which needs Taichi
@@ -384,17 +383,18 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
         damped = constant * (1 + scene.fabric.damping_time / h)  # to a correction a damper is a stiffer spring
         fraction = factor * unconverged_fraction(damped, mass, h, iterations)
         stretch = fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet
-        up_to = "up to about " if fraction < MAX_REPORTED else ""
-        too_large = f"forces of pins and grabs are too large, by {up_to}{percent(fraction)}"
-        line = f"not converged: {too_large}, and {percent(stretch)} artificial stretch at rest; {REMEDY}"
-        return line if fraction >= MIN_REPORTED_FRACTION else ""
+        line = f"not converged: forces of pins and grabs are too large, by {percent(fraction, 'up to about ')}"
+        return (
+            f"{line}, and {percent(stretch)} artificial stretch at rest; {REMEDY_OF_FORCES}"
+            if fraction >= MIN_REPORTED_FRACTION
+            else ""
+        )
     neighbors = topology.ends[np.concatenate([topology.family("structural"), topology.family("shear")])]
     edges = neighbors[topology.pinned[neighbors].all(axis=1)]  # an edge that is pinned as a whole has no excess
     stable = min(scene.fabric.warp, scene.fabric.weft, scene.fabric.shear) > 0  # else the model is a mechanism
     loaded = len(np.unique(edges)) < topology.pinned.sum() and scene.tethers is None  # tethers carry most of the load
     if scene.solver.name == "lines" and stable and loaded:
         excess = lines_excess(scene.cloth, scene.fabric, h, iterations)
-        up_to = "up to about " if excess < MAX_REPORTED else ""
-        line = f"not converged: forces of single pins and grabs are too large, by {up_to}{percent(excess)}; {REMEDY}"
-        return line if excess >= MIN_REPORTED_FRACTION else ""
+        line = f"not converged: forces of single pins and grabs are too large, by {percent(excess, 'up to about ')}"
+        return f"{line}; {REMEDY_OF_FORCES}" if excess >= MIN_REPORTED_FRACTION else ""
     return ""

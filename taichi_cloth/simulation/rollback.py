@@ -10,7 +10,7 @@ from ..kernels.integration import snapshot
 from ..scene import parameters_of
 from ..scene.schema import FRAME_SECONDS
 from ..state.solver_data import snapshots_of
-from ..system.errors import Diverged
+from ..system.errors import Diverged, UsageError
 from .checkpoint import Arrays, restore, state_arrays
 from .events import Event
 from .simulation import Simulation
@@ -76,14 +76,20 @@ class DivergenceGuard:
 
 
 def guarded_frames(simulation: Simulation, frames: range, on_frame: Callable[[int], object]) -> Iterator[int]:
-    """Yield the index of each frame before it is simulated, and call `on_frame` with it afterwards. Raises Diverged."""
+    """Yield the index of each frame before it is simulated, and call `on_frame` with it afterwards.
+
+    Raises Diverged, and UsageError if `on_frame` steps, resets or changes the scene.
+    """
     for k in frames:
         yield k
         guard = DivergenceGuard(simulation)  # of every frame: `on_frame` may have changed the cloth
         Simulation.step(simulation)  # without the checks of a subclass
         if not guard.check_and_snapshot():
             raise Diverged(guard.roll_back())
+        before = simulation.frame, simulation.scene
         on_frame(k)
+        if simulation.frame != before[0] or simulation.scene is not before[1]:
+            raise UsageError("on_frame may move grabs and change parameters, but not step, reset or change the scene")
 
 
 # -- the last seconds --------------------------------------------------------------------------------------------------

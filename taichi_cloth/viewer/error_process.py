@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene import Scene
+from ..scene.schema import FRAME_SECONDS
 from ..simulation.copies import HORIZON, MAX_SECONDS, FrameError, FrameErrorMeter, FrameStart
+from ..simulation.error_estimate import unconverged
 from ..simulation.simulation import Simulation
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
@@ -73,7 +75,7 @@ class ErrorProcess:
         """The last error before the cloth was changed otherwise than by a frame; None after another scene."""
         self._frames = 0
         self._scene: Scene | None = None
-        self._is_busy = False  # with a job
+        self.is_busy = False  # with a job
         self._is_stale = False  # whether the answer to that job will be dropped
         self._is_starting = False  # whether the process is not ready for a job
         self._sent = 0.0  # wall time of that job [s]
@@ -104,7 +106,7 @@ class ErrorProcess:
     @property
     def state(self) -> str:
         """What the process does while there is no answer, with the time that it has taken: it may have to compile."""
-        if not self._is_busy:
+        if not self.is_busy:
             pause = self._next - time.perf_counter()
             return "not measured yet" + (f": the next in {pause:.0f} s" if pause > 1 else "")
         seconds = f"{time.perf_counter() - self._sent:.0f} s"
@@ -123,7 +125,7 @@ class ErrorProcess:
     def _is_free(self) -> bool:
         is_refused = self.answer is not None and self.answer.is_final
         waits = self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next
-        return not (is_refused or waits or self._is_busy)
+        return not (is_refused or waits or self.is_busy)
 
     def _send(self, job: Job) -> None:
         try:
@@ -132,7 +134,7 @@ class ErrorProcess:
             else:
                 self._pipe.send(job)
                 self._is_stale, self._sent_scene = False, self._scene
-            self._is_busy, self._sent = True, time.perf_counter()
+            self.is_busy, self._sent = True, time.perf_counter()
         except OSError as error:
             self.answer = Answer(refusal=f"the process that measures it has ended ({error})", is_final=True)
 
@@ -147,7 +149,7 @@ class ErrorProcess:
 
     def receive(self) -> None:
         """Take over the answer to the last job, if it has come."""
-        if not self._is_busy or self._pipe is None:
+        if not self.is_busy or self._pipe is None:
             return
         try:
             if not self._pipe.poll():
@@ -158,7 +160,7 @@ class ErrorProcess:
             answer = Answer(refusal="the process that measures it has ended", is_final=True)
         if not self._is_stale:
             self.answer = answer
-        self._is_busy = self._is_starting = False
+        self.is_busy = self._is_starting = False
         self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
 
     def _give_up_stale_job(self) -> None:
@@ -166,7 +168,7 @@ class ErrorProcess:
         is_of_this_scene = self._is_starting or self._sent_scene is self._scene
         if not is_of_this_scene and time.perf_counter() - self._sent > STALE_SECONDS:
             self.close()
-            self._is_busy = False
+            self.is_busy = False
 
     def close(self) -> None:
         """End the process."""
@@ -177,17 +179,18 @@ class ErrorProcess:
         self._pipe = self._process = None
 
 
-def error_lines(meter: ErrorProcess | None) -> list[str]:
+def error_lines(meter: ErrorProcess | None, *, frozen: bool = False) -> list[str]:
     """Return the last error of a frame that was measured, or one line that says why none was.
 
-    After it that of the particle with the largest, then its parts.
+    After it that of the particle with the largest, then its parts. `frozen`: no frame runs that could be measured.
     """
     if meter is None:
         return ["error of a frame: not measured (U)"]
     if meter.answer is None:
         before = meter.before_change
         earlier = f"; before the change: {millimeters(before.error)}" if before else ""
-        return [f"error of a frame: {meter.state}{earlier}"]
+        wait = "; frozen: N runs a frame" if frozen and not meter.is_busy else ""
+        return [f"error of a frame: {meter.state}{wait}{earlier}"]
     found, growth = meter.answer.error, meter.answer.growth
     if found is None or meter.answer.refusal:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]
@@ -205,6 +208,16 @@ def error_lines(meter: ErrorProcess | None) -> list[str]:
         ]
     largest = f"  largest error of a particle: {millimeters(found.by_particle.max())}"
     return [f"error of frame {found.frame}: {millimeters(found.error)} RMS{share}", largest, f"  {parts}", *estimate]
+
+
+VERLET_MODEL = "verlet has no stiffness in N/m: finer settings do not bring it to the fabric, other solvers do"
+
+
+def unfinished(simulation: Simulation) -> str:
+    """Return a line about iterations that end too early; empty if they do not."""
+    h = FRAME_SECONDS / simulation.substeps
+    few = unconverged(simulation.scene, simulation.topology, h, int(simulation.params["iterations"]))
+    return "; ".join(filter(None, [few, VERLET_MODEL * (simulation.scene.solver.name == "verlet")]))
 
 
 def millimeters(distance: float) -> str:

@@ -22,10 +22,10 @@ from ..scene.schema import FRAME_SECONDS
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.builder import unsupported_by
 from ..simulation.copies import FeatureTimes
-from ..simulation.error_estimate import faster_solver, unconverged
+from ..simulation.error_estimate import faster_solver
 from ..simulation.simulation import Simulation
 from . import charts
-from .error_process import error_lines
+from .error_process import error_lines, unfinished
 from .input import HELP, MENU, OWN_FABRIC, PAGES, SPEEDS, Progress, Refusal, chosen, display_name, help_lines, names
 from .session import Session
 from .toolkit import PanelRect, draw_lines, has_changed, saved_panel_rect, sub_window
@@ -40,12 +40,12 @@ PANEL_HEIGHT = 700  # [pixels] room for the longest page
 LINE_LENGTH = (PANEL_WIDTH - 2 * 8 - 14) // 7
 HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 68 characters
 SUMMARY_LINES = 5  # lines of the statistics that most pages show, and then the error of a frame
-BRIEF_LINES = 1  # the same without room for all: below a list, or in a panel that is lower than
+BRIEF_LINES = 2  # the same without room for all: below a list, or in a panel that is lower than
 FULL_HEIGHT = 560  # [pixels]
 HIDDEN_TITLE = "message (H shows the panel)"  # of the caption of a note while the panel is hidden
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
 LIST_LENGTH = 20  # names on a page, fewer in a low panel; a longer list has several pages
-ROW_HEIGHT, LIST_EXTRA_HEIGHT = 23, 183  # [pixels] of a button; of a page with a list, without the names
+ROW_HEIGHT, LIST_EXTRA_HEIGHT = 23, 200  # [pixels] of a button; of a page with a list, without the names
 MAX_ZOOM_LEVEL = 15.0  # end of the zoom slider [steps], in both directions
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
 FIRST_HELP = (
@@ -127,7 +127,8 @@ class Panel:
         is_brief = session.page in LIST_PAGES or self._initial_place.height < FULL_HEIGHT
         lines = statistics.splitlines()[: BRIEF_LINES if is_brief else SUMMARY_LINES]
         shows_error = session.view == "error"
-        return lines if is_brief and not shows_error else [*lines, *error_lines(session.meter)[: 1 + shows_error]]
+        errors = error_lines(session.meter, frozen=session.frozen)[: 1 + shows_error]
+        return lines if is_brief and not shows_error else [*lines, *errors]
 
     # Each page declares its widgets, and returns whether the user changed one.
 
@@ -347,7 +348,7 @@ def statistics(session: Session, times: dict[str, float], fps: float, view: str 
         f"physics {milliseconds(session.physics_ms)} ms of {1e3 * FRAME_SECONDS:.1f} ms",
         ", ".join(f"{name} {milliseconds(ms)} ms" for name, ms in steps.items()),
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
-        *error_lines(session.meter),
+        *error_lines(session.meter, frozen=session.frozen),
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
         f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
         *intersection_lines(simulation, metrics),
@@ -364,12 +365,6 @@ def intersection_lines(simulation: Simulation, metrics: ClothMetrics) -> list[st
         return []
     note = "" if simulation.penetration_free_since is None else " (guaranteed)"
     return [f"self-intersections: {metrics.intersections} edges{note}"]
-
-
-def unfinished(simulation: Simulation) -> str:
-    """Return a line about iterations that end too early; empty if they do not."""
-    h = FRAME_SECONDS / simulation.substeps
-    return unconverged(simulation.scene, simulation.topology, h, int(simulation.params["iterations"]))
 
 
 def milliseconds(time: float) -> str:

@@ -223,3 +223,22 @@ def test_a_video_of_a_cloth_that_blows_up_is_not_written(tmp_path: Path) -> None
         with pytest.raises(tc.Diverged, match="the cloth blew up in frame 4"):
             tc.render_video(simulation, tmp_path / "a.webp", 8, (16, 9), on_frame=throw)
     assert list(tmp_path.iterdir()) == []
+
+
+CHANGES: list[Callable[[tc.Simulation], object]] = [
+    lambda simulation: simulation.step(),
+    lambda simulation: simulation.reset(),
+    lambda simulation: simulation.switch_solver("xpbd"),
+]
+
+
+@pytest.mark.usefixtures("serial_layout")
+@pytest.mark.parametrize("change", CHANGES, ids=["step", "reset", "switch_solver"])
+def test_on_frame_may_not_step_or_change_the_scene(tmp_path: Path, change: Callable[[tc.Simulation], object]) -> None:
+    with tc.Simulation(small()) as simulation:
+        line = r"^on_frame may move grabs and change parameters, but not step, reset or change the scene$"
+        with pytest.raises(tc.UsageError, match=line):
+            tc.render_video(simulation, tmp_path / "a.webp", 4, (16, 9), on_frame=lambda _: change(simulation))
+        with pytest.raises(tc.UsageError, match=line):
+            simulation.export_clip(tmp_path / "a.pc2", 4, on_frame=lambda _: change(simulation))
+    assert list(tmp_path.iterdir()) == []

@@ -11,6 +11,7 @@ from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scen
 from taichi_cloth.simulation.error_estimate import (
     MAX_SAMPLES,
     REMEDY,
+    REMEDY_OF_FORCES,
     STAGE,
     percent,
     rows_below,
@@ -42,12 +43,12 @@ def test_xpbd_reports_its_excess_elongation() -> None:
     """32 rows at 30×1: kh²/m, 158 %, or ½·32²·9.81/1800² of a meter; 60×4 leaves 0.2 %, and 14 % for 64 rows."""
     assert line("xpbd", 32, 30, 1) == (
         "not converged: forces of pins and grabs are too large, by up to about 158 %, and 0.16 % artificial stretch at"
-        f" rest; {REMEDY}"
+        f" rest; {REMEDY_OF_FORCES}"
     )
     assert line("xpbd", 32, 60, 4) == ""
     assert line("xpbd", 64, 60, 4) == (
         "not converged: forces of pins and grabs are too large, by up to about 14 %, and 0.014 % artificial stretch at"
-        f" rest; {REMEDY}"
+        f" rest; {REMEDY_OF_FORCES}"
     )
 
 

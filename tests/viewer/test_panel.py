@@ -400,7 +400,7 @@ def test_a_low_panel_lists_fewer_names(drawn: Drawn) -> None:
         gui = FakeGui()
         Panel((640, height), Path("imgui.ini")).draw(gui, session, "")
         counts.append(len({label.removeprefix("> ") for label in gui.labels} & set(session.scenes)))
-    assert counts == [20, 17, 12, 1]
+    assert counts == [20, 16, 11, 1]
 
 
 def test_the_caption_has_room_for_its_lines_and_a_title(drawn: Drawn) -> None:

@@ -223,7 +223,11 @@ def test_features_are_switched_off_one_by_one_and_all_on_again(session: Session)
         session.act("feature")
         notes.append((session.note, [name for name, on in session.features.items() if not on]))
         session.advance(1)
-    assert notes == [("without spheres", ["spheres"]), ("without ground", ["ground"]), ("", [])]
+    assert notes == [
+        ("without spheres: Features brings it back", ["spheres"]),
+        ("without ground: Features brings it back", ["ground"]),
+        ("", []),
+    ]
     assert session.simulation.scene == load_scene("curtain")
 
 
@@ -500,7 +504,10 @@ def test_an_error_that_arrives_while_the_cloth_is_frozen_is_shown(
     session.frozen = True
     session.advance(1)
     assert error_lines(session.meter) == ["error of a frame: not measured yet"]
-    session.meter._is_busy, session.meter._is_stale = True, False
+    line = "error of a frame: not measured yet; frozen: N runs a frame"
+    assert error_lines(session.meter, frozen=True) == [line]
+    session.meter.is_busy, session.meter._is_stale = True, False
+    assert "frozen" not in error_lines(session.meter, frozen=True)[0]
     session.meter._sent = time.perf_counter() - 12.1
     assert error_lines(session.meter) == ["error of a frame: being measured (12 s)"]
     session.meter.forget()

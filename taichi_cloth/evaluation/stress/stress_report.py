@@ -26,10 +26,11 @@ HEADINGS = (
 )  # fmt: skip
 LEGEND = (
     "Worst values of all starts that ran; starts after the first failure of a variant are skipped. Energy: excess\n"
-    "over that at the start and the work done since, relative to the available energy · strain of structural springs\n"
-    "· speed [m/s] · depth of the deepest free particle in a collider [mm] · ms: median of a frame · other: values\n"
-    "that the case records, with bounds, and notes · 1 again: a later version repeated the last start only"
+    "over that at the start and the work done since, relative to the available energy · strain of structural springs,\n"
+    "as a fraction · speed [m/s] · depth of the deepest free particle in a collider [mm] · ms: median of a frame\n"
+    "· other: values that the case records, with bounds, and notes"
 )
+LEGEND_OF_REPEATED = " · 1 again: a later version repeated the last start only"
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def row(result: Result) -> tuple[str, ...]:
         result.state,
         f"{result.ran} of {result.starts}" + (", 1 again" if result.repeated else ""),
         f"{result.energy:+.1%}" if abs(result.energy) < 100 else f"{result.energy:+.0e}",
-        f"{result.strain:.2g}",
+        f"{result.strain:.3g}",
         f"{result.speed:.3g}",
         f"{1e3 * result.penetration:.2g}",
         str(result.frames),
@@ -158,7 +159,7 @@ def slow_line(result: Result) -> str:
 def print_report(store: Store, results: Sequence[Result]) -> None:
     """Print the table of these results, their failures, and the counts."""
     notes = [
-        LEGEND,
+        LEGEND + LEGEND_OF_REPEATED * any(result.repeated for result in results),
         *(failure_line(r, explanation(store, r)) for r in results if r.failure),
         *(slow_line(r) for r in results if r.state == SLOW),
     ]
@@ -166,6 +167,8 @@ def print_report(store: Store, results: Sequence[Result]) -> None:
     number = Counter(explanation(store, result) for result in failed)
     parts = ", ".join(f"{number[kind]} {kind}" for kind in (UNEXPLAINED, NOT_EXAMINED))
     notes += [f"of {count_noun(len(failed), 'failure')}, {parts}"]
+    if number[NOT_EXAMINED]:
+        notes.append("--json FILE --explain looks for causes of failures")
     notes += [store.machine, count_line(cells_of(store, [result.key for result in results]))]
     print_table(HEADINGS, map(row, results), slice(4, -1), notes)
 
@@ -284,7 +287,7 @@ def rows_page(store: Store, main: str) -> list[str]:
         "",
         f"The results behind [{main}]({main}).",
         "",
-        LEGEND.replace("\n", " "),
+        LEGEND.replace("\n", " ") + LEGEND_OF_REPEATED,
         "",
     ]
     lines += markdown_table([HEADINGS, *(row(result) for result in results)])
