@@ -75,7 +75,7 @@ class ErrorProcess:
         """The last error before the cloth was changed otherwise than by a frame; None after another scene."""
         self._frames = 0
         self._scene: Scene | None = None
-        self.is_busy = False  # with a job
+        self._is_busy = False  # with a job
         self._is_stale = False  # whether the answer to that job will be dropped
         self._is_starting = False  # whether the process is not ready for a job
         self._sent = 0.0  # wall time of that job [s]
@@ -106,7 +106,7 @@ class ErrorProcess:
     @property
     def state(self) -> str:
         """What the process does while there is no answer, with the time that it has taken: it may have to compile."""
-        if not self.is_busy:
+        if not self._is_busy:
             pause = self._next - time.perf_counter()
             return "not measured yet" + (f": the next in {pause:.0f} s" if pause > 1 else "")
         seconds = f"{time.perf_counter() - self._sent:.0f} s"
@@ -125,7 +125,7 @@ class ErrorProcess:
     def _is_free(self) -> bool:
         is_refused = self.answer is not None and self.answer.is_final
         waits = self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next
-        return not (is_refused or waits or self.is_busy)
+        return not (is_refused or waits or self._is_busy)
 
     def _send(self, job: Job) -> None:
         try:
@@ -134,7 +134,7 @@ class ErrorProcess:
             else:
                 self._pipe.send(job)
                 self._is_stale, self._sent_scene = False, self._scene
-            self.is_busy, self._sent = True, time.perf_counter()
+            self._is_busy, self._sent = True, time.perf_counter()
         except OSError as error:
             self.answer = Answer(refusal=f"the process that measures it has ended ({error})", is_final=True)
 
@@ -149,7 +149,7 @@ class ErrorProcess:
 
     def receive(self) -> None:
         """Take over the answer to the last job, if it has come."""
-        if not self.is_busy or self._pipe is None:
+        if not self._is_busy or self._pipe is None:
             return
         try:
             if not self._pipe.poll():
@@ -160,7 +160,7 @@ class ErrorProcess:
             answer = Answer(refusal="the process that measures it has ended", is_final=True)
         if not self._is_stale:
             self.answer = answer
-        self.is_busy = self._is_starting = False
+        self._is_busy = self._is_starting = False
         self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
 
     def _give_up_stale_job(self) -> None:
@@ -168,7 +168,7 @@ class ErrorProcess:
         is_of_this_scene = self._is_starting or self._sent_scene is self._scene
         if not is_of_this_scene and time.perf_counter() - self._sent > STALE_SECONDS:
             self.close()
-            self.is_busy = False
+            self._is_busy = False
 
     def close(self) -> None:
         """End the process."""
@@ -189,7 +189,7 @@ def error_lines(meter: ErrorProcess | None, *, frozen: bool = False) -> list[str
     if meter.answer is None:
         before = meter.before_change
         earlier = f"; before the change: {millimeters(before.error)}" if before else ""
-        wait = "; frozen: N runs a frame" if frozen and not meter.is_busy else ""
+        wait = "; frozen: N runs a frame" if frozen and not meter._is_busy else ""
         return [f"error of a frame: {meter.state}{wait}{earlier}"]
     found, growth = meter.answer.error, meter.answer.growth
     if found is None or meter.answer.refusal:

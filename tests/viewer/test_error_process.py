@@ -77,12 +77,12 @@ def test_an_answer_that_comes_after_the_cloth_has_changed_is_dropped(process: Er
         ):
             process.run_frame(simulation)  # knows the scene
             process.answer = None
-            process._pipe, process.is_busy, process._is_stale = Pipe(), True, False  # type: ignore[assignment]
+            process._pipe, process._is_busy, process._is_stale = Pipe(), True, False  # type: ignore[assignment]
             process._frames = -10
             change()
             process.run_frame(simulation)
             assert (process.answer is not None) == known
-            assert not process.is_busy
+            assert not process._is_busy
 
 
 def test_a_frame_of_an_earlier_scene_is_given_up(process: ErrorProcess, monkeypatch: pytest.MonkeyPatch) -> None:

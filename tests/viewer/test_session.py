@@ -506,7 +506,7 @@ def test_an_error_that_arrives_while_the_cloth_is_frozen_is_shown(
     assert error_lines(session.meter) == ["error of a frame: not measured yet"]
     line = "error of a frame: not measured yet; frozen: N runs a frame"
     assert error_lines(session.meter, frozen=True) == [line]
-    session.meter.is_busy, session.meter._is_stale = True, False
+    session.meter._is_busy, session.meter._is_stale = True, False
     assert "frozen" not in error_lines(session.meter, frozen=True)[0]
     session.meter._sent = time.perf_counter() - 12.1
     assert error_lines(session.meter) == ["error of a frame: being measured (12 s)"]

@@ -63,11 +63,11 @@ class UntimedTrial(Trial):
     """Frames that it will have at least: it ends once these will take too long."""
 
     def _check_time(self) -> None:
-        count, ms = len(self.times), sum(self.times)
-        if count >= TIMED_FRAMES:
-            ms *= max(1.0, self.least_frames / count)
-        if ms > 1e3 * self.seconds:
-            raise TooSlow(ms, 1e3 * self.seconds)
+        if sum(self.times) > 1e3 * self.seconds:
+            raise TooSlow(sum(self.times), 1e3 * self.seconds)
+        count = len(self.times)
+        if count >= TIMED_FRAMES and sum(self.times) * self.least_frames > 1e3 * self.seconds * count:
+            raise TooSlow(sum(self.times) * self.least_frames / count, 1e3 * self.seconds)
 
 
 @dataclass(frozen=True)
@@ -237,8 +237,8 @@ def alive(end: FailedState, setting: Setting) -> bool:
     One start alone may survive by chance.
     """
     others = [seed for _, seed in end.unit.starts(STARTS) if seed != end.failure.seed]
-    seeds = end.failure.seed, *others[: STARTS - 1]
-    return all(survives(end.unit, setting, seed, end.failure.frame) for seed in seeds)
+    frames = end.failure.frame
+    return all(survives(end.unit, setting, seed, frames) for seed in (end.failure.seed, *others[: STARTS - 1]))
 
 
 def survives(unit: Unit, setting: Setting, seed: int, least_frames: int) -> bool:
