@@ -155,6 +155,12 @@ def samples_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--samples", type=int, choices=(1, 4), default=4, metavar="N", help=text)
 
 
+def log_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--log` to a command that opens a window."""
+    text = "write a line of JSON for each displayed frame to FILE"
+    parser.add_argument("--log", type=file_path, metavar="FILE", help=text)
+
+
 # -- replay ------------------------------------------------------------------------------------------------------------
 
 
@@ -178,9 +184,7 @@ def add_replay(command: Command) -> None:
         help="write a video instead of opening a window: an .mp4 or .webp file",
     )
     output.add_argument("--check", action="store_true", help="only compare the result, without drawing")
-    replay.add_argument(
-        "--log", type=file_path, metavar="FILE", help="write a line of JSON for each displayed frame to FILE"
-    )
+    log_option(replay)
     replay.add_argument(
         "--out", type=file_path, metavar="DIR", help="folder of the images (default: FILE without .toml)"
     )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from ..scene import Scene
 from ..system import taichi_runtime as runtime
 from ..system.errors import Diverged, UsageError, install_command
-from .output_commands import check_video, samples_option, write_video
+from .output_commands import check_video, log_option, samples_option, write_video
 from .program import (
     DEFAULT_FRAMES,
     VIEWS,
@@ -56,9 +56,7 @@ def add_commands(command: Command) -> None:
         metavar="N",
         help="close the window after N frames, or render N frames (default: no limit, or 240)",
     )
-    run.add_argument(
-        "--log", type=file_path, metavar="FILE", help="write a line of JSON for each displayed frame to FILE"
-    )
+    log_option(run)
     no_errors_option(run)
     run.add_argument("--headless", action="store_true", help="render images to out/run_SCENE, without a window")
 

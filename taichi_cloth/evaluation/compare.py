@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..cli.output_commands import log_option
 from ..cli.program import (
     ARCH_HELP,
     DEFAULT_FRAMES,
@@ -68,9 +69,7 @@ def add_commands(command: Command) -> None:
         metavar="WxH",
         help="size of window or image, both sides together [pixels]",
     )
-    comparing.add_argument(
-        "--log", type=file_path, metavar="FILE", help="write a line of JSON for each displayed frame to FILE"
-    )
+    log_option(comparing)
     no_errors_option(comparing)
     comparing.add_argument("--headless", action="store_true", help="render images instead of opening a window")
     comparing.add_argument("--view", choices=VIEWS, default="shaded", metavar="NAME", help=f"view: {any_of(VIEWS)}")

@@ -210,11 +210,11 @@ def error_lines(meter: ErrorProcess | None, *, frozen: bool = False) -> list[str
     return [f"error of frame {found.frame}: {millimeters(found.error)} RMS{share}", largest, f"  {parts}", *estimate]
 
 
-VERLET_MODEL = "verlet has no stiffness in N/m: finer settings do not bring it to the fabric, other solvers do"
+VERLET_MODEL = "verlet has no stiffness in N/m: with finer settings only the other solvers converge to the fabric"
 
 
 def unfinished(simulation: Simulation) -> str:
-    """Return a line about iterations that end too early; empty if they do not."""
+    """Return a line about iterations that end too early, or that cannot converge to the fabric; empty for others."""
     h = FRAME_SECONDS / simulation.substeps
     few = unconverged(simulation.scene, simulation.topology, h, int(simulation.params["iterations"]))
     return "; ".join(filter(None, [few, VERLET_MODEL * (simulation.scene.solver.name == "verlet")]))

@@ -267,7 +267,7 @@ def feature(session: Session) -> None:
     next_index = off[-1] + 1 if off else 0
     session.set_features({name: k != next_index for k, name in enumerate(names)})
     if not session.note and next_index < len(names):
-        session.note = f"without {display_name(names[next_index])}: Features brings it back"
+        session.note = f"without {display_name(names[next_index])} until it is checked in Features"
 
 
 def time_features(session: Session) -> None:

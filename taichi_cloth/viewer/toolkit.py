@@ -15,8 +15,10 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
+from typing import TYPE_CHECKING
 
-import taichi as ti
+if TYPE_CHECKING:  # the check for a window runs before Taichi is imported
+    import taichi as ti
 
 VULKAN = "vulkan-1.dll" if sys.platform == "win32" else "libvulkan.so.1"
 TIMEOUT = 3.0  # [s] timeout for an X server that accepts the connection but does not answer

@@ -129,7 +129,14 @@ def test_failures_are_unexplained_only_if_experiments_were_made(capsys: pytest.C
     some.causes = {(1, name, "xpbd"): Cause("something", 2.0, why, 7, "abc") for name, why in causes.items()}
     assert [report.explanation(some, one) for one in some.ordered()] == ["it is made to", "unexplained", "not examined"]
     report.print_report(some, some.ordered())
-    assert "of 3 failures, 1 unexplained, 1 not examined" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "of 3 failures, 1 unexplained, 1 not examined" in out
+    assert "--json FILE --explain looks for causes of failures" in out
+    assert "1 again: " not in out
+    report.print_report(some, [result(repeated="2026-02-01 00:00")])
+    out = capsys.readouterr().out
+    assert "1 again: a later version repeated the last start only" in out
+    assert "--explain" not in out
     assert len(some.unexplained(some.ordered())) == 2  # both give exit code 1
 
 

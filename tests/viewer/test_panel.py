@@ -523,6 +523,13 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     assert error_lines(session.meter) == ["error of a frame: not measured: its reference takes 3.1 s"]
 
 
+@pytest.mark.parametrize(("scene", "solver"), [("drape15", "verlet"), ("round", "xpbd")])
+def test_the_statistics_say_that_verlet_does_not_converge_to_the_fabric(drawn: Drawn, scene: str, solver: str) -> None:
+    session, _, _ = drawn(scene)
+    assert session.simulation.scene.solver.name == solver
+    assert ("only the other solvers converge" in statistics(session, {}, 60.0)) is (solver == "verlet")
+
+
 def test_the_error_of_the_setting_is_not_shown_as_one_of_now(drawn: Drawn) -> None:
     _, gui, _ = drawn("drape15")
     assert [text for text in gui.texts if "error" in text] == ["error of a frame: not measured (U)"]

@@ -224,8 +224,8 @@ def test_features_are_switched_off_one_by_one_and_all_on_again(session: Session)
         notes.append((session.note, [name for name, on in session.features.items() if not on]))
         session.advance(1)
     assert notes == [
-        ("without spheres: Features brings it back", ["spheres"]),
-        ("without ground: Features brings it back", ["ground"]),
+        ("without spheres until it is checked in Features", ["spheres"]),
+        ("without ground until it is checked in Features", ["ground"]),
         ("", []),
     ]
     assert session.simulation.scene == load_scene("curtain")
