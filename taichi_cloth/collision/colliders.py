@@ -202,6 +202,7 @@ def collider_table(
             row[c.COLLIDER_END : c.COLLIDER_END + 3] = np.subtract(end_center, origin)
             row[c.COLLIDER_ROTATION : c.COLLIDER_ROTATION + 3] = rotation_vector_between(axes, end_axes)
             row[c.COLLIDER_AXES : c.COLLIDER_AXES + 9] = axes.ravel()
+            row[c.COLLIDER_BEND : c.COLLIDER_BEND + 6] = _bend(collider, start, end)
     before, after = map(np.asarray, margin_reduction)
     table[: before.size, c.COLLIDER_MARGIN] -= before
     table[: before.size, c.COLLIDER_MARGIN_CHANGE] = before - after
@@ -212,6 +213,22 @@ def collider_table(
         for collider in colliders
     ]
     return table[np.argsort(responses, kind="stable")]
+
+
+def _bend(collider: Motion | Ground, start: float, end: float) -> Floats:
+    """Return how far the motion in a frame is from even motion, in its middle: center [m], rotation vector [rad], (6,).
+
+    Keyframes and spin are even motions, or are changed within a frame only.
+    """
+    if isinstance(collider, Ground) or not (any(collider.oscillation) or any(collider.rocking)):
+        return np.zeros(6)
+    if teleports(collider, start, end):
+        return np.zeros(6)
+    (center, axes), (middle, middle_axes), (end_center, end_axes) = (
+        pose(collider, seconds) for seconds in (start, (start + end) / 2, end)
+    )
+    turned = rotation_vector_between(axes, middle_axes) - rotation_vector_between(axes, end_axes) / 2
+    return np.concatenate([middle - (center + end_center) / 2, turned])
 
 
 @lru_cache(maxsize=256)  # called in every frame

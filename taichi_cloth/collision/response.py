@@ -21,17 +21,14 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from ..kernels.constraint_math import TINY, friction_correction
-from ..kernels.integration import apply_impulse, margin_at, pose_at, project_position, vec3_at
+from ..kernels.integration import apply_impulse, margin_at, motion_at, pose_at, project_position, vec3_at
 from ..kernels.layout import velocity_of
 from ..kernels.step_params import (
     AREA_DENSITY,
     COLLIDER_CONTINUOUS,
-    COLLIDER_END,
     COLLIDER_FRICTION,
     COLLIDER_RESTITUTION,
-    COLLIDER_ROTATION,
     COLLIDER_SIZE,
-    COLLIDER_START,
     COLLIDER_STIFFNESS,
 )
 from ..kernels.vec import any_nonzero, broadcast, cross, dot, length, scale, select
@@ -97,11 +94,10 @@ def add_repulsion(cloth: ti.template(), features: ti.template(), ctx: ti.templat
 
 @ti.func
 def project(cloth: ti.template(), features: ti.template(), ctx: ti.template(), shape: ti.template(), row: int, time):
-    """Project every particle to the margin of one collider. The collider moves straight and rotates about one axis."""
+    """Project every particle to the margin of one collider."""
     table = ti.static(ctx.colliders)
-    travel = vec3_at(table, row, COLLIDER_END) - vec3_at(table, row, COLLIDER_START)
-    rotation = vec3_at(table, row, COLLIDER_ROTATION)
     end, fraction = time / ctx.substeps, ctx.dt_scale / ctx.substeps  # of the frame: its end, and the step's length
+    travel, rotation = motion_at(table, row, end - 0.5 * fraction)
     center, axes = pose_at(table, row, end)
     size, margin = vec3_at(table, row, COLLIDER_SIZE), margin_at(table, row, end)
     friction = table[row, COLLIDER_FRICTION]
@@ -144,13 +140,6 @@ def project(cloth: ti.template(), features: ti.template(), ctx: ti.template(), s
                     move += shape.push_out(features, axes, size, margin, offset + move)
             free = ti.select(cloth.inverse_mass[i] > 0.0, 1.0, 0.0)
             project_position(cloth, features, ctx, i, scale(move, free))
-
-
-@ti.func
-def surface_motion(table: ti.template(), row: int, seconds: float):
-    """Return the linear [m/s] and angular [1/s] velocity of a collider in a frame of that length."""
-    travel = vec3_at(table, row, COLLIDER_END) - vec3_at(table, row, COLLIDER_START)
-    return travel / seconds, vec3_at(table, row, COLLIDER_ROTATION) / seconds
 
 
 @ti.func
@@ -202,7 +191,8 @@ def resolve_velocities(
     friction = table[row, COLLIDER_FRICTION]
     center, axes = pose_at(table, row, time / ctx.substeps)
     margin = margin_at(table, row, time / ctx.substeps) + tolerance
-    speed, spin = surface_motion(table, row, ctx.substeps * ctx.h)
+    travel, rotation = motion_at(table, row, time / ctx.substeps)
+    speed, spin = travel / (ctx.substeps * ctx.h), rotation / (ctx.substeps * ctx.h)
     for i in range(cloth.packet_count[None]):
         push, velocity = contact_of(cloth, features, ctx, shape, row, i, ti.static((center, axes, margin, speed, spin)))
         normal = scale(push, 1.0 / ti.max(length(push), TINY))
@@ -220,7 +210,8 @@ def repel(cloth: ti.template(), features: ti.template(), ctx: ti.template(), sha
     friction = table[row, COLLIDER_FRICTION]
     center, axes = pose_at(table, row, time / ctx.substeps)
     margin = margin_at(table, row, time / ctx.substeps)
-    speed, spin = surface_motion(table, row, ctx.substeps * ctx.h)
+    travel, rotation = motion_at(table, row, time / ctx.substeps)
+    speed, spin = travel / (ctx.substeps * ctx.h), rotation / (ctx.substeps * ctx.h)
     for i in range(cloth.packet_count[None]):
         push, velocity = contact_of(cloth, features, ctx, shape, row, i, ti.static((center, axes, margin, speed, spin)))
         change = push * (rate * ctx.h)  # [m/s] in a substep

@@ -10,14 +10,11 @@ import taichi as ti
 import taichi.math as tm
 
 from ..kernels.constraint_math import TINY, friction_correction
-from ..kernels.integration import margin_at, pose_at, project_position, vec3_at
+from ..kernels.integration import margin_at, motion_at, pose_at, project_position, vec3_at
 from ..kernels.step_params import (
     COLLIDER_CONTINUOUS,
-    COLLIDER_END,
     COLLIDER_FRICTION,
-    COLLIDER_ROTATION,
     COLLIDER_SIZE,
-    COLLIDER_START,
     COLLIDER_TRIANGLES,
 )
 from ..kernels.vec import neg
@@ -96,9 +93,8 @@ def project_out_of_collider(
     """Project the triangles of some colors out of one collider, in the collider's moving frame."""
     closest = ti.static(shape.closest_on_triangle)
     table = ti.static(ctx.colliders)
-    travel = vec3_at(table, row, COLLIDER_END) - vec3_at(table, row, COLLIDER_START)
-    rotation = vec3_at(table, row, COLLIDER_ROTATION)
     end, fraction = (ctx.s + 1.0) / ctx.substeps, ctx.dt_scale / ctx.substeps
+    travel, rotation = motion_at(table, row, end - 0.5 * fraction)
     center, axes = pose_at(table, row, end)
     start_center, start_axes = pose_at(table, row, end - fraction)
     size, friction = vec3_at(table, row, COLLIDER_SIZE), table[row, COLLIDER_FRICTION]

@@ -8,10 +8,12 @@ from .forces import consume_acceleration
 from .layout import velocity_of, write
 from .step_params import (
     COLLIDER_AXES,
+    COLLIDER_BEND,
     COLLIDER_END,
     COLLIDER_MARGIN,
     COLLIDER_MARGIN_CHANGE,
     COLLIDER_ROTATION,
+    COLLIDER_ROTATION_BEND,
     COLLIDER_START,
     GRABS,
 )
@@ -79,13 +81,33 @@ def rotation_from_vector(vector: tm.vec3):
 
 @ti.func
 def pose_at(table: ti.template(), row: int, fraction: float):
-    """Return center [m] and axes of a body after a fraction of the frame. It moves straight and rotates evenly."""
+    """Return center [m] and axes of a body after a fraction of the frame.
+
+    Center and rotation vector are parabolas in time, through the poses at both ends and in the middle of the frame.
+    """
     start = ti.Matrix(
         [[table[row, COLLIDER_AXES + 3 * r + c] for c in ti.static(range(3))] for r in ti.static(range(3))]
     )
     travel = vec3_at(table, row, COLLIDER_END) - vec3_at(table, row, COLLIDER_START)
-    center = vec3_at(table, row, COLLIDER_START) + travel * fraction
-    return center, rotation_from_vector(vec3_at(table, row, COLLIDER_ROTATION) * fraction) @ start
+    bent = 4.0 * fraction * (1.0 - fraction)
+    center = vec3_at(table, row, COLLIDER_START) + travel * fraction + vec3_at(table, row, COLLIDER_BEND) * bent
+    rotation = vec3_at(table, row, COLLIDER_ROTATION) * fraction + vec3_at(table, row, COLLIDER_ROTATION_BEND) * bent
+    return center, rotation_from_vector(rotation) @ start
+
+
+@ti.func
+def motion_at(table: ti.template(), row: int, fraction: float):
+    """Return the linear [m] and angular [rad] velocity of a body after a fraction of the frame, per frame.
+
+    Over a step these are its displacement and rotation if `fraction` is in the middle of the step.
+    """
+    travel = vec3_at(table, row, COLLIDER_END) - vec3_at(table, row, COLLIDER_START)
+    bent = 4.0 - 8.0 * fraction
+    rotation = vec3_at(table, row, COLLIDER_ROTATION)
+    return (
+        travel + vec3_at(table, row, COLLIDER_BEND) * bent,
+        rotation + vec3_at(table, row, COLLIDER_ROTATION_BEND) * bent,
+    )
 
 
 @ti.func
@@ -120,8 +142,8 @@ def move_kinematic_particles(
             row = ti.static(features.collider_count) + cloth.attachments.attachment[n]
             center, axes = pose_at(ctx.colliders, row, fraction)
             offset = axes @ cloth.attachments.local[n]
-            travel = vec3_at(ctx.colliders, row, COLLIDER_END) - vec3_at(ctx.colliders, row, COLLIDER_START)
-            velocity = (travel + vec3_at(ctx.colliders, row, COLLIDER_ROTATION).cross(offset)) / seconds
+            travel, rotation = motion_at(ctx.colliders, row, fraction)
+            velocity = (travel + rotation.cross(offset)) / seconds
             set_kinematic(cloth, features, cloth.attachments.index[n], center + offset, velocity, moves)
     params = ti.static(ctx.params)
     for n in range(ctx.grabbed_count):

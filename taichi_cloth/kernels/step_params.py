@@ -42,7 +42,9 @@ COLLIDER_TRIANGLES = 24  # 1: triangles collide, not only particles
 COLLIDER_RESTITUTION = 25
 COLLIDER_STIFFNESS = 26  # [N/m³] of a repelling collider
 COLLIDER_MARGIN_CHANGE = 27  # [m] change of the margin in the frame
-COLLIDER_COLUMNS = 28
+# Center [m] and rotation vector [rad] in the middle of the frame, less the means of those at its ends.
+COLLIDER_BEND, COLLIDER_ROTATION_BEND = 28, 31
+COLLIDER_COLUMNS = 34
 
 # Three gust waves: frequencies [turns/s] in no simple ratio, so that gusts do not repeat soon (periods 1.3 to 3.1 s),
 GUST_FREQUENCIES = (0.43, 0.77, 0.32)

@@ -259,7 +259,7 @@ KERNELS = [
     Mutation(
         "attachment-without-rotational-velocity",
         "kernels/integration.py",
-        "velocity = (travel + vec3_at(ctx.colliders, row, COLLIDER_ROTATION).cross(offset)) / seconds",
+        "velocity = (travel + rotation.cross(offset)) / seconds",
         "velocity = travel / seconds",
         (ATTACHMENTS + "test_attached_and_grabbed_particles_have_the_velocity_of_their_motion[xpbd-serial]",),
     ),

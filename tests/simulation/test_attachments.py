@@ -74,6 +74,23 @@ def test_attached_and_grabbed_particles_have_the_velocity_of_their_motion(solver
         assert simulation.velocities()[20] == pytest.approx([1.2, 0.0, 0.0], abs=1e-4)  # 2 cm a frame
 
 
+def test_attached_pins_follow_a_curve_within_the_frame() -> None:
+    """On a chord between the ends of the frame they would be up to 2.6 mm beside it."""
+    waved = Attachment(pins=("right",), center=(0.0, 1.0, 0.0), oscillation=(0.0, 0.3, 0.0), period=(1.0, 0.4, 1.0))
+    with Simulation(scene("explicit", waved)) as simulation:
+        start, distances = simulation.topology.start[8], []
+
+        def look(share: float) -> None:
+            seconds = simulation.seconds + share / 60
+            exact = start + [0.0, 0.3 * sin(2 * np.pi * seconds / 0.4), 0.0]
+            distances.append(np.linalg.norm(simulation.positions()[8] - exact))
+
+        for _ in range(3):
+            simulation.step_by_substep(look)
+        assert len(distances) >= 12
+        assert max(distances) < 1e-4
+
+
 @pytest.mark.parametrize("layout", ["serial", "simd", "parallel"])
 def test_an_edge_rotates_with_its_attachment_in_every_layout(layout: str) -> None:
     """A quarter turn about the vertical through the left edge brings the right edge to z = −0.8."""
