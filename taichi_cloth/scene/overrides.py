@@ -10,7 +10,7 @@ from typing import Any
 
 from ..system.errors import Mistakes, SceneError, nearest_name, new_key
 from .keys import Section, given_table, keys_of, parse_toml
-from .schema import GRID_KEYS, Cloth, Scene, sections
+from .schema import COLLIDERS, GRID_KEYS, Cloth, Scene, sections
 from .solver_catalog import SOLVER_CATALOG
 
 KeyTarget = tuple[Section | None, str]  # a section and its key; None: a key of the scene itself
@@ -69,6 +69,10 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
             raise SceneError(file, key, "is one of an array", f"{one.name}=[...]")
     name, index = _without_dots(key)
     names = override_targets()
+    if name not in names and (found := _key_of_named_collider(data, name)):
+        table, name = found
+        table[name] = value
+        return
     if name not in names:
         if part := sections().get(name):
             example = f"{part.name}.{next(iter(keys_of(part.cls)))}"
@@ -87,6 +91,17 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
     [(part, name)] = targets
     table = data if part is None else _table(data, part, index, file, key)
     table[name] = value
+
+
+def _key_of_named_collider(data: dict[str, Any], name: str) -> tuple[dict[str, Any], str] | None:
+    """Return the table of a collider by its name, and the key, for an override such as `ball_radius`."""
+    for section in COLLIDERS:
+        for table in data.get(section, []):
+            prefix = f"{table.get('name', '')}_"
+            key = name.removeprefix(prefix)
+            if prefix != "_" and key != name and key in keys_of(sections()[section].cls):
+                return table, key
+    return None
 
 
 def _table(data: dict[str, Any], part: Section, index: int | None, file: str, key: str) -> dict[str, Any]:

@@ -56,7 +56,8 @@ def test_a_body_follows_its_curve_within_a_frame(body: Motion, fraction: float) 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.4, 1.0])
 def test_even_motion_stays_even(fraction: float) -> None:
-    body = Box(center=(0.0, 0.0, 0.0), size=(0.2, 0.2, 0.2), spin=(0.0, 90.0, 0.0), keyframes=((0, 0, 0, 0), (1, 0.3, 0, 0.6)))
+    keyframes = ((0.0, 0.0, 0.0, 0.0), (1.0, 0.3, 0.0, 0.6))
+    body = Box(center=(0.0, 0.0, 0.0), size=(0.2, 0.2, 0.2), spin=(0.0, 90.0, 0.0), keyframes=keyframes)
     center, _, travel, rotation = motion(body, 0.5, fraction)
     assert center == pytest.approx(np.array([0.3, 0.0, 0.6]) * (0.5 + fraction * FRAME), abs=1e-6)
     assert travel == pytest.approx(np.array([0.3, 0.0, 0.6]) * FRAME, abs=1e-6)

@@ -140,6 +140,14 @@ def test_an_override_changes_the_first_sphere_or_the_one_with_its_index(write: W
     assert [s.radius for s in load_scene(path, **{"spheres[1].radius": 0.5}).spheres] == [1.0, 0.5]
 
 
+def test_an_override_changes_the_collider_of_that_name(write: Write) -> None:
+    path = write('[[spheres]]\nradius = 1\n[[spheres]]\nname = "ball"\nradius = 2')
+    for key in ("ball_radius", "ball.radius"):
+        assert [s.radius for s in load_scene(path, **{key: 0.5}).spheres] == [1.0, 0.5]
+    with pytest.raises(SceneError, match="ball_size: unknown key"):
+        load_scene(path, ball_size=0.5)
+
+
 def test_a_key_of_a_section_that_the_file_does_not_have_is_that_of_every_scene(write: Write) -> None:
     path = write("[cloth]\nrows = 8")
     assert load_scene(path, iterations=3) == load_scene(path, solver_iterations=3)  # strain_limit has iterations too
