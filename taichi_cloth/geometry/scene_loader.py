@@ -20,7 +20,8 @@ def load_scene(source: Scene | str | Path | dict[str, Any], /, **overrides: obje
     The name of an override is `section_key` (`wind_z=6`, `cloth_rows=12`) or, if only one section of the scene has the
     key, the key alone (`substeps=10`). The name of a section sets its name (`solver="lines"`) or preset
     (`fabric="denim"`). In an array of tables, such as spheres and boxes, an override sets a key of the first table
-    (`sphere_radius=0.4`). A section that the file does not have is added with its defaults. A single pin needs no list.
+    (`sphere_radius=0.4`), or of the one with a `name` (`ball_radius=0.4`). A section that the file does not have is
+    added with its defaults. A single pin needs no list.
 
     An override can also replace a section as a whole: by a dict or an object of its class (`wind={"z": 6}`), by a list
     of them (`spheres=[{"radius": 0.4}]`), or by None, which leaves it out (`wind=None`).

@@ -333,7 +333,14 @@ def parse_toml(text: str) -> dict[str, object]:
     """
     if any(part.count(".") > MAX_DOTS for part in _BETWEEN_KEYS.split(text)):
         raise ValueError(f"more than {MAX_DOTS} dots in one key")
-    return tomllib.loads(text)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        if repeated := re.fullmatch(r"Cannot (?:overwrite|declare) .*\(at line (\d+), column \d+\)", str(error)):
+            number = int(repeated[1])
+            key = text.split("\n")[number - 1].partition("=")[0].strip()
+            raise ValueError(f"{key} is set twice (line {number})") from None
+        raise
 
 
 def toml_value(value: object) -> str:

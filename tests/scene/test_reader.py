@@ -98,6 +98,8 @@ def test_an_error_names_file_key_reason_and_hint(write: Write, refuse: Refuse) -
         ("[wind]\nx = inf", "wind.x", "must be a finite number, got inf", ""),
         (f"seed = {10**400}", "seed", "is out of range: 0 to 2147483647", ""),
         (f"seed = {'9' * 5000}", "", "is not valid TOML", ""),
+        ("[cloth]\nrows = 5\nrows = 6\n", "", "is not valid TOML: rows is set twice (line 3)", ""),
+        ("[cloth]\nrows = 5\n[cloth]\n", "", "is not valid TOML: [cloth] is set twice (line 3)", ""),
         (f"seed = 0x{'f' * 5000}", "seed", "out of range", ""),
         (f"title = 0x{'f' * 5000}", "title", "must be a string", ""),
         ("[cloth]\ncenter = [1, 2]", "cloth.center", "must be three numbers", ""),
