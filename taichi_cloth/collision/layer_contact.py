@@ -1,7 +1,7 @@
 """Contact of penetration-free cloth at its thickness, with friction: before the truncation, which it seldom leaves
 anything to do.
 
-A contact keeps its direction and its weights through a substep, those at the verified positions, where nothing
+A contact keeps its direction and its weights through a substep, those at the safe positions, where nothing
 intersects: no side has to be remembered. Along that direction the gap is brought to the thickness. Parts that were
 nearer at the start separate at `SEPARATION_SPEED`, so that no energy is gained where cloth is pressed together.
 Corrections are summed as in `self_collision.py`.
@@ -102,7 +102,7 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
     """Add the depth of a contact to the sum of each of its particles; or with `correct` add their corrections."""
     data, pairs = ti.static(cloth.pair_data, cloth.pair_data.pairs)
     corners, weights, n = pairs.corners[k], pairs.weights[k], pairs.normal[k]
-    gap = weighted_sum(data.wanted, corners, weights)
+    gap = weighted_sum(data.x_target, corners, weights)
     goal = ti.max(pairs.gap[k], 0.0) + SEPARATION_SPEED * ctx.h * ctx.dt_scale
     depth = ti.min(goal, pairs.thickness[k]) - n.dot(gap)
     if depth > 0.0 and pairs.inverse_mass[k] > 0.0:
@@ -120,7 +120,7 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
                 if weights[c] != 0.0:
                     contacts = ti.max(contacts, data.depth_sum[corners[c]] / deepest)
             push = n * depth
-            motion = gap - weighted_sum(data.verified, corners, weights)
+            motion = gap - weighted_sum(data.x_safe, corners, weights)
             push += friction_correction(push, motion, ctx.params[SELF_FRICTION])
             unit = UNITS / (thickness * pairs.inverse_mass[k] * contacts)
             for c in ti.static(range(4)):

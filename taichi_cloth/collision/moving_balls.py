@@ -27,13 +27,13 @@ def measure_rounding(data: ti.template()):
     for _ in range(1):
         data.rounding[None] = MIN_ROUNDING
     for n in range(data.particle_count[None]):
-        x = data.verified[data.particle[n]]
+        x = data.x_safe[data.particle[n]]
         ti.atomic_max(data.rounding[None], EPSILON * ti.max(ti.abs(x.x), ti.abs(x.y), ti.abs(x.z)))
 
 
 @ti.func
 def gather_wanted(cloth: ti.template()):
-    """Copy the positions of the cloth to `wanted`, and add how far they have moved to their paths."""
+    """Copy the positions of the cloth to `x_target`, and add how far they have moved to their paths."""
     data = ti.static(cloth.pair_data)
     longest = 0
     for n in range(data.particle_count[None]):
@@ -45,9 +45,9 @@ def gather_wanted(cloth: ti.template()):
 
 @ti.func
 def want(data: ti.template(), i: int, x: tm.vec3) -> int:
-    """Set the wanted position of a particle, and return how far it has moved [µm]."""
-    way = in_micrometers((x - data.wanted[i]).norm())
-    data.wanted[i] = x
+    """Set the target of a particle, and return how far it has moved [µm]."""
+    way = in_micrometers((x - data.x_target[i]).norm())
+    data.x_target[i] = x
     data.path[i] += way
     return way
 
@@ -63,8 +63,8 @@ def is_in_ball(data: ti.template(), i: int, slack: float) -> int:
     """Return whether a particle stays `slack` [m] within its ball from the start to the end of this substep."""
     now = data.center[i] + data.travel[i] * data.age[None]
     reach = ti.max(ROUNDING * data.radius[i] - slack, 0.0)
-    inside = (data.verified[i] - now).norm_sqr() <= reach * reach
-    inside = inside and (data.wanted[i] - now - data.travel[i]).norm_sqr() <= reach * reach
+    inside = (data.x_safe[i] - now).norm_sqr() <= reach * reach
+    inside = inside and (data.x_target[i] - now - data.travel[i]).norm_sqr() <= reach * reach
     return int(inside and data.radius[i] > 0.0)
 
 
@@ -86,7 +86,7 @@ def renew_balls(cloth: ti.template(), thickness: float, slack: float):
 @ti.func
 def set_ball(data: ti.template(), i: int, thickness: float, slack: float, expired: int, age: int):
     """Give a particle a new ball that holds its motion in this substep, and in the rest of the period if it goes on."""
-    start, move = data.verified[i], data.wanted[i] - data.verified[i]
+    start, move = data.x_safe[i], data.x_target[i] - data.x_safe[i]
     center, travel, radius = start, 0.5 * (move + data.mean_move[i]), MIN_RADIUS * thickness
     if data.radius[i] > 0.0:
         radius = tm.clamp(data.radius[i] * ti.select(expired, SHRINK, GROW), radius, MAX_RADIUS * thickness)

@@ -57,45 +57,45 @@ def nearest_on_edges(a: tm.vec3, b: tm.vec3, c: tm.vec3, d: tm.vec3):
 
 @ti.func
 def extremes(kind: int, k: tm.vec4):
-    """Return the least place of part A and the greatest of part B, of the places of the corners along a direction."""
-    least, most = k[0], ti.max(k[2], k[3])
+    """Return the lowest height of part A and the highest of part B, from the heights of the corners along a normal."""
+    lowest, highest = k[0], ti.max(k[2], k[3])
     if kind == EDGE_EDGE:
-        least = ti.min(k[0], k[1])
+        lowest = ti.min(k[0], k[1])
     else:
-        most = ti.max(k[1], most)
-    return least, most
+        highest = ti.max(k[1], highest)
+    return lowest, highest
 
 
 @ti.func
-def places(field: ti.template(), corners: tm.ivec4, base: tm.vec3, n: tm.vec3) -> tm.vec4:
-    """Return the places of the corners along n, from `base`: differences lose less to rounding than positions."""
+def heights(field: ti.template(), corners: tm.ivec4, base: tm.vec3, n: tm.vec3) -> tm.vec4:
+    """Return the heights of the corners along n, above `base`: differences lose less to rounding than positions."""
     return tm.vec4([n.dot(field[corners[k]] - base) for k in ti.static(range(4))])
 
 
 @ti.func
 def separation(field: ti.template(), corners: tm.ivec4, kind: int, n: tm.vec3) -> float:
     """Return the gap between the parts along n [m]: if it is positive, they do not touch."""
-    least, most = extremes(kind, places(field, corners, field[corners[0]], n))
-    return least - most
+    lowest, highest = extremes(kind, heights(field, corners, field[corners[0]], n))
+    return lowest - highest
 
 
 @ti.func
 def separation_of_any(data: ti.template(), corners: tm.ivec4, kind: int, n: tm.vec3) -> float:
     """Return the gap along n [m] that remains whichever corners are where they were and which are where they want."""
-    base = data.verified[corners[0]]
-    least_0, most_0 = extremes(kind, places(data.verified, corners, base, n))
-    least_1, most_1 = extremes(kind, places(data.wanted, corners, base, n))
-    return ti.min(least_0, least_1) - ti.max(most_0, most_1)
+    base = data.x_safe[corners[0]]
+    lowest_start, highest_start = extremes(kind, heights(data.x_safe, corners, base, n))
+    lowest_end, highest_end = extremes(kind, heights(data.x_target, corners, base, n))
+    return ti.min(lowest_start, lowest_end) - ti.max(highest_start, highest_end)
 
 
 @ti.func
 def separating_direction(data: ti.template(), corners: tm.ivec4, kind: int, last: tm.vec3):
-    """Return the direction of the greatest gap at the verified positions, that gap [m], and the weights of the corners.
+    """Return the direction of the greatest gap at the safe positions, that gap [m], and the weights of the corners.
 
     Candidates are the direction between the nearest points, the last one that separated the parts, and the normal of
     the triangle or of both edges, which stays well-conditioned where the nearest points do not.
     """
-    x = ti.static(data.verified)
+    x = ti.static(data.x_safe)
     p0 = x[corners[0]]
     p1, p2, p3 = x[corners[1]] - p0, x[corners[2]] - p0, x[corners[3]] - p0
     weights = nearest_weights(kind, tm.vec3(0.0), p1, p2, p3)

@@ -90,7 +90,6 @@ def list_marked_leaves(cloth: ti.template(), thickness: float):
         for leaf in range(int(tree.queue_count[None] > 0) * tree.leaf_count[None]):
             mark(tree, leaf)
     enabled = int(tree.queue_count[None] > 0)
-    data.passes[None] += tree.queue_count[None]
     refit_tree(cloth, enabled, 0.5 * thickness)
     if ti.static(cloth.is_parallel):
         for _ in range(enabled):
@@ -233,9 +232,9 @@ def gap_in_period(data: ti.template(), kind: int, corners: tm.ivec4) -> float:
     middle, change = tm.vec4(0.0), tm.vec4(0.0)
     for c in ti.static(range(1, 4)):
         middle[c], change[c] = n.dot(p[c - 1]), n.dot(relative[c - 1]) * (0.5 * PERIOD)
-    least_0, most_0 = extremes(kind, middle - change)
-    least_1, most_1 = extremes(kind, middle + change)
-    return ti.min(least_0 - most_0, least_1 - most_1)
+    lowest_start, highest_start = extremes(kind, middle - change)
+    lowest_end, highest_end = extremes(kind, middle + change)
+    return ti.min(lowest_start - highest_start, lowest_end - highest_end)
 
 
 @ti.func

@@ -1,6 +1,6 @@
 """The guarantee of penetration-free cloth: truncation of every substep's motion, last of all that moves a particle.
 
-Each particle moves from its verified position to the wanted one, or a fraction of the way. Between both parts of a near
+Each particle moves from its safe position to its target, or a fraction of the way. Between both parts of a near
 pair stand two planes across its separating direction; each part is cut off at its own (Chen et al. 2026, *Divide and
 Truncate*, planar bounds). Parts that move together need no cut, though, so planes are tried late: in the first passes a
 pair is safe if its gap remains at the fractions found so far, and only what would close it is cut. The last pass, and
@@ -18,7 +18,7 @@ from ..kernels.step_params import THICKNESS
 from ..state.pair_data import MAX_REACH
 from .layer_contact import FLOOR, find_pairs
 from .moving_balls import MIN_RADIUS, ROUNDING, gather_wanted, is_in_ball, mark_leaves_of, want
-from .pair_geometry import EDGE_EDGE, VERTEX_TRIANGLE, extremes, nearest_weights, places
+from .pair_geometry import EDGE_EDGE, VERTEX_TRIANGLE, extremes, heights, nearest_weights
 from .pair_list import list_marked_leaves, update_pairs
 
 REACH_GROWTH = 1.5  # of the reach of balls in a substep
@@ -70,11 +70,11 @@ def find_fractions(cloth: ti.template(), ctx: ti.template()):
 
 @ti.kernel
 def start_from(cloth: ti.template(), layout: ti.template()):
-    """Take the positions of the serial state as verified. Balls and pairs are found anew."""
+    """Take the positions of the serial state as safe. Balls and pairs are found anew."""
     data = ti.static(layout.pair_data)
     for n in range(data.particle_count[None]):
         i = data.particle[n]
-        data.verified[i], data.wanted[i], data.radius[i] = cloth.x[n], cloth.x[n], -1.0
+        data.x_safe[i], data.x_target[i], data.radius[i] = cloth.x[n], cloth.x[n], -1.0
         data.mean_move[i] = tm.vec3(0.0)
 
 
@@ -89,7 +89,7 @@ def stay_in_balls(cloth: ti.template()):
         if data.pairs.overflowed[None] > 0:
             fraction = 0.0
         elif not is_in_ball(data, i, 0.0):  # a small ball at rest
-            start, move = data.verified[i] - data.center[i], data.wanted[i] - data.verified[i]
+            start, move = data.x_safe[i] - data.center[i], data.x_target[i] - data.x_safe[i]
             bound = ROUNDING * data.radius[i]
             a, b, c = move.norm_sqr(), start.dot(move), start.norm_sqr() - bound * bound
             fraction = tm.clamp((ti.sqrt(ti.max(b * b - a * c, 0.0)) - b) / ti.max(a, 1e-30) * 0.999, 0.0, 1.0)
@@ -108,13 +108,13 @@ def renew_lagging_balls(cloth: ti.template(), thickness: float):
     for n in range(data.particle_count[None]):
         i = data.particle[n]
         if data.fraction[i] < 1.0:
-            path = data.fraction[i] * (data.wanted[i] - data.verified[i])
-            end = data.verified[i] + path
+            path = data.fraction[i] * (data.x_target[i] - data.x_safe[i])
+            end = data.x_safe[i] + path
             lag = (end - data.center[i] - data.travel[i] * (data.age[None] + 1)).norm() - data.radius[i]
             if lag > 0.5 * thickness - FLOOR * data.rounding[None]:
                 data.offenders[None] = 1
                 data.radius[i] = 0.5 * path.norm() + MIN_RADIUS * thickness
-                data.center[i], data.travel[i] = data.verified[i] + 0.5 * path, tm.vec3(0.0)
+                data.center[i], data.travel[i] = data.x_safe[i] + 0.5 * path, tm.vec3(0.0)
                 mark_leaves_of(data.tree, n)
 
 
@@ -125,8 +125,6 @@ def hold_all_if_lagging(cloth: ti.template()):
     hold = ti.max(data.offenders[None], data.pairs.overflowed[None])
     for n in range(hold * data.particle_count[None]):
         data.fraction[data.particle[n]] = 0.0
-    for _ in range(hold):
-        data.frozen[None] += 1
 
 
 @ti.func
@@ -143,16 +141,16 @@ def run_pass(cloth: ti.template(), strict: int):
 
 @ti.func
 def path_is_clear(data: ti.template(), corners: tm.ivec4, kind: int, opening: float) -> int:
-    """Return whether the parts of a pair keep their distance on the way to their fractions of the wanted motion.
+    """Return whether the parts of a pair keep their distance on the way to their fractions of the motion.
 
     Conservative advancement: a distance cannot change faster than the fastest of the corners of one part, as seen from
     those of the other. Parts that tilt past each other keep their distance, but no direction that separates them.
     """
-    base = data.verified[corners[0]]
+    base = data.x_safe[corners[0]]
     start, path = ti.Matrix.zero(ti.f32, 4, 3), ti.Matrix.zero(ti.f32, 4, 3)
     for c in ti.static(range(4)):
-        x = data.verified[corners[c]]
-        move = data.fraction[corners[c]] * (data.wanted[corners[c]] - x)
+        x = data.x_safe[corners[c]]
+        move = data.fraction[corners[c]] * (data.x_target[corners[c]] - x)
         for k in ti.static(range(3)):
             start[c, k], path[c, k] = x[k] - base[k], move[k]
     fastest = 0.0
@@ -165,7 +163,7 @@ def path_is_clear(data: ti.template(), corners: tm.ivec4, kind: int, opening: fl
         ):
             fastest = ti.max(fastest, relative.norm_sqr())
     fastest = ti.max(ti.sqrt(fastest), 1e-12)
-    least = MIN_GAP * data.rounding[None]
+    min_gap = MIN_GAP * data.rounding[None]
     time, first, last, clear = 0.0, 0.0, 0.0, 1
     for step in range(ADVANCES):
         if time <= 1.0 and clear == 1:
@@ -174,13 +172,13 @@ def path_is_clear(data: ti.template(), corners: tm.ivec4, kind: int, opening: fl
             last = (w[0] * row(p, 0) + w[1] * row(p, 1) + w[2] * row(p, 2) + w[3] * row(p, 3)).norm()
             if step == 0:
                 first = last
-            if last < least:
+            if last < min_gap:
                 clear = 0
             elif time == 1.0:
                 time = 2.0
             else:
-                time = ti.min(time + 0.99 * ti.max(last - least, 0.0) / fastest, 1.0)
-    return int(clear == 1 and time > 1.0 and (first > 1.2 * least or last > first + opening))
+                time = ti.min(time + 0.99 * ti.max(last - min_gap, 0.0) / fastest, 1.0)
+    return int(clear == 1 and time > 1.0 and (first > 1.2 * min_gap or last > first + opening))
 
 
 @ti.func
@@ -192,17 +190,17 @@ def row(matrix: ti.template(), r: ti.template()) -> tm.vec3:
 def truncate_pair(data: ti.template(), k: int, strict: int):
     pairs = ti.static(data.pairs)
     corners, kind, n = pairs.corners[k], pairs.kind[k], pairs.normal[k]
-    base, floor = data.verified[corners[0]], FLOOR * data.rounding[None]
-    start, end = places(data.verified, corners, base, n), places(data.wanted, corners, base, n)
+    base, floor = data.x_safe[corners[0]], FLOOR * data.rounding[None]
+    start, end = heights(data.x_safe, corners, base, n), heights(data.x_target, corners, base, n)
     for c in ti.static(range(4)):
         end[c] = start[c] + data.fraction[corners[c]] * (end[c] - start[c])
-    least_0, most_0 = extremes(kind, start)
-    least_1, most_1 = extremes(kind, end)
+    lowest_start, highest_start = extremes(kind, start)
+    lowest_end, highest_end = extremes(kind, end)
     if strict:
-        least_1, most_1 = ti.min(least_0, least_1), ti.max(most_0, most_1)
-    gap = least_0 - most_0
+        lowest_end, highest_end = ti.min(lowest_start, lowest_end), ti.max(highest_start, highest_end)
+    gap = lowest_start - highest_start
     enough = ti.select(gap > floor, floor, gap + data.rounding[None])
-    safe = gap > 0.0 and least_1 - most_1 >= enough
+    safe = gap > 0.0 and lowest_end - highest_end >= enough
     if not safe and strict == 0:
         safe = path_is_clear(data, corners, kind, data.rounding[None]) == 1
     if not safe:
@@ -213,15 +211,15 @@ def truncate_pair(data: ti.template(), k: int, strict: int):
                     data.offenders[None] = 1
         else:
             room = ROOM * (gap - floor)
-            moves_a, moves_b = ti.max(least_0 - least_1, 0.0), ti.max(most_1 - most_0, 0.0)
+            moves_a, moves_b = ti.max(lowest_start - lowest_end, 0.0), ti.max(highest_end - highest_start, 0.0)
             share = tm.clamp(moves_a / ti.max(moves_a + moves_b, 1e-30), MIN_SHARE, 1.0 - MIN_SHARE)
             for c in ti.static(range(4)):
                 sign = 1.0 if ti.static(c == 0) else -1.0
-                limit = -(most_0 + room * (1.0 - share))
+                limit = -(highest_start + room * (1.0 - share))
                 if ti.static(c == 1):
                     sign = ti.select(kind == VERTEX_TRIANGLE, -1.0, 1.0)
                 if sign > 0.0:
-                    limit = least_0 - room * share
+                    limit = lowest_start - room * share
                 cut(data, corners[c], sign * start[c], sign * end[c], limit)
             data.offenders[None] = 1
 
@@ -243,20 +241,18 @@ def apply_truncation(cloth: ti.template(), features: ti.template(), ctx: ti.temp
         i = data.particle[n]
         fraction, end = data.fraction[i], read(cloth, cloth.x, i)
         if fraction < 1.0:
-            ti.atomic_add(data.truncated[None], 1)
-            start = data.verified[i]
-            wanted, end = end, start + fraction * (data.wanted[i] - start)
+            start = data.x_safe[i]
+            target, end = end, start + fraction * (data.x_target[i] - start)
             if fraction <= 0.0:
                 end = start
             write(cloth, cloth.x, i, end)
             ti.atomic_max(longest, want(data, i, end))
             if ti.static(features.stores_velocity):
-                change = (end - wanted) / (ctx.h * ctx.dt_scale)
+                change = (end - target) / (ctx.h * ctx.dt_scale)
                 write(cloth, cloth.velocity, i, read(cloth, cloth.velocity, i) + change)
-        data.mean_move[i] = 0.5 * data.mean_move[i] + 0.5 * (end - data.verified[i])
-        data.verified[i] = end
+        data.mean_move[i] = 0.5 * data.mean_move[i] + 0.5 * (end - data.x_safe[i])
+        data.x_safe[i] = end
     for _ in range(1):
         data.longest_path[None] += longest
-        data.substeps[None] += 1
         data.age[None] += 1
         data.reach[None] = ti.min(REACH_GROWTH * data.reach[None], MAX_REACH)

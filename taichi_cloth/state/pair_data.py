@@ -1,4 +1,4 @@
-"""Fields of penetration-free self-contact: verified positions, balls, the bounding tree and the list of near pairs."""
+"""Fields of penetration-free self-contact: safe positions, balls, the bounding tree and the list of near pairs."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class PairList(NamedTuple):
     close: PairLimits
     """Up to when they are farther apart than the floor of `collision/truncation.py`."""
     gap: ti.ScalarField
-    """Gap along `normal` at the verified positions [m]; of active pairs."""
+    """Gap along `normal` at the safe positions [m]; of active pairs."""
     thickness: ti.ScalarField
     """Gap at which the parts touch [m]; of active pairs."""
     inverse_mass: ti.ScalarField
@@ -99,12 +99,12 @@ class PairData(NamedTuple):
     """Layout index of every particle, (N,)."""
     flat_position: ti.MatrixField
     """Position on the flat sheet [m]."""
-    verified: ti.MatrixField
+    x_safe: ti.MatrixField
     """Positions at the end of the last substep, in which nothing intersects [m]."""
-    wanted: ti.MatrixField
+    x_target: ti.MatrixField
     """Positions that the substep asks for [m]."""
     path: ti.ScalarField
-    """Length of the path of each wanted position [µm]. It may overflow: only differences are used."""
+    """Length of the path of each target [µm]. It may overflow: only differences are used."""
     longest_path: ti.ScalarField
     """Sum of the longest pieces of all paths [µm], 0-D: no path has grown more."""
     center: ti.MatrixField
@@ -136,21 +136,13 @@ class PairData(NamedTuple):
     pairs: PairList
     rounding: ti.ScalarField
     """Rounding error of a position [m], 0-D."""
-    passes: ti.ScalarField
-    """Passes of truncation since it was reset, 0-D."""
-    substeps: ti.ScalarField
-    """Substeps since then, 0-D."""
-    truncated: ti.ScalarField
-    """Particles that were held back since then, 0-D."""
-    frozen: ti.ScalarField
-    """Substeps since then in which nothing moved, 0-D."""
     offenders: ti.ScalarField
     """Pairs that were cut in the present pass, 0-D."""
     particle_count: ti.ScalarField
 
 
 def attach_pair_data(layout: Layout, topology: Topology) -> None:
-    """Set `layout.pair_data`, with the start of the topology as verified positions."""
+    """Set `layout.pair_data`, with the start of the topology as safe positions."""
     if layout.pair_data is None:
         size = layout_size(layout)
         triangles = layout.triangles.shape[0] if hasattr(layout, "triangles") else 2 * size
@@ -158,15 +150,15 @@ def attach_pair_data(layout: Layout, topology: Topology) -> None:
     data = layout.pair_data
     found = build_tree(topology)
     index = layout_index(layout, topology, np.arange(topology.particle_count))
-    rows = np.zeros((data.verified.shape[0], 3))
+    rows = np.zeros((data.x_safe.shape[0], 3))
     flat, start = rows.copy(), rows.copy()
     flat[index], start[index] = topology.flat, topology.start - topology.origin
     tree = data.tree
     fields.upload_all(
         (data.particle, index),
         (data.flat_position, flat),
-        (data.verified, start),
-        (data.wanted, start),
+        (data.x_safe, start),
+        (data.x_target, start),
         (data.radius, np.full(data.radius.shape[0], -1.0)),
         (tree.skip, found.skip),
         (tree.leaf, found.leaf),
@@ -197,8 +189,8 @@ def _allocate(size: int, triangles: int) -> PairData:
     return PairData(
         particle=fields.scalar_field(size, dtype=ti.i32),
         flat_position=fields.soa_vector_field(3, size, ti.f32),
-        verified=fields.soa_vector_field(3, size, ti.f32),
-        wanted=fields.soa_vector_field(3, size, ti.f32),
+        x_safe=fields.soa_vector_field(3, size, ti.f32),
+        x_target=fields.soa_vector_field(3, size, ti.f32),
         center=fields.soa_vector_field(3, size, ti.f32),
         path=fields.scalar_field(size, dtype=ti.i32),
         longest_path=fields.count_field(),
@@ -218,10 +210,6 @@ def _allocate(size: int, triangles: int) -> PairData:
         tree=_allocate_tree(size, triangles + size),
         pairs=_allocate_pairs(PAIRS_PER_TRIANGLE * triangles),
         rounding=ti.field(ti.f32, ()),
-        passes=fields.count_field(),
-        substeps=fields.count_field(),
-        truncated=fields.count_field(),
-        frozen=fields.count_field(),
         offenders=fields.count_field(),
         particle_count=fields.count_field(),
     )

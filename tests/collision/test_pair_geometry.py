@@ -95,7 +95,7 @@ def test_nearly_parallel_edges() -> None:
 class Pair(NamedTuple):
     """Four particles."""
 
-    verified: ti.MatrixField
+    x_safe: ti.MatrixField
 
 
 @ti.kernel
@@ -107,7 +107,7 @@ def separate(data: ti.template(), kind: int, last: tm.vec3) -> tm.vec4:
 
 @ti.kernel
 def gap_along(data: ti.template(), kind: int, n: tm.vec3) -> float:
-    return separation(data.verified, tm.ivec4(0, 1, 2, 3), kind, n)
+    return separation(data.x_safe, tm.ivec4(0, 1, 2, 3), kind, n)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def narrowness(kind: int, points: Floats) -> float:
 
 @given(KINDS, POINTS)
 def test_parts_that_are_apart_have_a_separating_direction(pair: Pair, kind: int, points: Floats) -> None:
-    pair.verified.from_numpy(points.astype(np.float32))
+    pair.x_safe.from_numpy(points.astype(np.float32))
     *n, gap = separate(pair, kind, tm.vec3(0.0))
     found = nearest(kind, points)[1]
     if found > 1e-3:
@@ -146,7 +146,7 @@ def test_parts_that_are_apart_have_a_separating_direction(pair: Pair, kind: int,
 
 def test_the_last_direction_is_kept_where_the_nearest_points_give_none(pair: Pair) -> None:
     """A particle that touches the inside of a triangle: the direction between the nearest points has no length."""
-    pair.verified.from_numpy(np.array([(0.25, 0.25, 0), (0, 0, 0), (1, 0, 0), (0, 1, 0)], np.float32))
+    pair.x_safe.from_numpy(np.array([(0.25, 0.25, 0), (0, 0, 0), (1, 0, 0), (0, 1, 0)], np.float32))
     for z in (1.0, -1.0):
         *n, gap = separate(pair, VERTEX_TRIANGLE, tm.vec3(0.0, 0.0, z))
         assert n == pytest.approx([0.0, 0.0, z])
