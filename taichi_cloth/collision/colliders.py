@@ -67,7 +67,7 @@ def rotation_from_vector(vector: Floats) -> Floats:
 
 def rotation_vector_between(before: Floats, after: Floats) -> Floats:
     """Return the rotation vector [rad] of the shortest rotation from axes `before` to axes `after`."""
-    if np.array_equal(before, after):
+    if before is after or (before == after).all():
         return np.zeros(3)
     relative = after @ before.T
     axis = np.array([relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0], relative[1, 0] - relative[0, 1]])
@@ -114,10 +114,11 @@ def pose(collider: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
         return center, axes
     if any(collider.oscillation) or any(collider.rocking):
         phases = zip(collider.period, collider.phase, strict=True)
-        wave = np.array([sin(2 * pi * seconds / period + radians(phase)) for period, phase in phases])
-        center = center + np.array(collider.oscillation) * wave
+        wave = [sin(2 * pi * seconds / period + radians(phase)) for period, phase in phases]
+        center = center + [by * share for by, share in zip(collider.oscillation, wave, strict=True)]
         if any(collider.rocking):
-            axes = rotation_matrix(tuple(np.array(collider.rocking) * wave)) @ axes
+            x, y, z = (by * share for by, share in zip(collider.rocking, wave, strict=True))
+            axes = rotation_matrix((x, y, z)) @ axes
     if collider.keyframes:
         offset = keyframe_offset(collider, seconds)
         center = center + offset[:3]
@@ -191,47 +192,55 @@ def collider_table(
     `start`, `end`: of the frame [s]. `margin_reduction`: of every collider at both times [m] (`Depenetration`). Centers
     are relative to `origin` [m]. Rows are ordered by response, then by shape.
     """
+    initial, order, moving = _initial_table(tuple(colliders), origin)
+    table = initial.copy()
+    for row, collider in moving:
+        _set_motion(table[row], collider, start, end, origin)
+    before, after = map(np.asarray, margin_reduction)
+    if before.any():
+        table[: before.size, c.COLLIDER_MARGIN] -= before
+        table[: before.size, c.COLLIDER_MARGIN_CHANGE] = before - after
+    return table[order]
+
+
+@lru_cache(maxsize=64)  # called in every frame
+def _initial_table(
+    colliders: tuple[Motion | Ground, ...], origin: Vec3
+) -> tuple[Floats32, NDArray[np.int64], tuple[tuple[int, Motion | Ground], ...]]:
+    """Return the rows of colliders at their initial poses, the order of these rows in the table, and what moves.
+
+    What moves is a row and its collider.
+    """
     table = np.zeros((len(colliders), c.COLLIDER_COLUMNS), np.float32)
     for row, collider in zip(table, colliders, strict=True):
         row[:] = _static_row(collider, origin)
-        if not is_static(collider):
-            (center, axes), (end_center, end_axes) = pose(collider, start), pose(collider, end)
-            if teleports(collider, start, end):
-                center, axes = end_center, end_axes
-            row[c.COLLIDER_START : c.COLLIDER_START + 3] = np.subtract(center, origin)
-            row[c.COLLIDER_END : c.COLLIDER_END + 3] = np.subtract(end_center, origin)
-            row[c.COLLIDER_ROTATION : c.COLLIDER_ROTATION + 3] = rotation_vector_between(axes, end_axes)
-            row[c.COLLIDER_AXES : c.COLLIDER_AXES + 9] = axes.ravel()
-            row[c.COLLIDER_BEND : c.COLLIDER_BEND + 6] = _bend(collider, start, end)
-    before, after = map(np.asarray, margin_reduction)
-    table[: before.size, c.COLLIDER_MARGIN] -= before
-    table[: before.size, c.COLLIDER_MARGIN_CHANGE] = before - after
     meshes = [isinstance(collider, Mesh) for collider in colliders]
     table[meshes, c.COLLIDER_SIZE] = np.arange(sum(meshes))
     responses = [
         RESPONSES.index(collider.response) if isinstance(collider, ContactProperties) else len(RESPONSES)
         for collider in colliders
     ]
-    return table[np.argsort(responses, kind="stable")]
+    moving = tuple((row, collider) for row, collider in enumerate(colliders) if not is_static(collider))
+    return table, np.argsort(responses, kind="stable"), moving
 
 
-def _bend(collider: Motion | Ground, start: float, end: float) -> Floats:
-    """Return how far the motion in a frame is from even motion, in its middle: center [m], rotation vector [rad], (6,).
-
-    Keyframes and spin are even motions, or are changed within a frame only.
-    """
-    if isinstance(collider, Ground) or not (any(collider.oscillation) or any(collider.rocking)):
-        return np.zeros(6)
+def _set_motion(row: Floats32, collider: Motion | Ground, start: float, end: float, origin: Vec3) -> None:
+    """Set the columns of a collider's motion in the frame from `start` to `end` [s]."""
+    (center, axes), (end_center, end_axes) = pose(collider, start), pose(collider, end)
     if teleports(collider, start, end):
-        return np.zeros(6)
-    (center, axes), (middle, middle_axes), (end_center, end_axes) = (
-        pose(collider, seconds) for seconds in (start, (start + end) / 2, end)
-    )
-    turned = rotation_vector_between(axes, middle_axes) - rotation_vector_between(axes, end_axes) / 2
-    return np.concatenate([middle - (center + end_center) / 2, turned])
+        center, axes = end_center, end_axes
+    elif isinstance(collider, Motion) and (any(collider.oscillation) or any(collider.rocking)):
+        # Keyframes and spin are even motions, or change their speed between two frames only.
+        middle, middle_axes = pose(collider, (start + end) / 2)
+        row[c.COLLIDER_BEND : c.COLLIDER_BEND + 3] = middle - (center + end_center) / 2
+        turned = rotation_vector_between(axes, middle_axes) - rotation_vector_between(axes, end_axes) / 2
+        row[c.COLLIDER_ROTATION_BEND : c.COLLIDER_ROTATION_BEND + 3] = turned
+    row[c.COLLIDER_START : c.COLLIDER_START + 3] = np.subtract(center, origin)
+    row[c.COLLIDER_END : c.COLLIDER_END + 3] = np.subtract(end_center, origin)
+    row[c.COLLIDER_ROTATION : c.COLLIDER_ROTATION + 3] = rotation_vector_between(axes, end_axes)
+    row[c.COLLIDER_AXES : c.COLLIDER_AXES + 9] = axes.ravel()
 
 
-@lru_cache(maxsize=256)  # called in every frame
 def _static_row(collider: Motion | Ground, origin: Vec3) -> Floats32:
     """Return the row of a collider at its initial pose."""
     row = np.zeros(c.COLLIDER_COLUMNS, np.float32)

@@ -246,12 +246,12 @@ class Depenetration:
 
         `points` returns the positions of all free particles [m], (N, 3); it is called only when needed.
         """
-        teleported = np.array([teleports(collider, start, end) for collider in colliders], bool)
+        teleported = [row for row, collider in enumerate(colliders) if teleports(collider, start, end)]
         self.reduction[teleported] = UNKNOWN
         if self.reduction.any():  # in nearly every frame all are 0
             positions = points()
             for row in map(int, np.flatnonzero(self.reduction)):
-                (posed,) = pose_colliders([colliders[row]], end if teleported[row] else start)
+                (posed,) = pose_colliders([colliders[row]], end if row in teleported else start)
                 depth = posed.collider.margin - float(signed_distance(posed, positions).min(initial=np.inf))
                 if self.reduction[row] == UNKNOWN:
                     self.reduction[row] = max(depth, 0.0)

@@ -329,10 +329,11 @@ class ClothMetrics:
     frame_error: float | None = None  # [m] error of the last frame (docs/frame_error.md); None if it was not measured
 
 
-def spring_strains(topology: Topology, positions: Floats) -> Floats:
-    """Return length/rest − 1 of every spring, (E,)."""
-    a, b = (positions[topology.ends[:, k]] for k in (0, 1))
-    strains: Floats = np.linalg.norm(b - a, axis=1) / topology.rest - 1
+def spring_strains(topology: Topology, positions: Floats, springs: NDArray[np.int64] | slice = slice(None)) -> Floats:
+    """Return length/rest − 1 of every spring, (E,), or of some."""
+    ends = topology.ends[springs]
+    a, b = positions[ends[:, 0]], positions[ends[:, 1]]
+    strains: Floats = np.linalg.norm(b - a, axis=1) / topology.rest[springs] - 1
     return strains
 
 

@@ -184,8 +184,8 @@ class StepRow:
     def __init__(self, scene: Scene, origin: Floats, damping_time: float) -> None:
         """`origin` [m]: what positions in kernels are relative to. `damping_time` [s]: of the springs."""
         self._scene = scene
-        self._origin = origin
-        self._gust_phase = np.random.default_rng(scene.seed).random(3)  # [turns]
+        self._gust_phase = np.random.default_rng(scene.seed).random(3).tolist()  # [turns]
+        self._gust_shift = (np.asarray(c.GUST_WAVEVECTORS) @ origin).tolist()  # [turns]
         self._constants = np.zeros(c.PARAM_COUNT, np.float32)
         self._constants[c.DAMPING_TIME] = damping_time
         if scene.wind is not None:
@@ -196,7 +196,8 @@ class StepRow:
                 for name, key in keys_of(part.cls).items():
                     if key.param:
                         self._constants[getattr(c, key.param)] = getattr(section, name)
-        self._columns = {name: getattr(c, one.key.param) for name, one in parameters_of(scene).items() if one.key.param}
+        columns = {name: getattr(c, one.key.param) for name, one in parameters_of(scene).items() if one.key.param}
+        self._names, self._columns = list(columns), np.array(list(columns.values()), int)
 
     def at(
         self, values: Mapping[str, float], *, wind_on: bool, grabs: Mapping[int, Grab], seconds: float, h: float
@@ -206,18 +207,17 @@ class StepRow:
         `values`: of the runtime parameters by name. With `wind_on` False the air is at rest, and still slows the cloth.
         """
         row = self._constants.copy()
-        for name, column in self._columns.items():
-            row[column] = values[name]
+        row[self._columns] = [values[name] for name in self._names]
         row[c.VELOCITY_FACTOR] = exp(-values["damping"] * h)
         wind = self._scene.wind
         if wind is not None:
             x, z = (values["wind_x"], values["wind_z"]) if wind_on else (0.0, 0.0)
             row[c.WIND_X], row[c.WIND_Z] = x, z
-            row[c.GUST_SPEED] = wind.turbulence * np.hypot(x, z)
+            row[c.GUST_SPEED] = wind.turbulence * hypot(x, z)
             # Reduced to one turn in float64: float32 would lose the phase in a long run.
-            phase = self._gust_phase + np.asarray(c.GUST_FREQUENCIES) * seconds
-            phase -= np.asarray(c.GUST_WAVEVECTORS) @ self._origin
-            row[c.GUST_PHASE : c.GUST_PHASE + 3] = phase % 1
+            waves = zip(self._gust_phase, c.GUST_FREQUENCIES, self._gust_shift, strict=True)
+            phases = [(phase + frequency * seconds - shift) % 1 for phase, frequency, shift in waves]
+            row[c.GUST_PHASE : c.GUST_PHASE + 3] = phases
         for number, grab in grabs.items():
             first = c.GRABS + 6 * number
             row[first : first + 3] = grab.start - grab.rest_positions[0]

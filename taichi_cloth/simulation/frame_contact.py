@@ -53,12 +53,15 @@ class Displacement:
 
 def present_colliders(simulation: RunningCloth) -> list[Collider | Ground]:
     """Return the scene's colliders with the values of their runtime parameters, and displaced as in the next frame."""
-    colliders = colliders_of(simulation.scene)
+    of_scene, values = colliders_of(simulation.scene), simulation.params.values_by_name
+    colliders = of_scene.copy()
     for name, parameter in simulation.params.known().items():
         if parameter.section in COLLIDERS:
             changed = getattr(simulation.scene, parameter.section)[parameter.index]
-            row = [collider is changed for collider in colliders].index(True)
-            colliders[row] = replace(changed, **{parameter.key_name: simulation.params[name]})
+            new: dict[str, Any] = {parameter.key_name: values[name]}
+            if getattr(changed, parameter.key_name) != values[name]:  # else it stays the same object, which caches find
+                row = [collider is changed for collider in of_scene].index(True)
+                colliders[row] = replace(colliders[row], **new)
     now = simulation.seconds
     for row, by in simulation.displacements.items():
         moved = colliders[row]
@@ -108,11 +111,14 @@ def move_colliders(simulation: RunningCloth, start: float, end: float) -> NDArra
     return collider_table(moving, start, end, (before[~deforms], after[~deforms]), origin)
 
 
-def penetration(simulation: RunningCloth) -> float:
-    """Return the largest depth of the cloth below the surface of a collider [m], at least 0."""
+def penetration(simulation: RunningCloth, positions: Floats) -> float:
+    """Return the largest depth of the cloth below the surface of a collider [m], at least 0.
+
+    `positions`: of the cloth as it is now [m], (N, 3).
+    """
     posed = pose_colliders(simulation.scene_colliders(), simulation.seconds)
     rigid = [one for one in posed if not is_deforming(one.collider)]
-    depth, surfaces = max_penetration(rigid, simulation.positions()), simulation.solver.features.surfaces
+    depth, surfaces = max_penetration(rigid, positions), simulation.solver.features.surfaces
     if surfaces is not None:
         is_parallel = simulation.solver.layout.is_parallel
         of_frame = []

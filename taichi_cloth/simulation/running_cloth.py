@@ -201,7 +201,7 @@ class RunningCloth(HasParameters):
             substeps=self.substeps,
             iterations=int(values["iterations"]),
             h=self.h,
-            grabbed_count=len(self.grabbed),
+            grabbed_count=sum(len(grab.particles) for grab in self.grabs.values()),
             params=self._row.at(values, wind_on=self.params.wind_on, grabs=self.grabs, seconds=start, h=self.h),
             colliders=move_colliders(self, start, end),
         )

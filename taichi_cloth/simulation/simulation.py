@@ -232,14 +232,14 @@ class Simulation(RunningCloth):
         """Return strain, energy and penetration of the cloth as it is now."""
         x = self.positions()
         family = self.topology.family("structural")
-        strains = spring_strains(self.topology, x)[family if len(family) else slice(None)]
+        strains = spring_strains(self.topology, x, family if len(family) else slice(None))
         kinetic, potential = energies(self.topology, x, self.velocities(), float(self.params["gravity"]))
         return ClothMetrics(
             max_strain=float(strains.max(initial=0.0)),
             mean_strain=float(np.abs(strains).mean()) if len(strains) else 0.0,
             kinetic_energy=kinetic,
             potential_energy=potential,
-            penetration=penetration(self),
+            penetration=penetration(self, x),
             finite=bool(np.isfinite(x).all()),
             intersections=self.intersections() if self.scene.self_collision is not None else None,
         )

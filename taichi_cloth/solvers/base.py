@@ -1,6 +1,5 @@
 """The solver interface, its inputs, the choice of the layout, and the frame loop that all solvers share."""
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
@@ -36,7 +35,7 @@ from ..state.layouts import acquire_parallel, acquire_simd, release_simd
 from ..state.pair_data import attach_pair_data
 from ..state.surface_data import DeformingSurfaces, attach_surface_contacts
 from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
-from ..system.taichi_compat import no_scalarization
+from ..system.taichi_compat import RepeatedLaunch, no_scalarization
 from ..system.taichi_runtime import on_cpu
 from .graph_runner import GraphRunner
 
@@ -121,7 +120,7 @@ class FrameInput:
     @property
     def arguments(self) -> tuple[object, ...]:
         """All fields but the span, in order, as `run_frame` takes them."""
-        return tuple(getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "span")
+        return self.substeps, self.iterations, self.h, self.grabbed_count, self.params, self.colliders
 
     @property
     def shared_arguments(self) -> dict[str, object]:
@@ -241,6 +240,7 @@ class Solver:
         with no_scalarization(self.layout.is_simd):
             reset_forces(self.layout)
         self.runner = GraphRunner(self.layout, self.features)
+        self._run_frame = RepeatedLaunch(run_frame, scalarize=not self.layout.is_simd)
 
     def _attach_features(self, topology: Topology) -> None:
         """Set the fields that the features need."""
@@ -282,8 +282,7 @@ class Solver:
             return
         last = frame.last + self._has_half_step(frame)
         phases = self.predict, self.iterate, self.finalize, self.end_frame
-        with no_scalarization(self.layout.is_simd):
-            run_frame(*phases, self.cloth, self.layout, self.features, frame.first, last, *frame.arguments)
+        self._run_frame(*phases, self.cloth, self.layout, self.features, frame.first, last, *frame.arguments)
 
     def _has_half_step(self, frame: FrameInput) -> bool:
         return self.final_half_step and frame.last == frame.substeps

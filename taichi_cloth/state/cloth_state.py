@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import taichi as ti
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from ..geometry.grid import MAX_COLORS
 from ..geometry.topology import Topology
 from ..kernels.layout import copy_vectors
+from ..system.taichi_compat import RepeatedLaunch
 from . import field_pool as fields
 from .constraint_data import (
     Attachments,
@@ -96,11 +98,14 @@ class ClothState(Layout):
     parallel: Layout | None = None
     """The parallel layout of this cloth, once it was used."""
     snapshots: tuple[StateSnapshot, StateSnapshot] | None = None
+    particle_count: int = 0
+    copies: WeakKeyDictionary[ti.MatrixField, RepeatedLaunch] = field(default_factory=WeakKeyDictionary)
+    """Launches that copy fields of vectors, by field."""
 
     def upload(self, topology: Topology, stiffness: NDArray[np.float64]) -> None:
         """Set every field for this cloth at its start, at rest. `stiffness` of every spring, (E,)."""
         self.upload_topology(topology, stiffness)
-        self.packet_count[None] = topology.particle_count
+        self.packet_count[None] = self.particle_count = topology.particle_count
         self.velocity.fill(0.0)
         start = topology.start - topology.origin
         self.origin[None] = topology.origin
@@ -129,8 +134,10 @@ class ClothState(Layout):
 
     def to_numpy(self, field: ti.MatrixField) -> NDArray[np.float32]:
         """Return a field of vectors as an array with a row for each particle in use, (N, 3)."""
-        rows = np.empty((self.packet_count[None], 3), np.float32)
-        copy_vectors(field, rows)
+        rows = np.empty((self.particle_count, 3), np.float32)
+        if field not in self.copies:
+            self.copies[field] = RepeatedLaunch(copy_vectors)
+        self.copies[field](field, rows)
         return rows
 
 

@@ -1,11 +1,14 @@
-"""Faster parsing of kernels, and serial loops: replaced functions of Taichi's parser (`taichi_compat.py`).
+"""Faster import and parsing of kernels, and serial loops: replaced functions of Taichi (`taichi_compat.py`).
 
-The uses are the parser (`SOURCES`) and its loops (`LOOPS`).
+The uses are the decorators of kernels (`DECORATORS`), the parser (`SOURCES`) and its loops (`LOOPS`).
 """
 
 from __future__ import annotations
 
 import ast
+import linecache
+import re
+import sys
 import textwrap
 from collections.abc import Callable
 from functools import lru_cache, partial
@@ -17,6 +20,10 @@ import taichi as ti
 
 from .taichi_compat import InternalUse, usable
 
+DECORATORS = InternalUse(
+    ("lang.kernel_impl._inside_class", "lang.kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES"),
+    "importing the kernels takes a third of a second longer",
+)
 SOURCES = InternalUse(
     (
         "lang.kernel_impl.getsourcefile",
@@ -185,6 +192,28 @@ def cache_hits_and_misses() -> tuple[int, int]:
     """Return the number of hits and misses of the cache of function lines."""
     cache = _cache_of["getsourcelines"]
     return cache.hits, cache.misses
+
+
+# -- decorators --------------------------------------------------------------------------------------------------------
+
+
+def replace_class_check() -> None:
+    """Let `ti.func` and `ti.kernel` find out faster whether they stand in a class, if `DECORATORS` is usable.
+
+    Taichi 1.7.4 searches all modules for the source of each decorated function, 340 times in this package.
+    """
+    if usable(DECORATORS):
+        from taichi.lang import kernel_impl
+
+        patterns = kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES
+        _replace(kernel_impl, "_inside_class", lambda _: partial(_is_in_class, patterns))
+
+
+def _is_in_class(patterns: list[re.Pattern[str]], level_of_class_stackframe: int) -> bool:
+    """Return whether the line that runs in a frame of the stack matches one of the patterns."""
+    frame = sys._getframe(level_of_class_stackframe)
+    line = linecache.getline(frame.f_code.co_filename, frame.f_lineno, frame.f_globals).strip()
+    return any(pattern.match(line) for pattern in patterns)
 
 
 # -- serial loops ------------------------------------------------------------------------------------------------------

@@ -166,19 +166,19 @@ SHAPES = {
 @pytest.mark.parametrize("kind", SHAPES)
 @pytest.mark.parametrize("substep", [0, 3, 4])
 def test_particles_leave_a_moving_and_rotating_collider_by_the_shortest_displacement(kind: str, substep: int) -> None:
-    """The pose in the kernel at a substep is that of NumPy at that time."""
+    """The pose in the kernel at a substep is that of NumPy: centers follow a parabola in a frame."""
     still = SHAPES[kind]
     oscillation, period = (0.2, 0.1, 0.3), (0.5, 0.7, 0.9)
     moving = replace(
         still, rotation=(20.0, -30.0, 50.0), spin=(400.0, 90.0, -700.0), oscillation=oscillation, period=period
     )
     start, substeps = 0.4, 5
-    before = at(moving, start)
-    after = at(moving, start + FRAME)
+    before, middle, after = (at(moving, start + part * FRAME) for part in (0.0, 0.5, 1.0))
     share = (substep + 1) / substeps
+    bend = middle.center - (before.center + after.center) / 2
     now = PosedCollider(
         moving,
-        before.center + share * (after.center - before.center),
+        before.center + share * (after.center - before.center) + 4 * share * (1 - share) * bend,
         rotation_from_vector(share * rotation_vector_between(before.axes, after.axes)) @ before.axes,
         np.array(shape_of(moving).size(moving)),
     )

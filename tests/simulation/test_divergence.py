@@ -122,7 +122,7 @@ def test_penetration_free_contact_continues_from_where_a_reset_or_roll_back_puts
         assert (simulation.frame, simulation.penetration_free_since) == (2, 2)
         data = simulation.solver.layout.pair_data
         assert data is not None
-        verified = data.verified.to_numpy()[data.particle.to_numpy()[: data.particle_count[None]]]
+        verified = data.x_safe.to_numpy()[data.particle.to_numpy()[: data.particle_count[None]]]
         np.testing.assert_array_equal(verified, simulation.cloth.x.to_numpy()[: len(verified)])
 
 

@@ -1,7 +1,5 @@
 """Taichi internals: if they are missing or wrong, cloth moves the same way, and one line is printed."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib
@@ -19,10 +17,12 @@ from taichi_cloth.solvers import graph_runner
 from taichi_cloth.system import kernel_parsing, taichi_compat
 from taichi_cloth.system import taichi_runtime as runtime
 from taichi_cloth.system.errors import UsageError
-from taichi_cloth.system.kernel_parsing import LOOPS, SOURCES
-from taichi_cloth.system.taichi_compat import CACHE, GRAPHS, PROGRAM, SIMD, InternalUse
+from taichi_cloth.system.kernel_parsing import DECORATORS, LOOPS, SOURCES
+from taichi_cloth.system.taichi_compat import CACHE, GRAPHS, LAUNCHES, PROGRAM, SIMD, InternalUse, RepeatedLaunch
 
 pytestmark = pytest.mark.bounds
+
+USES = PROGRAM, SIMD, GRAPHS, LAUNCHES, DECORATORS, SOURCES, LOOPS, CACHE
 
 SCENE = Scene(cloth=Cloth(rows=6, columns=10), wind=Wind(z=3.0), solver=Solver("verlet", substeps=3, iterations=4))
 
@@ -126,6 +126,95 @@ def test_kernels_are_parsed_without_the_source_cache(
         line = f"taichi-cloth: Taichi has no {name}: startup takes a second longer\n"
         assert capsys.readouterr().err == line
     finally:
+        kernel_parsing.replace_parser()
+
+
+@names(LAUNCHES)
+def test_frames_are_launched_by_a_call(
+    name: str,
+    serial_positions: NDArray[np.float64],
+    unchecked: None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    without(monkeypatch, name)
+    assert (moved("serial", "serial") == serial_positions).all()
+    if not ti.cfg.debug:  # which calls kernels anyway
+        line = f"taichi-cloth: Taichi has no {name}: each frame takes up to 0.4 ms longer\n"
+        assert capsys.readouterr().err == line
+
+
+f32_array = ti.types.ndarray(dtype=ti.f32, ndim=1)
+
+
+@ti.kernel
+def scale(out: ti.template(), count: int, factor: float, values: f32_array):
+    for i in range(count):
+        out[i] = factor * values[i]
+
+
+def test_a_repeated_launch_gets_the_arguments_of_each_call() -> None:
+    out, launch = ti.field(ti.f32, 4), RepeatedLaunch(scale)
+    launch(out, 4, 2.0, np.array([1, 2, 3, 4], np.float32))
+    launch(out, 2, 0.5, np.array([8, 6, 4, 2], np.float32))
+    assert out.to_numpy().tolist() == [4, 3, 6, 8]
+
+
+@pytest.mark.parametrize("values", [np.ones(4), np.ones((4, 2), np.float32)[:, 0], np.ones(4, np.int32)])
+def test_a_repeated_launch_refuses_arrays_that_it_cannot_pass_on(values: NDArray[np.generic]) -> None:
+    if ti.cfg.debug:
+        pytest.skip("debug mode calls the kernel")
+    out, launch = ti.field(ti.f32, 4), RepeatedLaunch(scale)
+    launch(out, 4, 2.0, np.ones(4, np.float32))
+    with pytest.raises(ValueError, match=r"^the kernel takes a C-contiguous array of float32, not of \w+$"):
+        launch(out, 4, 3.0, values)
+    assert out.to_numpy().tolist() == [2, 2, 2, 2]
+
+
+def test_a_repeated_launch_is_prepared_anew_after_a_restart() -> None:
+    launch, values = RepeatedLaunch(scale), np.array([1, 2, 3, 4], np.float32)
+    for factor in (2.0, 3.0):
+        runtime.start(cpu_max_num_threads=1)
+        out = ti.field(ti.f32, 4)
+        for _ in range(2):
+            launch(out, 4, factor, values)
+        assert (out.to_numpy() == factor * values).all()
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_decorators_know_whether_they_stand_in_a_class(replaced: bool) -> None:
+    kernel_parsing.restore_functions()
+    try:
+        if replaced:
+            kernel_parsing.replace_class_check()
+
+        @ti.data_oriented
+        class Counter:
+            def __init__(self) -> None:
+                self.total = ti.field(ti.i32, ())
+
+            @ti.kernel
+            def add(self, number: int):  # type: ignore[no-untyped-def]
+                self.total[None] += self.twice(number)
+
+            @ti.func
+            def twice(self, number):  # type: ignore[no-untyped-def]
+                return 2 * number
+
+        @ti.func
+        def thrice(number):  # type: ignore[no-untyped-def]
+            return 3 * number
+
+        @ti.kernel
+        def in_a_function(number: int) -> int:
+            return thrice(number)
+
+        counter = Counter()
+        counter.add(4)
+        assert counter.total[None] == 8
+        assert in_a_function(4) == 12
+    finally:
+        kernel_parsing.replace_class_check()
         kernel_parsing.replace_parser()
 
 
@@ -236,7 +325,7 @@ def test_a_failing_probe_is_reported(
 
 def test_all_internals_are_usable_in_the_required_release(unchecked: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert ti.__version__ == taichi_compat.TESTED
-    assert [taichi_compat.usable(use) for use in (PROGRAM, SIMD, GRAPHS, SOURCES, LOOPS, CACHE)] == [True] * 6
+    assert [taichi_compat.usable(use) for use in USES] == [True] * len(USES)
     assert tensor_fields.probe_is_correct()
     assert graph_runner._graph_is_correct()
     assert capsys.readouterr().err == ""

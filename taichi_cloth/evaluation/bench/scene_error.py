@@ -140,7 +140,7 @@ def timed_run(simulation: Simulation, frames: int) -> tuple[list[float], Floats,
         ms.append(timed_frame(simulation))
         positions.append(simulation.positions())
         # Penetration is a largest depth, in which a particle without a position does not count.
-        depth = max(depth, penetration(simulation)) if np.isfinite(positions[-1]).all() else np.nan
+        depth = max(depth, penetration(simulation, positions[-1])) if np.isfinite(positions[-1]).all() else np.nan
     return ms, np.array(positions), depth
 
 
