@@ -32,40 +32,66 @@ ADVANCES = 100  # steps of conservative advancement
 
 @ti.func
 def truncate_motion(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    """Let every particle move as far as no part of the cloth passes through another."""
+    """Let every particle move as far as no part of the cloth passes through another. Not for the parallel layout."""
     data = ti.static(cloth.pair_data)
+    begin_truncation(cloth, features, ctx)
+    lagging = 1
+    for _ in range(ATTEMPTS):
+        if lagging:
+            activate_close_pairs(cloth, features, ctx)
+            offenders = 1
+            for k in range(WEAK_PASSES + 1):
+                if offenders:
+                    run_pass(cloth, k == WEAK_PASSES)
+                    offenders = data.offenders[None]
+            list_lagging(cloth, features, ctx)
+            lagging = data.offenders[None]
+    move_by_fractions(cloth, features, ctx)
+
+
+@ti.func
+def begin_truncation(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     gather_wanted(cloth)
     update_pairs(cloth, ctx.params[THICKNESS], 0.0)
     stay_in_balls(cloth)
-    if ti.static(cloth.is_parallel):
-        for _ in ti.static(range(ATTEMPTS)):
-            find_fractions(cloth, ctx)
-    else:
-        lagging = 1
-        for _ in range(ATTEMPTS):
-            if lagging:
-                find_fractions(cloth, ctx)
-                lagging = data.offenders[None]
+
+
+@ti.func
+def run_weak_pass(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    run_pass(cloth, 0)
+
+
+@ti.func
+def run_strict_pass(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    run_pass(cloth, 1)
+
+
+@ti.func
+def list_lagging(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    """Renew the balls of particles that lag, and list their pairs."""
+    renew_lagging_balls(cloth, ctx.params[THICKNESS])
+    list_marked_leaves(cloth, ctx.params[THICKNESS])
+
+
+@ti.func
+def activate_close_pairs(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    data = ti.static(cloth.pair_data)
+    find_pairs(cloth, data, data.pairs.close, FLOOR * data.rounding[None], ctx.params[THICKNESS])
+
+
+@ti.func
+def move_by_fractions(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     hold_all_if_lagging(cloth)
     apply_truncation(cloth, features, ctx)
 
 
-@ti.func
-def find_fractions(cloth: ti.template(), ctx: ti.template()):
-    """Reduce the fractions until no listed pair passes through another."""
-    data = ti.static(cloth.pair_data)
-    find_pairs(cloth, data, data.pairs.close, FLOOR * data.rounding[None], ctx.params[THICKNESS])
-    if ti.static(cloth.is_parallel):
-        for k in ti.static(range(WEAK_PASSES + 1)):
-            run_pass(cloth, k == WEAK_PASSES)
-    else:
-        offenders = 1
-        for k in range(WEAK_PASSES + 1):
-            if offenders:
-                run_pass(cloth, k == WEAK_PASSES)
-                offenders = data.offenders[None]
-    renew_lagging_balls(cloth, ctx.params[THICKNESS])
-    list_marked_leaves(cloth, ctx.params[THICKNESS])
+# `truncate_motion` in the parallel layout, which cannot end a loop early: phases that are launched one after another.
+# As one kernel with all these calls inlined it took 90 s to compile.
+TRUNCATION_PHASES = (
+    begin_truncation,
+    *(activate_close_pairs, *(run_weak_pass,) * WEAK_PASSES, run_strict_pass, list_lagging) * ATTEMPTS,
+    move_by_fractions,
+)
 
 
 @ti.kernel

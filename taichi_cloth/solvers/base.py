@@ -38,6 +38,7 @@ from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
 from ..system.taichi_compat import RepeatedLaunch, no_scalarization
 from ..system.taichi_runtime import on_cpu
 from .graph_runner import GraphRunner
+from .pipeline import final_phases
 
 LAYOUTS = ("simd", "serial", "parallel")  # the first that suits a cloth is used
 
@@ -294,9 +295,9 @@ class Solver:
     def _step_in_parallel(self, frame: FrameInput) -> None:
         """Queue the phases of all substeps as one sequence of launches."""
         iterations = 0 if self.info.is_explicit else frame.iterations
-        phases: list[tuple[object, int]] = []
-        for s in range(frame.first, frame.last):
-            phases += [(self.predict, s), *[(self.iterate, s)] * iterations, (self.finalize, s)]
+        last = self.finalize, *final_phases(self.features.penetration_free)
+        substep = self.predict, *[self.iterate] * iterations, *last
+        phases = [(phase, s) for s in range(frame.first, frame.last) for phase in substep]
         if self._has_half_step(frame):
             phases.append((self.predict, frame.substeps))
         if self._ends_frame(frame):

@@ -40,6 +40,7 @@ from ..state import ClothState
 from ..state.constraint_data import attach_cg_state
 from ..state.solver_data import attach_correction
 from .base import Features, FrameInput
+from .pipeline import final_phases
 from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage
 
 LINEAR_RANGE = 0.1  # of the shortest spring: an error of 1 % in a force, the tolerance of conjugate gradients
@@ -140,7 +141,7 @@ class Implicit(TwoStageSolver):
                     run(end_iteration)
                     if cg.largest_move[None] <= cg.linear_range[None]:
                         break
-            run(self.finalize)
+            run(self.finalize, *final_phases(self.features.penetration_free))
         if self._ends_frame(frame):
             self.runner.run([(self.end_frame, frame.substeps)], frame.shared_arguments)
 

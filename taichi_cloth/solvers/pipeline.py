@@ -23,7 +23,7 @@ from ..collision.layer_contact import ROUNDS, find_layer_contacts, resolve_layer
 from ..collision.response import add_repulsion, resolve_contacts, stop_in_contact
 from ..collision.self_collision import resolve_self_contacts
 from ..collision.static_friction import clear_anchors_each_frame, clear_friction_sums
-from ..collision.truncation import truncate_motion
+from ..collision.truncation import TRUNCATION_PHASES, truncate_motion
 from ..collision.untangling import find_intersections
 from ..kernels.distance_limits import limit_strain, project_max_distances, project_tethers
 from ..kernels.forces import add_wind
@@ -98,9 +98,17 @@ def iterate_self_contacts(cloth: ti.template(), features: ti.template(), ctx: ti
 
 @ti.func
 def end_substep(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    """Hold back what would pass through cloth. It comes last in a substep: nothing may move a particle after it."""
-    if ti.static(features.penetration_free):
+    """Hold back what would pass through cloth. It comes last in a substep: nothing may move a particle after it.
+
+    In the parallel layout `final_phases` do this.
+    """
+    if ti.static(features.penetration_free and not cloth.is_parallel):
         truncate_motion(cloth, features, ctx)
+
+
+def final_phases(penetration_free: bool) -> tuple[object, ...]:
+    """Return the phases that follow `finalize` in the parallel layout."""
+    return TRUNCATION_PHASES if penetration_free else ()
 
 
 @ti.func
