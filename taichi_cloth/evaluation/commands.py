@@ -335,9 +335,10 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
 
 
 def recheck(stored: Store, units: list[Unit]) -> None:
-    """Repeat the last start of every result of an earlier version of the program, and keep those that are equal."""
+    """Repeat the last start of every result of an earlier version, without a limit on time, and keep those equal."""
     from ..system.console import steps_progress
     from .stress import runner
+    from .stress.trial import UntimedTrial
 
     repeatable = stored.repeatable(units)
     seconds = {unit.key: stored.results[unit.key].seconds / stored.results[unit.key].ran for unit in repeatable}
@@ -352,7 +353,7 @@ def recheck(stored: Store, units: list[Unit]) -> None:
             on_step(f"{again.case} {again.name}, {again.variant}, {again.setting}: {outcome}")
 
         if repeatable:
-            runner.run_all(runner.dearest_first(repeatable, seconds), last_start, None, on_result)
+            runner.run_all(runner.dearest_first(repeatable, seconds), last_start, None, on_result, UntimedTrial)
 
 
 def explain(stored: Store, units: list[Unit]) -> None:

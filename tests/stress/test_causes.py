@@ -12,7 +12,7 @@ from taichi_cloth.evaluation.stress.causes import EXPERIMENTS, Cause, alive, ano
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.store import Store, load
-from taichi_cloth.evaluation.stress.trial import TIMED_FRAMES, TooSlow, Trial
+from taichi_cloth.evaluation.stress.trial import TIMED_FRAMES, TooSlow, Trial, UntimedTrial
 from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit
 from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import Solver
@@ -96,7 +96,7 @@ def test_an_experiment_that_takes_too_long_finds_no_cause(monkeypatch: pytest.Mo
 
 
 def test_an_experiment_ends_once_its_frames_will_take_too_long() -> None:
-    trial = causes.UntimedTrial(SMALL, 0, seconds=1.0, least_frames=10**7)
+    trial = UntimedTrial(SMALL, 0, seconds=1.0, least_frames=10**7)
     trial.open(sheet(4))
     trial.start()
     with pytest.raises(TooSlow):

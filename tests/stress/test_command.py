@@ -28,10 +28,10 @@ def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Unit]:
     monkeypatch.setattr(runner, "SETTINGS", {"xpbd": SMALL})
     some: list[Unit] = []
 
-    def one_by_one(units, starts, pictures, on_result):  # type: ignore[no-untyped-def]
+    def one_by_one(units, starts, pictures, on_result, *kind):  # type: ignore[no-untyped-def]
         for unit in units:
             some.append(unit)
-            on_result(run_unit(unit, starts(unit), pictures))
+            on_result(run_unit(unit, starts(unit), pictures, *kind))
 
     monkeypatch.setattr(runner, "run_all", one_by_one)
     return some
@@ -178,7 +178,9 @@ def test_a_recheck_runs_the_last_start_alone_and_all_starts_if_it_differs(
     monkeypatch.setattr(store, "machine", lambda: {"cpu": "another processor"})
     asked.clear()
     assert main(words) == 0
-    assert asked == [[(k, seed_of(1, "swings", k)) for k in range(3)]], "it may differ there"
+    assert asked == [[last]]
+    [row] = json.loads(Path("o.json").read_text(encoding="utf-8"))["results"]
+    assert row["machine"] != "another processor", "its times are those of the earlier machine"
     assert main(words[:-2] + ["--recheck", "--force"]) == 2
     assert "--recheck needs --resume" in capsys.readouterr().err
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.stress.setup import sheet
-from taichi_cloth.evaluation.stress.trial import Measurement, TooSlow, Trial
+from taichi_cloth.evaluation.stress.trial import Measurement, TooSlow, Trial, UntimedTrial
 from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit, seed_of, variants, worst_figures
 
 from .conftest import BREAKS, CASE, SMALL, SWINGS, breaks_once, moves_late, raises_an_error, swings
@@ -54,6 +54,23 @@ def test_a_unit_runs_for_ten_seconds_and_judges_all_of_them() -> None:
     falling = run_unit(unit_of(moves_late), SWINGS.starts(1), None)
     assert falling.failure is not None
     assert (falling.failure.what, falling.failure.frame > 300) == ("speed 5 s after [m/s]", True)
+
+
+def test_an_untimed_trial_repeats_a_start_on_a_machine_that_is_too_slow() -> None:
+    limits = [1e3]  # [ms]
+
+    def slow(trial: Trial) -> None:
+        trial.open(sheet(4))
+        trial.start()
+        trial.limit_ms = limits[0]
+        trial.skip_rest_check("it is not about rest")
+        trial.run(0.2)
+
+    fast = run_unit(unit_of(slow), SWINGS.starts(1), None)
+    limits[0] = 1e-6
+    assert run_unit(unit_of(slow), SWINGS.starts(1), None).state == "too slow"
+    again = run_unit(unit_of(slow), SWINGS.starts(1), None, UntimedTrial)
+    assert (again.state, again.digest) == (fast.state, fast.digest) == ("alive", fast.digest)
 
 
 def test_a_start_gives_the_same_result_alone_and_among_others() -> None:

@@ -19,7 +19,7 @@ from ..reference.solution import Motion
 from ..reference.static_solution import rest_positions
 from .invariants import Floats, Violation
 from .setup import Setting
-from .trial import CALM_SECONDS, TIMED_FRAMES, TooSlow, Trial, close
+from .trial import CALM_SECONDS, Trial, UntimedTrial, close
 from .unit import Failure, Result, Unit
 
 FINER = 4  # factor on the number of iterations or substeps; 8 takes four times as long for both together
@@ -52,22 +52,6 @@ class Cause:
         failure = result.failure
         alike = failure is not None and failure.what == self.what and failure.value <= self.most
         return alike and result.origin == self.origin
-
-
-@dataclass
-class UntimedTrial(Trial):
-    """A trial without a limit on the time of a frame, but with one on all frames together [s]."""
-
-    seconds: float = inf
-    least_frames: int = 0
-    """Frames that it will have at least: it ends once these will take too long."""
-
-    def _check_time(self) -> None:
-        if sum(self.times) > 1e3 * self.seconds:
-            raise TooSlow(sum(self.times), 1e3 * self.seconds)
-        count = len(self.times)
-        if count >= TIMED_FRAMES and sum(self.times) * self.least_frames > 1e3 * self.seconds * count:
-            raise TooSlow(sum(self.times) * self.least_frames / count, 1e3 * self.seconds)
 
 
 @dataclass(frozen=True)

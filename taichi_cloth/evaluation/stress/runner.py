@@ -17,6 +17,7 @@ from ..worker_pool import run_parallel
 from . import case_catalog
 from .causes import Cause, cause_of
 from .setup import SETTINGS, Setting
+from .trial import Trial
 from .unit import PROCESS_ENDED, SLOW, Case, Failure, Key, Result, Unit, result_of, run_unit
 
 
@@ -101,8 +102,11 @@ def run_all(
     starts: Callable[[Unit], Starts],
     pictures: Path | None,
     on_result: Callable[[Result], None],
+    kind: type[Trial] = Trial,
 ) -> None:
-    """Run all units and call `on_result` with each result as it completes; units start in the given order.
+    """Run all units in trials of this kind, and call `on_result` with each result as it completes.
+
+    Units start in the given order.
 
     Processes side by side share caches and memory, so a unit that is too slow runs again when all others have ended.
 
@@ -112,7 +116,7 @@ def run_all(
     one_thread_each()
     if len(units) == 1:
         begin()
-        on_result(run_unit(units[0], starts(units[0]), pictures))
+        on_result(run_unit(units[0], starts(units[0]), pictures, kind))
         return
     found: set[int] = set()
     slow: set[int] = set()  # while others ran
@@ -126,7 +130,7 @@ def run_all(
 
     def run(some: Sequence[int], processes: int) -> list[int]:
         """Run some units; return those without a result, if a process died."""
-        jobs = {k: (units[k], starts(units[k]), pictures) for k in some}
+        jobs = {k: (units[k], starts(units[k]), pictures, kind) for k in some}
         with suppress(BrokenProcessPool), closing(run_parallel(run_unit, jobs, processes, begin)) as results:
             for k, result in results:
                 done(k, result)

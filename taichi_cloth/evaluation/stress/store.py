@@ -254,18 +254,17 @@ class Store:
     def repeatable(self, units: Iterable[Unit]) -> list[Unit]:
         """Return the units with a result of an earlier version of the program that one start can confirm.
 
-        A result that is too slow depends on the speed of the program, which no digest tells. On another processor the
-        same program may round differently.
+        A result that is too slow depends on the speed of the program, which no digest tells.
         """
         return [unit for unit in units if unit.key in self.results and self._is_repeatable(self.results[unit.key])]
 
     def _is_repeatable(self, result: Result) -> bool:
-        if self._is_new(result) or result.machine != self.machine:
-            return False
-        return bool(result.digest) and result.state != SLOW
+        return not self._is_new(result) and bool(result.digest) and result.state != SLOW
 
     def repeat(self, again: Result) -> bool:
         """Take over an earlier result if this version of the program repeated its last start bit by bit (`again`).
+
+        The result keeps its times and its machine: equal digests show the same computation on any processor.
 
         Writes the file, and returns whether the digests are equal.
         Raises OSError.

@@ -354,6 +354,22 @@ class Trial:
             raise Violation(what, value, bound)
 
 
+@dataclass
+class UntimedTrial(Trial):
+    """A trial without a limit on the time of a frame, but with one on all frames together [s]."""
+
+    seconds: float = np.inf
+    least_frames: int = 0
+    """Frames that it will have at least: it ends once these will take too long."""
+
+    def _check_time(self) -> None:
+        count, ms = len(self.times), sum(self.times)
+        if count >= TIMED_FRAMES:
+            ms *= max(1.0, self.least_frames / count)
+        if ms > 1e3 * self.seconds:
+            raise TooSlow(ms, 1e3 * self.seconds)
+
+
 _opened: list[Simulation] = []  # the last simulation, kept for the next start
 
 

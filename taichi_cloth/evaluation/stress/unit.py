@@ -186,8 +186,8 @@ def result_of(unit: Unit, starts: int, **found: Any) -> Result:
     return Result(*names, starts, **found)
 
 
-def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | None) -> Result:
-    """Run the starts (number and seed) of a unit until one fails or is too slow.
+def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | None, kind: type[Trial] = Trial) -> Result:
+    """Run the starts (number and seed) of a unit, trials of this kind, until one fails or is too slow.
 
     An image of the frame that failed is written to the folder `pictures`, if there is one.
     """
@@ -196,7 +196,7 @@ def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | Non
     failure, slow, image, digest = None, None, "", ""
     try:
         for start, seed in starts:
-            trial = Trial(unit.setting, seed)
+            trial = kind(unit.setting, seed)
             trials.append(trial)
             try:
                 unit.variant.run(trial)
