@@ -352,8 +352,7 @@ def recheck(stored: Store, units: list[Unit]) -> None:
             outcome = "equal" if stored.repeat(again) else "differs"
             on_step(f"{again.case} {again.name}, {again.variant}, {again.setting}: {outcome}")
 
-        if repeatable:
-            runner.run_all(runner.dearest_first(repeatable, seconds), last_start, None, on_result, UntimedTrial)
+        runner.run_all(runner.dearest_first(repeatable, seconds), last_start, None, on_result, UntimedTrial)
 
 
 def explain(stored: Store, units: list[Unit]) -> None:

@@ -47,7 +47,7 @@ RATE_NOTE = (
 )
 MODEL_NOTE = (
     "Fine settings may keep the same distance to the reference: contact and tethers of the solvers act once per substep"
-    " or iteration, and attachments and colliders move in a straight line within a frame."
+    " or iteration."
 )
 VERLET_NOTE = "`verlet` has stiffness 0…1 instead of SI constants: its error includes that of the model."
 # (substeps, iterations), measured in addition to the scene's own. They include the defaults of the solvers. Explicit
