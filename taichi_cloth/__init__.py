@@ -18,13 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 from .scene import SceneError
 from .scene.collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
+from .scene.look_schema import Camera, Look
 from .scene.presets import scene_names as list_scenes
 from .scene.schema import (
-    Camera,
     Cloth,
     Fabric,
     Forces,
-    Look,
     Maps,
     Region,
     Scene,

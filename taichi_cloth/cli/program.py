@@ -358,7 +358,8 @@ def summary(simulation: Simulation, arch: str) -> str:
     """
     from ..geometry.cloth_builder import particle_count_text
     from ..scene.schema import FRAME_SECONDS
-    from ..simulation.error_estimate import SAMPLE, cost_of, unconverged
+    from ..simulation.convergence import unconverged
+    from ..simulation.error_estimate import SAMPLE, cost_of
 
     scene = simulation.scene
     seconds = cost_of(scene).ms / 1e3 if simulation.topology.particle_count > SAMPLE**2 else 0.0

@@ -68,7 +68,7 @@ def list_scenes(args: argparse.Namespace) -> int:
 
 def left_unfinished(scene: Scene, topology: Topology, substeps: int) -> str:
     """Return the line of a run's summary about iterations that end too early, or empty. It simulates nothing."""
-    from ..simulation.error_estimate import unconverged
+    from ..simulation.convergence import unconverged
 
     return unconverged(scene, topology, FRAME_SECONDS / substeps, scene.solver.iterations)
 

@@ -21,8 +21,8 @@ from ..render.webgl import local_mesh, merge_corners, pose_matrix
 from ..scene import Scene
 from ..scene.collider_schema import Ground
 from ..scene.schema import FRAME_SECONDS
+from ..simulation.convergence import unconverged
 from ..simulation.copies import FrameError, FrameErrorMeter
-from ..simulation.error_estimate import unconverged
 from ..simulation.events import Event
 from ..simulation.parameter_values import check_frames
 from ..simulation.recording import read_recording, run_recording

@@ -22,6 +22,7 @@ from . import grid
 from .cloth_mesh import ClothMesh, load_cloth_mesh
 from .grid import DIRECTIONS
 from .layers import pinned_mask_of_layers, stack_layers
+from .membrane import build_membrane
 from .mesh_springs import build_mesh
 from .topology import STIFFNESS_KEYS, Topology, build_sheet
 
@@ -132,7 +133,15 @@ def build_topology(scene: Scene, section: str) -> Topology:
     fixed = attached_particles(scene, topology, pins)
     if scene.maps and scene.maps.pin:
         fixed[weight_map(scene, "pin") >= PIN_THRESHOLD] = True
-    return replace(topology, pinned=fixed, max_distance=max_distances(scene))
+    membrane = None
+    if is_membrane(scene, section):
+        membrane = build_membrane(scene.fabric, scene.cloth, topology, stiffness_map(scene))
+    return replace(topology, pinned=fixed, membrane=membrane, max_distance=max_distances(scene))
+
+
+def is_membrane(scene: Scene, section: str) -> bool:
+    """Return whether the cloth of a scene is a membrane, for solvers with the stiffness of a section."""
+    return section == "fabric" and scene.fabric.model == "membrane"
 
 
 def max_distances(scene: Scene) -> NDArray[np.float64] | None:
@@ -144,17 +153,30 @@ def max_distances(scene: Scene) -> NDArray[np.float64] | None:
 
 
 def spring_stiffness(scene: Scene, section: str, topology: Topology) -> NDArray[np.float64]:
-    """Return the stiffness of every spring, (E,): 0…1 in section `verlet`, [N/m] in section `fabric`."""
+    """Return the stiffness of every spring, (E,): 0…1 in section `verlet`, [N/m] in section `fabric`.
+
+    The springs of a membrane have none: they are edges whose strain is measured.
+    """
     constants = _stiffness_values(scene, section)
     stiffness: NDArray[np.float64]
+    if topology.membrane is not None:
+        return np.zeros(topology.spring_count)
     if section == "verlet":
         stiffness = topology.by_family(constants)
     else:
         stiffness = np.array(list(constants.values())) @ topology.stiffness_factors
-    if scene.maps and scene.maps.stiffness:
-        low, high = scene.maps.stiffness_min, scene.maps.stiffness_max
-        stiffness = stiffness * (low + (high - low) * weight_map(scene, "stiffness")[topology.ends].mean(axis=1))
+    factor = stiffness_map(scene)
+    if factor is not None:
+        stiffness = stiffness * factor[topology.ends].mean(axis=1)
     return np.minimum(stiffness, 1.0) if section == "verlet" else stiffness
+
+
+def stiffness_map(scene: Scene) -> NDArray[np.float64] | None:
+    """Return the factor on the stiffness at every particle, (N,), or None if the scene has no map of it."""
+    maps = scene.maps
+    if maps is None or not maps.stiffness:
+        return None
+    return maps.stiffness_min + (maps.stiffness_max - maps.stiffness_min) * weight_map(scene, "stiffness")
 
 
 def weight_map(scene: Scene, name: str) -> NDArray[np.float64]:
@@ -341,6 +363,8 @@ def _used_directions(scene: Scene, section: str) -> list[bool]:
 
     In a mesh file the edges of triangles resist shear, too: shear stiffness alone also adds structural springs.
     """
+    if is_membrane(scene, section):
+        return [family == "structural" for family, _, _ in DIRECTIONS]
     k = _stiffness_values(scene, section)
     if section == "verlet":
         return [k[family] > 0 for family, _, _ in DIRECTIONS]

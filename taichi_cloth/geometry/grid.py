@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from ..scene.keys import CORNERS
 
+NO_GRID = (0, 0)  # `Topology.shape` of a mesh file
+
 # The six spring directions of a sheet: family, step down the rows, step along the columns.
 DIRECTIONS = (
     ("structural", 0, 1),

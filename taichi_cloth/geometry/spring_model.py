@@ -15,7 +15,7 @@ Each corner carries a third. The mean wind blows along x and z; a gust adds thre
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ..scene.schema import Scene
 from .cloth_builder import build_topology, spring_stiffness
+from .membrane import Membrane
 from .topology import Topology
 
 Floats = NDArray[np.float64]
@@ -48,6 +49,7 @@ class SpringModel:
     damping_time: float
     """Damping coefficient of a spring over its stiffness [s]."""
     gravity: float  # [m/s²] downward
+    membrane: Membrane | None = None
 
     @property
     def mass(self) -> Floats:
@@ -101,7 +103,8 @@ class SpringModel:
         factor = np.concatenate(
             [self.effective_stiffness(length) * (1 - self.rest / np.maximum(length, TINY)), self.bending]
         )
-        return self.scatter(gap * factor)
+        force = self.scatter(gap * factor)
+        return force if self.membrane is None else force + self.membrane.force(x)
 
     def dampers(self, x: Floats) -> Floats:
         """Return the direction of every spring, times the root of its damping coefficient, (3, E)."""
@@ -118,6 +121,11 @@ class SpringModel:
         both, ends_of_both = np.concatenate([pull, -pull], axis=1), ends.reshape(-1)
         return np.stack([np.bincount(ends_of_both, component, v.shape[1]) for component in both])
 
+    def damping_force(self, x: Floats, v: Floats) -> Floats:
+        """Return the force of damping on every particle [N], (3, N), at positions [m] and velocities [m/s], (3, N)."""
+        force = self.damper_force(self.dampers(x), v)
+        return force if self.membrane is None else force + self.membrane.damper_force(x, v, self.damping_time)
+
     def weight(self) -> Floats:
         """Return the weight of every particle [N], (3, N)."""
         force = np.zeros((3, len(self.mass)))
@@ -131,7 +139,8 @@ class SpringModel:
         stretching = 0.5 * float(self.effective_stiffness(length) @ (length - self.rest) ** 2)
         bending_gap = gap[:, len(self.rest) :]
         bending = 0.5 * float(self.bending @ np.einsum("ij,ij->j", bending_gap, bending_gap))
-        return stretching + bending + self.gravity * float(self.mass @ x[1])
+        membrane = 0.0 if self.membrane is None else self.membrane.energy(x)
+        return stretching + bending + membrane + self.gravity * float(self.mass @ x[1])
 
     def stiffness_blocks(self, x: Floats, *, definite: bool = False) -> Floats:
         """Return −∂f/∂x of every link [N/m], (E + B, 3, 3): f is the force on its first end, x that end's position.
@@ -164,7 +173,7 @@ def spring_model(scene: Scene, topology: Topology | None = None) -> SpringModel:
     `topology`: the cloth as it is now, with other pins and without torn springs; that of the scene if None.
     """
     topology = topology or build_topology(scene, "fabric")
-    links = topology.bending_links
+    links, membrane = topology.bending_links, topology.membrane
     return SpringModel(
         topology=topology,
         ends=np.concatenate([topology.ends, links.ends]).T.astype(np.int64),
@@ -174,6 +183,7 @@ def spring_model(scene: Scene, topology: Topology | None = None) -> SpringModel:
         compression=scene.fabric.compression,
         damping_time=scene.fabric.damping_time,
         gravity=scene.forces.gravity,
+        membrane=membrane and replace(membrane, tensor=membrane.tensor * scene.solver.stiffness),
     )
 
 

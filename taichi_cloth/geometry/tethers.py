@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .grid import particle_indices
-from .topology import NO_GRID, Topology, adjacency
+from .grid import NO_GRID, particle_indices
+from .topology import Topology, adjacency
 
 CLOSE = 1e-8  # smallest relative decrease of a distance that keeps the front moving
 

@@ -16,10 +16,11 @@ from ..scene.keys import CORNERS, check_value, keys_of, types_of
 from ..scene.schema import Cloth
 from . import grid
 from .bending import BendingLinks, grid_bending_links
+from .grid import NO_GRID
+from .membrane import Membrane
 
 ORIGINS = 0.5  # [m] spacing of the local origins
 STIFFNESS_KEYS = ("weft", "warp", "shear", "bend_spring")  # [N/m] in section `fabric`; a spring has a factor of each
-NO_GRID = (0, 0)  # `Topology.shape` of a mesh file
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,8 @@ class Topology:
     """Rows and columns of the grid. Rows of several layers follow each other."""
     layers: int = 1
     """Number of layers (`layers.py`). Particles are numbered layer by layer."""
+    membrane: Membrane | None = None
+    """Triangles of an elastic continuum, instead of springs with stiffness."""
     max_distance: NDArray[np.float64] | None = None
     """Max distance of every particle from its start [m], (N,); None if there is no limit."""
 

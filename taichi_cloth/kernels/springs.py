@@ -10,6 +10,7 @@ import taichi as ti
 
 from .constraint_math import TINY, damper_force, hooke_force, project_distance, project_distance_xpbd
 from .integration import apply_correction
+from .membrane import MEMBRANE_FORCE, accumulate_triangle_forces, clear_membrane_multipliers, solve_membrane
 from .simd_sweep import PairConstraint, PairForce, accumulate_simd, for_each_spring_simd
 from .step_params import COMPRESSION, DAMPING_TIME, STIFFNESS_FACTOR
 from .vec import dot, length, neg, scale
@@ -104,11 +105,33 @@ BENDING_FORCE = PairForce(bending_force, inputs=("x",), target="force")
 
 
 @ti.func
-def add_spring_forces(cloth: ti.template(), features: ti.template(), params: ti.template(), h: float):
-    """Add the force [N] of every spring and every bending link to `cloth.force`."""
-    accumulate_pair_forces(cloth, cloth, features, SPRING_FORCE, params, h)
-    if ti.static(not cloth.is_simd):  # where both are in one pass
+def add_elastic_forces(cloth: ti.template(), features: ti.template(), params: ti.template(), h: float):
+    """Add the force [N] of every spring, or every triangle of a membrane, and every bending link to `cloth.force`."""
+    if ti.static(features.membrane):
+        accumulate_triangle_forces(cloth, features, MEMBRANE_FORCE, params, h)
         add_bending_forces(cloth, features, params, h)
+    else:
+        accumulate_pair_forces(cloth, cloth, features, SPRING_FORCE, params, h)
+        if ti.static(not cloth.is_simd):  # where both are in one pass
+            add_bending_forces(cloth, features, params, h)
+
+
+@ti.func
+def solve_elastic_constraints(cloth: ti.template(), features: ti.template(), params: ti.template(), h):
+    """Solve the constraint of every spring, or every triangle of a membrane, once (XPBD)."""
+    if ti.static(features.membrane):
+        solve_membrane(cloth, features, params, h)
+    else:
+        for_each_spring(cloth, features, DISTANCE_XPBD, params, h)
+
+
+@ti.func
+def clear_elastic_multipliers(cloth: ti.template(), features: ti.template()):
+    """Set λ = 0, once a substep: once an iteration would soften every spring."""
+    if ti.static(features.membrane):
+        clear_membrane_multipliers(cloth)
+    else:
+        clear_multipliers(cloth)
 
 
 @ti.func
@@ -149,7 +172,7 @@ def accumulate_pair_forces(
 
 @ti.func
 def clear_multipliers(cloth: ti.template()):
-    """Set λ = 0: once a substep, and before the strain limit. Once an iteration would soften every spring."""
+    """Set λ = 0 of every spring."""
     for e in range(cloth.spring_count[None]):
         cloth.multiplier[e] = cloth.rest[e] * 0.0
 

@@ -12,8 +12,9 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from ..geometry.topology import NO_GRID, Topology
-from ..scene.schema import Look
+from ..geometry.grid import NO_GRID
+from ..geometry.topology import Topology
+from ..scene.look_schema import Look
 from .image_files import Pixels
 from .shading import FULL_STRAIN, strain_colors
 

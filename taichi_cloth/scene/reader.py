@@ -5,7 +5,7 @@ other.
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from math import hypot
+from math import hypot, sqrt
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -289,6 +289,7 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
     if scene.tearing is not None and scene.fabric.bending_stiffness > 0 and not mistakes.concern("fabric"):
         reason = "does not support bending stiffness: set fabric.bending_stiffness to 0, and use fabric.bend_spring"
         mistakes.add("tearing", reason)
+    _check_membrane(scene, mistakes)
     contact = scene.self_collision
     if contact is not None and contact.static_friction and contact.primitives != "particles":
         mistakes.add("self_collision.static_friction", 'requires primitives = "particles"')
@@ -311,6 +312,29 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
     if hypot(x - tx, z - tz) <= 1e-6 * abs(y - ty) and not mistakes.concern("camera"):
         reason = "must differ from camera.target" if y == ty else "must not be straight above or below camera.target"
         mistakes.add("camera.eye", reason)
+
+
+def _check_membrane(scene: Scene, mistakes: Mistakes) -> None:
+    """Check the tensor of a membrane, and what needs springs."""
+    fabric = scene.fabric
+    tensor = {name: getattr(fabric, name) for name in ("c11", "c22", "c12", "c66")}
+    if fabric.model != "membrane":
+        set_keys = [f"fabric.{name}" for name, value in tensor.items() if value]
+        if set_keys:
+            mistakes.add(set_keys[0], 'belongs to a membrane: set fabric.model = "membrane"')
+        return
+    for name in ("strain_limit", "tearing"):
+        if getattr(scene, name) is not None:
+            mistakes.add(name, 'needs springs, but fabric.model is "membrane"')
+    if not any(tensor.values()):
+        tensor = {"warp": fabric.warp, "weft": fabric.weft, "shear": fabric.shear}
+    for name, value in tensor.items():
+        if name != "c12" and value <= 0:
+            mistakes.add(f"fabric.{name}", f"must be greater than 0 for a membrane, got {value:g}")
+            return
+    if abs(fabric.c12) ** 2 >= fabric.c11 * fabric.c22 > 0:
+        limit = f"between ±√(c11·c22) = ±{sqrt(fabric.c11 * fabric.c22):g} N/m, else stretching releases energy"
+        mistakes.add("fabric.c12", f"must be {limit}, got {fabric.c12:g}")
 
 
 # -- writing -----------------------------------------------------------------------------------------------------------

@@ -13,11 +13,12 @@ from typing import get_args, get_origin
 from ..system.errors import Mistakes
 from .collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
 from .keys import CORNERS, Pins, Section, Table, Vec3, check_table, given_table, key_field, keys_of, types_of
+from .look_schema import Camera, Look
 from .solver_catalog import SOLVER_CATALOG
 
 FRAME_SECONDS = 1 / 60  # [s] duration of a frame
 SOLVER_NAMES = tuple(SOLVER_CATALOG)
-PATTERN_NAMES = ("plain", "check", "stripe", "gingham", "twill", "ring")  # render/colors.py
+FABRIC_MODELS = ("springs", "membrane")
 PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
 
 
@@ -147,14 +148,21 @@ class VerletSprings(Table):
 
 @dataclass(frozen=True)
 class Fabric(Table):
-    """Spring stiffness in SI units, for all solvers but `verlet`. Springs with stiffness 0 are left out.
+    """Stiffness in SI units, for all solvers but `verlet`. Springs with stiffness 0 are left out.
 
     `warp` and `weft` are those of the structural springs: forces per strain and meter of width, independent of the
     grid. For cells that are not square, spring stiffness is scaled by the sides of the cell. In a scene file, a preset
     sets all of these keys but `compression`, and also `area_density` in `[cloth]`, `[verlet]`, and colors and pattern
     in `[look]`. Keys that the file sets take precedence. Only `load_scene` applies a preset.
+
+    A membrane has no springs. If `c11`, `c22`, `c12` and `c66` are all 0, they are those of a grid of springs.
     """
 
+    model: str = key_field(
+        "springs",
+        "springs: between neighbors; membrane: triangles of an elastic continuum, with c11, c22, c12 and c66",
+        choices=FABRIC_MODELS,
+    )
     warp: float = key_field(2000.0, "stiffness of the springs along columns", "N/m", min=0.0, max=1e9)
     weft: float = key_field(2000.0, "stiffness of the springs along rows", "N/m", min=0.0, max=1e9)
     shear: float = key_field(1000.0, "stiffness of the springs along the diagonals of cells", "N/m", min=0.0, max=1e9)
@@ -177,6 +185,15 @@ class Fabric(Table):
     )
     damping_time: float = key_field(
         0.0, "damping coefficient of a spring divided by its stiffness", "s", min=0.0, max=1.0
+    )
+    c11: float = key_field(0.0, "stiffness of the membrane along the warp", "N/m", min=0.0, max=1e9)
+    c22: float = key_field(0.0, "stiffness of the membrane along the weft", "N/m", min=0.0, max=1e9)
+    c12: float = key_field(
+        0.0, "stress along the warp per strain of the weft, and the reverse: Poisson's effect", "N/m", min=-1e9, max=1e9
+    )
+    c66: float = key_field(0.0, "shear stiffness of the membrane", "N/m", min=0.0, max=1e9)
+    warp_angle: float = key_field(
+        0.0, "angle from the columns to the warp of a membrane, counterclockwise", "degrees", min=-180.0, max=180.0
     )
     preset: str = key_field(
         "",
@@ -311,29 +328,6 @@ class SelfCollision(Table):
         " edge-edge contact, for thin cloth (takes five times as long)",
         choices=("particles", "triangles"),
     )
-
-
-@dataclass(frozen=True)
-class Camera(Table):
-    """The camera of the window and of images. Without this section it frames the cloth and the colliders near it."""
-
-    eye: Vec3 = key_field((3.5, 2.6, 6.5), "position of the camera", "m", min=-1e5, max=1e5)
-    target: Vec3 = key_field((0.0, 1.9, 0.0), "point that the camera looks at", "m", min=-1e5, max=1e5)
-    fov: float = key_field(40.0, "vertical field of view", "degrees", min=1.0, max=120.0)
-
-
-@dataclass(frozen=True)
-class Look(Table):
-    """Colors and patterns. They do not affect the motion. A fabric preset sets its own."""
-
-    color: str = key_field("#b5303c", "first color of the pattern", color=True)
-    second_color: str = key_field("#e9dcc3", "second color of the pattern", color=True)
-    pattern_scale: int = key_field(
-        3, "cells per check, per stripe or per half period of a twill; on a mesh file, edges per ring", min=1, max=2048
-    )
-    pattern: str = key_field("check", "pattern of the two colors", choices=PATTERN_NAMES)
-    sheen: float = key_field(0.08, "brightness of the specular highlight", min=0.0, max=1.0)
-    pole: bool = key_field(False, "draws a pole along the top edge")
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ class SolverInfo:
     """
     grid_only: bool = False
     """Whether it needs a grid with complete rows."""
+    membrane: bool = True
+    """Whether it supports `fabric.model = "membrane"`, or does not read `[fabric]`."""
     euler_steps: bool = False
     """Whether free fall is that of the semi-implicit Euler method, not the exact parabola."""
 
@@ -49,10 +51,18 @@ SOLVER_CATALOG: dict[str, SolverInfo] = {
     ),
     "xpbd": SolverInfo("extended position-based dynamics", 60, 4, order=1, euler_steps=True),
     "explicit": SolverInfo("explicit symplectic Verlet on spring forces", 10, 1, order=2, is_explicit=True),
-    "lines": SolverInfo("XPBD with a direct solver along rows, columns and diagonals", 10, 2, order=2, grid_only=True),
+    "lines": SolverInfo(
+        "XPBD with a direct solver along rows, columns and diagonals", 10, 2, order=2, grid_only=True, membrane=False
+    ),
     "rk4": SolverInfo("classical Runge–Kutta method on spring forces", 1, 1, order=4, is_explicit=True),
     "implicit": SolverInfo("implicit steps of second order by Newton's method", 20, 1, order=2),
 }
+
+
+def needs_springs(solver: str) -> str:
+    """Return why a solver without membranes is refused."""
+    others = ", ".join(name for name, info in SOLVER_CATALOG.items() if info.membrane and info.uses_si_constants)
+    return f'{solver} does not support fabric.model = "membrane"; use {others}'
 
 
 def needs_a_grid(solver: str, reason: str) -> str:

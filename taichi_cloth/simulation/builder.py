@@ -99,7 +99,10 @@ def unsupported_by(scene: Scene, topology: Topology) -> Unsupported:
     if any(collides_with_triangles(collider) for collider in colliders_of(scene)):
         simd = 'a collider has collide_with = "triangles"'
         parallel = 'collide_with = "triangles" does not work on a mesh file' if scene.cloth.file else parallel
-    return Unsupported(grid_only, simd, parallel)
+    if topology.membrane is not None:
+        simd = 'fabric.model is "membrane"'
+        parallel = simd if scene.solver.name == "xpbd" else parallel
+    return Unsupported(topology.membrane is not None, grid_only, simd, parallel)
 
 
 class BuiltSimulation(NamedTuple):
@@ -181,8 +184,9 @@ class StepRow:
     computed here.
     """
 
-    def __init__(self, scene: Scene, origin: Floats, damping_time: float) -> None:
-        """`origin` [m]: what positions in kernels are relative to. `damping_time` [s]: of the springs."""
+    def __init__(self, scene: Scene, topology: Topology, damping_time: float) -> None:
+        """`damping_time` [s]: of the springs."""
+        origin, membrane = topology.origin, topology.membrane
         self._scene = scene
         self._gust_phase = np.random.default_rng(scene.seed).random(3).tolist()  # [turns]
         self._gust_shift = (np.asarray(c.GUST_WAVEVECTORS) @ origin).tolist()  # [turns]
@@ -196,6 +200,8 @@ class StepRow:
                 for name, key in keys_of(part.cls).items():
                     if key.param:
                         self._constants[getattr(c, key.param)] = getattr(section, name)
+        if membrane is not None:
+            self._constants[c.C11 : c.C66 + 1] = membrane.tensor[[0, 1, 0, 2], [0, 1, 1, 2]]
         columns = {name: getattr(c, one.key.param) for name, one in parameters_of(scene).items() if one.key.param}
         self._names, self._columns = list(columns), np.array(list(columns.values()), int)
 

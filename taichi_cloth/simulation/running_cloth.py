@@ -61,7 +61,7 @@ class RunningCloth(HasParameters):
         self._inverse_mass = state.inverse_mass(built.topology)
         self._solver: Solver | None = solver
         self._program = ProgramRef()
-        self._row = StepRow(scene, built.topology.origin, built.damping_time)
+        self._row = StepRow(scene, built.topology, built.damping_time)
         self.depenetration = Depenetration(count := len(colliders_of(scene)))
         self.displacements = {row: one for row, one in self.displacements.items() if row < count}
         self.has_self_contact = False
@@ -302,7 +302,7 @@ class RunningCloth(HasParameters):
         x, v = self.positions().T, self.velocities().T
         force = model.elastic_force(x) + model.weight()
         if self.solver.features.spring_damping:
-            force += model.damper_force(model.dampers(x), v)
+            force += model.damping_force(x, v)
         if (wind := wind_of(scene, model)) is not None:
             force += wind.force(x, v, self.seconds)
         return np.ascontiguousarray(force.T)

@@ -3,7 +3,8 @@
 from importlib import import_module
 
 from ..scene.solver_catalog import SOLVER_CATALOG
-from .base import LAYOUTS, Features, FrameInput, Solver, Unsupported, choose_layout
+from .base import LAYOUTS, Solver, Unsupported, choose_layout
+from .features import Features, FrameInput
 
 
 def _solver_class(name: str) -> type[Solver]:

@@ -9,7 +9,7 @@ import taichi as ti
 
 from ..geometry.stability_bounds import min_symplectic_substeps
 from ..kernels.integration import integrate, move_kinematic_particles
-from ..kernels.springs import add_spring_forces
+from ..kernels.springs import add_elastic_forces
 from ..kernels.step_params import VELOCITY_FACTOR
 from ..scene.schema import FRAME_SECONDS
 from .base import ExplicitSolver
@@ -22,7 +22,7 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     begin_substep(cloth, features, ctx)
     move_kinematic_particles(cloth, features, ctx, ctx.s, False)  # they are there: forces need their velocity
     add_external_forces(cloth, features, ctx, ctx.s, 1)
-    add_spring_forces(cloth, features, ctx.params, ctx.h)
+    add_elastic_forces(cloth, features, ctx.params, ctx.h)
     kick, drift = 1.0, ctx.h
     if ctx.s == 0 or ctx.s == ctx.substeps:
         kick = 0.5

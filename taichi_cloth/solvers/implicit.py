@@ -34,12 +34,12 @@ from ..kernels.conjugate_gradient import (
 from ..kernels.constraint_math import TINY
 from ..kernels.forces import consume_force
 from ..kernels.integration import apply_correction
-from ..kernels.springs import add_spring_forces
+from ..kernels.springs import add_elastic_forces
 from ..kernels.vec import scale, select
 from ..state import ClothState
 from ..state.constraint_data import attach_cg_state
 from ..state.solver_data import attach_correction
-from .base import Features, FrameInput
+from .features import Features, FrameInput
 from .pipeline import final_phases
 from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage
 
@@ -61,7 +61,7 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
 def write_residual(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """Set the right side of the equation [kg·m], 0 for particles that are not free."""
     h = ctx.h * STAGE_LENGTH
-    add_spring_forces(cloth, features, ctx.params, h)
+    add_elastic_forces(cloth, features, ctx.params, h)
     for i in range(cloth.packet_count[None]):
         mass = 1.0 / ti.max(cloth.inverse_mass[i], TINY)
         residual = consume_force(cloth, i) * (h * h) - scale(cloth.correction[i], mass)

@@ -14,13 +14,14 @@ from ..geometry.topology import Topology
 from ..kernels.constraint_math import TINY
 from ..kernels.forces import consume_acceleration
 from ..kernels.integration import move_kinematic_particles
-from ..kernels.springs import add_spring_forces
+from ..kernels.springs import add_elastic_forces
 from ..kernels.step_params import VELOCITY_FACTOR
 from ..kernels.vec import select
 from ..scene.schema import FRAME_SECONDS
 from ..state import ClothState
 from ..state.solver_data import attach_stage_sums
-from .base import ExplicitSolver, Features
+from .base import ExplicitSolver
+from .features import Features
 from .pipeline import add_external_forces, begin_substep, project_constraints, stop_at_colliders
 
 MAX_DAMPING = 1.0  # of a substep: an explicit step overshoots beyond it
@@ -69,7 +70,7 @@ def run_stage(cloth: ti.template(), features: ti.template(), ctx: ti.template(),
     time = ti.select(stage == 0, 0.0, ti.select(stage == 3, 1.0, 0.5))  # of this stage, in substeps
     move_kinematic_particles(cloth, features, ctx, ctx.s + time)
     add_external_forces(cloth, features, ctx, ctx.s + time, 1)
-    add_spring_forces(cloth, features, ctx.params, ctx.h)
+    add_elastic_forces(cloth, features, ctx.params, ctx.h)
     damping = ti.min(-ti.log(ti.max(ctx.params[VELOCITY_FACTOR], TINY)), MAX_DAMPING) / ctx.h
     weight = 1.0 / 6.0 if outer else 1.0 / 3.0
     accumulate_stage(cloth, ctx.params, damping, weight, ctx.h if stage == 2 else 0.5 * ctx.h)

@@ -17,7 +17,7 @@ Springs have SI stiffness. Once the iterations converge, it does not depend on s
 import taichi as ti
 
 from ..kernels.integration import integrate, move_kinematic_particles
-from ..kernels.springs import DISTANCE_XPBD, add_bending_forces, clear_multipliers, for_each_spring
+from ..kernels.springs import add_bending_forces, clear_elastic_multipliers, solve_elastic_constraints
 from ..kernels.step_params import VELOCITY_FACTOR
 from .base import Solver
 from .pipeline import (
@@ -40,7 +40,7 @@ def predict(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     integrate(cloth, features, ctx.params, ctx.h, ctx.params[VELOCITY_FACTOR], ctx.h)  # (1)
     move_kinematic_particles(cloth, features, ctx, ctx.s + 1.0)
     find_self_contacts(cloth, features, ctx)
-    clear_multipliers(cloth)  # (4)
+    clear_elastic_multipliers(cloth, features)  # (4)
 
 
 @ti.func
@@ -50,7 +50,7 @@ def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     Self-contact is part of each iteration: a stack is supported, and held by friction, through as many layers as there
     are iterations.
     """
-    for_each_spring(cloth, features, DISTANCE_XPBD, ctx.params, ctx.h)  # (6)–(11)
+    solve_elastic_constraints(cloth, features, ctx.params, ctx.h)  # (6)–(11)
     iterate_self_contacts(cloth, features, ctx)
     project_colliders(cloth, features, ctx)
 

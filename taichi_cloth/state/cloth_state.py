@@ -22,6 +22,7 @@ from .constraint_data import (
     CGState,
     GrabbedParticles,
     MaxDistances,
+    MembraneTriangles,
     Tethers,
     allocate_grabbed,
 )
@@ -67,6 +68,7 @@ class Layout:
     max_distances: MaxDistances | None = None
     attachments: Attachments | None = None
     bending_links: BendingLinkList | BendingLinkPackets | None = None
+    membrane: MembraneTriangles | None = None
     lines: LineList | LinePackets | None = None
     cg: CGState | None = None
     self_contact: SelfContactData | None = None

@@ -1,4 +1,4 @@
-"""Fields of tethers, bending links, max distances, attachments and grabs, and of conjugate gradients."""
+"""Fields of tethers, bending links, membranes, max distances, attachments and grabs, and of conjugate gradients."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..geometry import grid
 from ..geometry.bending import BendingLinks
+from ..geometry.membrane import Membrane
 from ..geometry.simd_layout import LANES
 from ..geometry.tethers import MAX_TETHERS, tethers_of
 from ..geometry.topology import Topology, adjacency
@@ -115,6 +116,54 @@ def _allocate_bending_links(particles: int) -> BendingLinkList:
         spring_count=fields.count_field(),
         spring_first=fields.scalar_field(particles + 1, dtype=ti.i32),
         spring_rows=fields.scalar_field(2 * count, dtype=ti.i32),
+    )
+
+
+@dataclass(eq=False)
+class MembraneTriangles:
+    """The triangles of a membrane (`geometry/membrane.py`)."""
+
+    corners: ti.MatrixField
+    """The three particles of every triangle, ivec3 (M,)."""
+    inverse_shape: ti.MatrixField
+    """B of every triangle [1/m], row by row, vec4 (M,)."""
+    area: ti.ScalarField
+    """Area that every triangle represents [m²], (M,)."""
+    multiplier: ti.MatrixField
+    """Lagrange multipliers of the strains of every triangle in `xpbd` [kg·m²], vec3 (M,)."""
+    count: ti.ScalarField
+    triangle_first: ti.ScalarField
+    """First entry of every particle in `triangle_rows`, (N + 1,)."""
+    triangle_rows: ti.ScalarField
+    """Triangles of every particle, (3·M,)."""
+
+
+def attach_membrane(layout: Layout, membrane: Membrane, particles: int) -> None:
+    """Set `layout.membrane`, of a cloth with so many particles."""
+    count = capacity(len(membrane.area))
+    if layout.membrane is None or layout.membrane.area.shape[0] < count:
+        layout.membrane = build(layout, lambda: _allocate_membrane(count, layout.x.shape[0]))
+    found = layout.membrane
+    first, rows = adjacency(membrane.corners, particles)
+    fields.upload_all(
+        (found.corners, membrane.corners),
+        (found.inverse_shape, membrane.inverse_shape.reshape(-1, 4)),
+        (found.area, membrane.area),
+        (found.triangle_first, first),
+        (found.triangle_rows, rows),
+    )
+    found.count[None] = len(membrane.area)
+
+
+def _allocate_membrane(count: int, particles: int) -> MembraneTriangles:
+    return MembraneTriangles(
+        corners=ti.Vector.field(3, ti.i32, count),
+        inverse_shape=ti.Vector.field(4, ti.f32, count),
+        area=fields.scalar_field(count),
+        multiplier=ti.Vector.field(3, ti.f32, count),
+        count=fields.count_field(),
+        triangle_first=fields.scalar_field(particles + 1, dtype=ti.i32),
+        triangle_rows=fields.scalar_field(3 * count, dtype=ti.i32),
     )
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import taichi as ti
 
+from ..geometry.grid import NO_GRID
 from ..geometry.signed_distance import DistanceGrid
-from ..geometry.topology import NO_GRID, Topology
+from ..geometry.topology import Topology
 from . import field_pool as fields
 from .field_pool import Pool, build, capacity, layout_index, layout_size, vector_field_like
 

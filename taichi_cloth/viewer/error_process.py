@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from ..scene import Scene
 from ..scene.schema import FRAME_SECONDS
+from ..simulation.convergence import unconverged
 from ..simulation.copies import HORIZON, MAX_SECONDS, FrameError, FrameErrorMeter, FrameStart
-from ..simulation.error_estimate import unconverged
 from ..simulation.simulation import Simulation
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError

@@ -8,7 +8,7 @@ import pytest
 
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, Tethers, VerletSprings
-from taichi_cloth.simulation.error_estimate import (
+from taichi_cloth.simulation.convergence import (
     MAX_SAMPLES,
     REMEDY,
     REMEDY_OF_FORCES,

@@ -15,7 +15,7 @@ import pytest
 import taichi_cloth
 from taichi_cloth.evaluation.validate import exact
 from taichi_cloth.evaluation.validate.check import EXCELLENT, FAIL, PASS, TOO_SLOW, Check, at_most
-from taichi_cloth.simulation import error_estimate
+from taichi_cloth.simulation import convergence
 
 FOLDER = Path(taichi_cloth.__file__).parent / "evaluation" / "validate"
 
@@ -253,17 +253,17 @@ def test_the_share_of_unconverged_iterations_is_that_of_sweeps_in_equilibrium(
                 x[j + 1] -= w[j + 1] * change
         v = (x - before) / h
     share = x[-1] / exact.hanging_drop(rows, mass, constant) - 1
-    assert error_estimate.unconverged_fraction(constant, mass, h, iterations) == pytest.approx(share, rel=0.25)
+    assert convergence.unconverged_fraction(constant, mass, h, iterations) == pytest.approx(share, rel=0.25)
 
 
 def test_very_stiff_springs_stretch_as_inextensible_ones() -> None:
     rows, h, iterations = 32, 1 / 600, 4
     mass = 0.2 / rows**2
-    share = error_estimate.unconverged_fraction(1e12, mass, h, iterations)
+    share = convergence.unconverged_fraction(1e12, mass, h, iterations)
     longer = share * exact.hanging_drop(rows - 1, mass, 1e12) * rows / (rows - 1)
-    assert longer == pytest.approx(error_estimate.artificial_stretch(rows, h, iterations), rel=1e-3)
+    assert longer == pytest.approx(convergence.artificial_stretch(rows, h, iterations), rel=1e-3)
     # Percent of a meter, for rows one meter long in total, published: 32 rows 10×1 1.39, 64 rows 10×1 5.6, 30×1 0.62.
-    found = [100 * error_estimate.artificial_stretch(n, 1 / 60 / s, 1) for n, s in ((32, 10), (64, 10), (64, 30))]
+    found = [100 * convergence.artificial_stretch(n, 1 / 60 / s, 1) for n, s in ((32, 10), (64, 10), (64, 30))]
     assert found == pytest.approx([1.39, 5.6, 0.62], rel=0.01)
 
 

@@ -15,7 +15,7 @@ from taichi_cloth.evaluation.validate.check import FAIL, Check, Result, at_most
 from taichi_cloth.geometry.cloth_builder import build_particles
 from taichi_cloth.scene.schema import FRAME_SECONDS, Forces, Solver
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
-from taichi_cloth.simulation import error_estimate
+from taichi_cloth.simulation import convergence
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 AREA_DENSITY = 0.2  # [kg/m²]
@@ -124,7 +124,7 @@ def test_iterations_without_compliance_are_springs_with_the_artificial_stretch()
     rows, h, iterations = 32, 1 / 300, 12
     soft = check.effective_stiffness("verlet", 0.0, 0.01, h, iterations)
     longer = exact.hanging_drop(rows, 0.01, soft) * rows / (rows + 1)
-    assert longer == pytest.approx(error_estimate.artificial_stretch(rows, h, iterations), rel=1e-12)
+    assert longer == pytest.approx(convergence.artificial_stretch(rows, h, iterations), rel=1e-12)
     assert check.effective_stiffness("xpbd", 1e12, 0.01, h, iterations) == pytest.approx(soft, rel=1e-3)
     assert check.effective_stiffness("xpbd", 10.0, 0.01, 1e-5, iterations) == pytest.approx(10.0, rel=1e-6)
 

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from ...geometry.cloth_builder import build_particles
 from ...geometry.scene_loader import load_scene
 from ...scene import scene_names, scene_to_toml
-from ...scene.schema import Camera, Look, Scene
+from ...scene.look_schema import Camera, Look
+from ...scene.schema import Scene
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.builder import unsupported_by
 from ...simulation.frame_contact import penetration

@@ -18,7 +18,8 @@ from functools import lru_cache
 import numpy as np
 
 from ...geometry.spring_model import Floats, Ints, SpringModel, spring_model
-from ...scene.schema import Camera, Look, Scene
+from ...scene.look_schema import Camera, Look
+from ...scene.schema import Scene
 
 # -- block tridiagonal solver ------------------------------------------------------------------------------------------
 

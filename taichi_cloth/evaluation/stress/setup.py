@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...scene.keys import Vec3
-from ...scene.schema import COLLIDERS, Camera, Cloth, Fabric, Scene, SelfCollision, Solver, Tearing, VerletSprings
+from ...scene.look_schema import Camera
+from ...scene.schema import COLLIDERS, Cloth, Fabric, Scene, SelfCollision, Solver, Tearing, VerletSprings
 from ...scene.solver_catalog import SOLVER_CATALOG
 
 CELLS = 32  # along a side of the base sheet, for every setting

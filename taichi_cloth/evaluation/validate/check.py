@@ -16,7 +16,7 @@ import numpy as np
 from ...geometry.cloth_builder import spring_stiffness
 from ...scene.schema import FRAME_SECONDS, Cloth, Fabric, Scene, Solver
 from ...scene.solver_catalog import SOLVER_CATALOG
-from ...simulation.error_estimate import unconverged_fraction
+from ...simulation.convergence import unconverged_fraction
 from ...simulation.simulation import Simulation
 from .exact import Floats, drum_sag
 

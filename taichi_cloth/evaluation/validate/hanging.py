@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...scene.schema import FRAME_SECONDS, Forces, Scene, Solver, VerletSprings
-from ...simulation.error_estimate import artificial_stretch, unconverged_fraction
+from ...simulation.convergence import artificial_stretch, unconverged_fraction
 from ...simulation.simulation import Simulation
 from .check import (
     FINER,

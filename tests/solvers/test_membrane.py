@@ -1,0 +1,213 @@
+"""`fabric.model = "membrane"`: kernels against the float64 membrane, all solvers against each other, and refusals."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import taichi as ti
+from meshes import irregular, write_obj
+from serial_kernels import run_serially
+
+from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.geometry.spring_model import spring_model
+from taichi_cloth.kernels import step_params as c
+from taichi_cloth.kernels.springs import add_elastic_forces
+from taichi_cloth.scene import SceneError
+from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Maps, Scene, Solver, StrainLimit, Tearing
+from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
+from taichi_cloth.simulation.builder import StepRow
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system.errors import UsageError
+
+TENSOR = {"c11": 900.0, "c22": 600.0, "c12": 200.0, "c66": 150.0}  # [N/m]
+SOLVERS = [name for name, info in SOLVER_CATALOG.items() if info.membrane and info.uses_si_constants]
+
+
+def hung(solver: str = "explicit", *, mesh: Path | None = None, **fabric: Any) -> Scene:
+    """Return a sheet of 1 m that hangs by two corners."""
+    cloth = Cloth(rows=9, columns=9, width=1.0, height=1.0, pins=("top-left", "top-right"))
+    if mesh is not None:
+        cloth = Cloth(file=mesh.name, folder=str(mesh.parent), pins=(86, 94))
+    keys = {"model": "membrane", **TENSOR, "bending_stiffness": 1e-4} | fabric
+    return Scene(cloth=cloth, fabric=Fabric(**keys), solver=Solver(solver, damping=4.0))
+
+
+@pytest.fixture
+def mesh(tmp_path: Path) -> Path:
+    return write_obj(tmp_path / "irregular.obj", *irregular(9, 0.2))
+
+
+NO_COLLIDER = np.zeros((1, c.COLLIDER_COLUMNS), np.float32)
+
+
+def frame_params(simulation: Simulation) -> np.ndarray:
+    """Return the parameter row of a frame with the membrane's constants."""
+    row = StepRow(simulation.scene, simulation.topology, simulation.scene.fabric.damping_time)
+    values = {name: simulation.params[name] for name in simulation.params}
+    return row.at(values, wind_on=False, grabs={}, seconds=0.0, h=1e-3)
+
+
+@ti.func
+def elastic_forces(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    add_elastic_forces(cloth, features, ctx.params, ctx.h)
+
+
+@pytest.mark.parametrize("compression", [1.0, 0.25])
+@pytest.mark.parametrize("damping_time", [0.0, 0.05])
+def test_kernel_forces_are_those_of_the_float64_membrane(mesh: Path, compression: float, damping_time: float) -> None:
+    random = np.random.default_rng(0)
+    angle = 0.0 if compression == 1.0 else 25.0
+    keys = {"compression": compression, "damping_time": damping_time, "warp_angle": angle}
+    for scene in (hung(**keys), hung(mesh=mesh, **keys)):
+        with Simulation(scene, "serial") as simulation:
+            x = simulation.topology.start + random.normal(scale=0.01, size=simulation.topology.start.shape)
+            v = random.normal(scale=0.1, size=x.shape)
+            simulation.set_state(x, v)
+            layout, params = simulation.solver.layout, frame_params(simulation)
+            run_serially(elastic_forces, layout, simulation.solver.features, 0, 1, 1e-3, 0, params, NO_COLLIDER)
+            found = simulation.solver.cloth.to_numpy(layout.force)
+            model, velocities = spring_model(scene, simulation.topology), simulation.velocities().T
+            expected = model.elastic_force(simulation.positions().T)
+            expected += model.damping_force(simulation.positions().T, velocities)
+            assert found == pytest.approx(expected.T, abs=2e-4 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("from_file", [False, True])
+def test_all_solvers_hang_alike_and_pins_carry_the_weight(mesh: Path, solver: str, from_file: bool) -> None:
+    scenes = [hung(name, mesh=mesh if from_file else None) for name in ("implicit", solver)]
+    shapes = []
+    for scene in scenes:
+        with Simulation(scene, "serial") as simulation:
+            simulation.step(240)
+            shapes.append(simulation.positions())
+            weight = 9.81 * simulation.topology.mass.sum()
+            assert simulation.reaction_forces()[:, 1].sum() == pytest.approx(weight, rel=0.02)
+    assert np.abs(shapes[0] - simulation.topology.start).max() > 0.005
+    assert shapes[1] == pytest.approx(shapes[0], abs=1e-4)
+
+
+def test_a_swing_converges_to_the_same_motion() -> None:
+    """`explicit` and `rk4` of half the substeps agree; `xpbd` is of first order in the substep."""
+    start, errors = hung(), {}
+
+    def swung(solver: str, substeps: int, iterations: int = 1) -> np.ndarray:
+        scene = replace(start, solver=Solver(solver, substeps, iterations, damping=0.0))
+        scene = replace(scene, cloth=replace(scene.cloth, rotation=(60.0, 0.0, 0.0)))
+        with Simulation(scene, "serial") as simulation:
+            simulation.step(20)
+            return simulation.positions()
+
+    reference = swung("rk4", 200)
+    assert swung("explicit", 400) == pytest.approx(reference, abs=2e-5)
+    for substeps in (50, 100):
+        errors[substeps] = np.abs(swung("xpbd", substeps, 40) - reference).max()
+    assert errors[100] < 0.02
+    assert errors[50] / errors[100] == pytest.approx(2.0, rel=0.25)
+    assert np.abs(swung("implicit", 40) - reference).max() < 0.005
+
+
+@pytest.mark.parametrize("solver", ["explicit", "rk4", "implicit"])
+def test_the_parallel_layout_matches_the_serial_layout(mesh: Path, solver: str) -> None:
+    for scene in (hung(solver), hung(solver, mesh=mesh)):
+        found = []
+        for layout in ("serial", "parallel"):
+            with Simulation(scene, layout) as simulation:
+                simulation.step(10)
+                found.append(simulation.positions())
+        assert found[1] == pytest.approx(found[0], abs=2e-5)
+
+
+def test_free_fall_and_rotation_keep_the_shape() -> None:
+    scene = hung("explicit", damping_time=0.001)
+    scene = replace(scene, cloth=replace(scene.cloth, pins=()), solver=replace(scene.solver, damping=0.0))
+    with Simulation(scene, "serial") as simulation:
+        x = simulation.topology.start
+        about = x - x.mean(axis=0)
+        simulation.set_state(x, 0.3 * np.cross([0.0, 0.0, 1.0], about))
+        simulation.step(30)
+        sides = [
+            np.linalg.norm(np.diff(y[simulation.topology.ends], axis=1), axis=2) for y in (x, simulation.positions())
+        ]
+        assert sides[1] == pytest.approx(sides[0], rel=2e-3)
+        assert simulation.positions().mean(axis=0) - x.mean(axis=0) == pytest.approx(
+            [0.0, -0.5 * 9.81 * 0.25, 0.0], abs=1e-3
+        )
+
+
+def test_a_stiffness_map_scales_the_membrane(tmp_path: Path) -> None:
+    """A map of one half everywhere is half the tensor."""
+    (tmp_path / "half.csv").write_text("0.5\n" * 81)
+    scene = replace(hung("implicit"), maps=Maps(stiffness="half.csv", folder=str(tmp_path)))
+    half = hung("implicit", **{name: value / 2 for name, value in TENSOR.items()})
+    found = []
+    for one in (scene, half):
+        with Simulation(one, "serial") as simulation:
+            simulation.step(30)
+            found.append(simulation.positions())
+    assert found[0] == pytest.approx(found[1], abs=1e-5)
+
+
+def test_the_factor_on_the_stiffness_scales_the_membrane() -> None:
+    found = []
+    for factor, tensor in ((0.25, TENSOR), (1.0, {name: value / 4 for name, value in TENSOR.items()})):
+        scene = hung("explicit", **tensor, bending_stiffness=0.0)
+        with Simulation(
+            replace(scene, solver=replace(scene.solver, stiffness=factor, substeps=60)), "serial"
+        ) as simulation:
+            simulation.step(30)
+            found.append((simulation.positions(), simulation.forces()))
+    assert found[0][0] == pytest.approx(found[1][0], abs=1e-5)
+    assert found[0][1] == pytest.approx(found[1][1], abs=1e-2)
+
+
+# -- refusals ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"c12": 800.0}, r"fabric\.c12:? must be between ±√\(c11·c22\) = ±734\.847 N/m.*got 800"),
+        ({"c66": 0.0}, r"fabric\.c66:? must be greater than 0 for a membrane, got 0"),
+        ({"model": "springs"}, r'fabric\.c11:? belongs to a membrane: set fabric\.model = "membrane"'),
+        ({"model": "mebrane"}, r"fabric\.model: 'mebrane' .*did you mean 'membrane'"),
+    ],
+)
+def test_a_wrong_tensor_is_one_line(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError, match=message) as raised:
+        load_scene(hung(**keys))
+    assert "\n" not in str(raised.value)
+
+
+def test_a_tensor_from_springs_needs_all_of_them() -> None:
+    with pytest.raises(SceneError, match=r"fabric\.shear:? must be greater than 0 for a membrane"):
+        load_scene(Scene(fabric=Fabric(model="membrane", shear=0.0)))
+
+
+@pytest.mark.parametrize("section", [{"strain_limit": StrainLimit()}, {"tearing": Tearing()}])
+def test_what_needs_springs_is_refused(section: dict[str, Any]) -> None:
+    with pytest.raises(SceneError, match=f'{next(iter(section))}:? needs springs, but fabric.model is "membrane"'):
+        load_scene(replace(hung(bending_stiffness=0.0), **section))
+
+
+def test_solvers_and_layouts_without_membranes_are_refused() -> None:
+    with pytest.raises(UsageError, match=r'lines does not support fabric\.model = "membrane"; use xpbd, explicit'):
+        Simulation(hung("lines"))
+    for solver, layout in (("xpbd", "parallel"), ("explicit", "simd")):
+        with pytest.raises(UsageError, match=f"layout {layout} is not supported: fabric.model is"):
+            Simulation(hung(solver), layout)
+
+
+def test_verlet_does_not_read_the_fabric() -> None:
+    with Simulation(hung("verlet")) as simulation:
+        simulation.step(10)
+        assert np.isfinite(simulation.positions()).all()
+
+
+def test_a_sheet_without_gravity_stays_as_it_is() -> None:
+    for solver in SOLVERS:
+        with Simulation(replace(hung(solver), forces=Forces(gravity=0.0)), "serial") as simulation:
+            simulation.step(5)
+            assert simulation.positions() == pytest.approx(simulation.topology.start, abs=1e-6)
