@@ -1,8 +1,8 @@
 """Cloth as a membrane: triangles of an orthotropic elastic continuum, in float64. NumPy only.
 
-The deformation gradient F of a triangle has two columns f₁ and f₂, the derivatives of position along warp and weft.
-Green's strain is E = (FᵀF − 1)/2. With the strain ε = (E₁₁, E₂₂, 2·E₁₂), the energy per area is that of St.
-Venant–Kirchhoff,
+The deformation gradient F of a triangle has two columns f₁ and f₂, the derivatives of position along warp and weft, or
+along axes from which these are turned. Green's strain is E = (FᵀF − 1)/2. With ε = (E₁₁, E₂₂, 2·E₁₂), the energy per
+area is that of St. Venant–Kirchhoff,
 
     W = ½·εᵀ·C·ε = ½·(C₁₁·E₁₁² + C₂₂·E₂₂² + 2·C₁₂·E₁₁·E₂₂ + 4·C₆₆·E₁₂²)
 
@@ -47,6 +47,12 @@ class Membrane:
     """C [N/m], (3, 3)."""
     compression: float = 1.0
     """Stiffness of a direction that is compressed over that of one that is stretched."""
+
+    @property
+    def cells_per_meter(self) -> tuple[float, float]:
+        """Rows and columns of cells of a grid per meter [1/m]."""
+        down, along = self.inverse_shape[2]  # of the triangle of the corners a c b, where cells have a b over c d
+        return float(np.hypot(*down)), float(np.hypot(*along))
 
     def gradient(self, x: Floats) -> tuple[Floats, Floats]:
         """Return f₁ and f₂ of every triangle, (3, M) each, at positions (3, N) [m]."""
@@ -98,13 +104,13 @@ class Membrane:
         """Return matrices of every triangle [N/m], (M, 3, 3), that bound its stiffness in any shape of the cloth.
 
         A motion δx of the corners changes the energy by at most ½·δxᵀ·K·δx, with K applied to each coordinate, while no
-        tension exceeds `MAX_STRAIN`. With δf₁ and δf₂ the changes of f₁ and f₂, which are unit vectors at right
-        angles, and with ρ = C₁₂/√(C₁₁·C₂₂), the energy changes by at most ½·(p·|δf₁|² + q·|δf₂|²) per area, where
-        p = max(C₁₁·(1 + ρ), 2·C₆₆) and q = max(C₂₂·(1 + ρ), 2·C₆₆).
+        tension exceeds `MAX_STRAIN`. The diagonal matrix of dᵢ = Σⱼ |Cᵢⱼ|·√(Cᵢᵢ/Cⱼⱼ) bounds C. With δf₁ and δf₂ the
+        changes of f₁ and f₂, which are unit vectors at right angles, the energy per area changes by at most
+        ½·(p·|δf₁|² + q·|δf₂|²), where p = max(d₁, 2·d₃) and q = max(d₂, 2·d₃).
         """
-        c11, c22, c12, c66 = self.tensor[[0, 1, 0, 2], [0, 1, 1, 2]]
-        coupling = 1 + abs(c12) / np.sqrt(c11 * c22)
-        bounds = np.maximum([c11 * coupling, c22 * coupling], 2 * c66)
+        diagonal = self.tensor.diagonal()
+        d = (np.abs(self.tensor) * np.sqrt(diagonal[:, None] / diagonal)).sum(axis=1)
+        bounds = np.maximum(d[:2], 2 * d[2])
         tension = (3 * (1 + MAX_STRAIN) ** 2 - 1) / 2
         slopes = np.concatenate([-self.inverse_shape.sum(axis=1, keepdims=True), self.inverse_shape], axis=1)
         stiffness: Floats = np.einsum("mik,k,mjk,m->mij", slopes, bounds * tension, slopes, self.area)
@@ -142,9 +148,21 @@ def build_membrane(fabric: Fabric, cloth: Cloth, topology: Topology, factor: Flo
     `factor`: on the stiffness at every particle, (N,); None if it is the same everywhere.
     """
     corners, share = triangles_of(topology)
-    inverse_shape, area = shapes_of(topology.flat, corners, fabric.warp_angle)
+    angle = fabric.warp_angle if fabric.compression < 1 else 0.0  # of the axes: compression acts along the yarns
+    inverse_shape, area = shapes_of(topology.flat, corners, angle)
     weight = share * area if factor is None else share * area * factor[corners].mean(axis=1)
-    return Membrane(corners, inverse_shape, weight, tensor_of(fabric, cloth), fabric.compression)
+    tensor = turned(tensor_of(fabric, cloth), fabric.warp_angle - angle)
+    return Membrane(corners, inverse_shape, weight, tensor, fabric.compression)
+
+
+def turned(tensor: Floats, degrees: float) -> Floats:
+    """Return the tensor along axes from which warp and weft are turned by an angle [degrees], counterclockwise."""
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    strains = np.array(
+        [[cos**2, sin**2, -sin * cos], [sin**2, cos**2, sin * cos], [2 * sin * cos, -2 * sin * cos, cos**2 - sin**2]]
+    )  # along warp and weft, from those along the axes
+    result: Floats = strains.T @ tensor @ strains
+    return result
 
 
 def triangles_of(topology: Topology) -> tuple[Ints, float]:

@@ -9,7 +9,7 @@ free cloth always sum to 0, and the search conserves momentum wherever it stops.
 import taichi as ti
 
 from .constraint_math import TINY
-from .membrane import MEMBRANE_PRODUCT, accumulate_triangle_forces
+from .membrane import MEMBRANE_PRODUCT, accumulate_membrane
 from .simd_sweep import PairForce
 from .springs import accumulate_pair_forces, effective_stiffness
 from .step_params import STIFFNESS_FACTOR
@@ -80,7 +80,7 @@ BENDING_PRODUCT = PairForce(bending_product, inputs=("cg.direction",), target="c
 def add_stiffness_products(cloth: ti.template(), features: ti.template(), params: ti.template(), h: float):
     """Add h²K·d of springs, or of the triangles of a membrane, and of bending links to the product."""
     if ti.static(features.membrane):
-        accumulate_triangle_forces(cloth, features, MEMBRANE_PRODUCT, params, h)
+        accumulate_membrane(cloth, features, MEMBRANE_PRODUCT, params, h)
     else:
         accumulate_pair_forces(cloth, cloth, features, STIFFNESS_PRODUCT, params, h)
     if ti.static(features.bending and not cloth.is_simd):

@@ -1,17 +1,31 @@
 """The membrane of `geometry/membrane.py`: forces of triangles, their linearization, and constraints of XPBD.
 
-Stresses and strains are in the order 11, 22, 12; of a strain the last is 2·E₁₂.
+Stresses and strains are in the order 11, 22, 12; of a strain the last is 2·E₁₂. Functions of plain values take one
+triangle, or eight at once in the SIMD layout (`vec.py`).
 """
 
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 import taichi as ti
-import taichi.math as tm
 
 from .constraint_math import TINY
-from .integration import apply_correction
-from .step_params import C11, C12, C22, C66, COMPRESSION, DAMPING_TIME, STIFFNESS_FACTOR
+from .simd_sweep import add_halo, load_halo
+from .step_params import (
+    C11,
+    C12,
+    C16,
+    C22,
+    C26,
+    C66,
+    CELL_AREA,
+    CELL_COLUMNS,
+    CELL_ROWS,
+    COMPRESSION,
+    DAMPING_TIME,
+    STIFFNESS_FACTOR,
+)
+from .vec import dot, scale
 
 
 @ti.func
@@ -24,112 +38,113 @@ def gradient(field: ti.template(), corners, b):
 @ti.func
 def strain_of(f1, f2):
     """Return Green's strain."""
-    return tm.vec3(0.5 * (f1.dot(f1) - 1.0), 0.5 * (f2.dot(f2) - 1.0), f1.dot(f2))
+    return 0.5 * dot(f1, f1) - 0.5, 0.5 * dot(f2, f2) - 0.5, dot(f1, f2)
 
 
 @ti.func
 def strain_change(f1, f2, g1, g2):
     """Return how the strain changes if f₁ and f₂ change by g₁ and g₂, to first order."""
-    return tm.vec3(f1.dot(g1), f2.dot(g2), f1.dot(g2) + f2.dot(g1))
+    return dot(f1, g1), dot(f2, g2), dot(f1, g2) + dot(f2, g1)
 
 
 @ti.func
-def shares_of(features: ti.template(), params: ti.template(), strain):
-    """Return the root of the share of its stiffness that each direction has: less where it is compressed."""
-    shares = tm.vec3(1.0)
+def share_of(features: ti.template(), params: ti.template(), strain):
+    """Return the root of the share of its stiffness that a direction has at a strain: less in compression."""
+    share = strain * 0.0 + 1.0
     if ti.static(features.soft_compression):
-        root = ti.sqrt(params[COMPRESSION])
-        shares = tm.vec3(ti.select(strain[0] < 0.0, root, 1.0), ti.select(strain[1] < 0.0, root, 1.0), 1.0)
-    return shares
+        share = ti.select(strain < 0.0, ti.sqrt(params[COMPRESSION]), 1.0)
+    return share
 
 
 @ti.func
-def stress_of(params: ti.template(), shares, strain):
-    """Return the stress [N/m]."""
-    e = shares * strain
-    along_warp, along_weft = params[C11] * e[0] + params[C12] * e[1], params[C12] * e[0] + params[C22] * e[1]
-    return shares * tm.vec3(along_warp, along_weft, params[C66] * e[2]) * params[STIFFNESS_FACTOR]
+def stress_of(features: ti.template(), params: ti.template(), share1, share2, e1, e2, e12):
+    """Return the stress [N/m] of a strain. The shares are those of the present strain along both axes."""
+    factor = params[STIFFNESS_FACTOR]
+    c11, c22, c12 = params[C11] * factor, params[C22] * factor, params[C12] * factor
+    c16, c26, c66 = params[C16] * factor, params[C26] * factor, params[C66] * factor
+    s1, s2 = c11 * e1 + c12 * e2 + c16 * e12, c12 * e1 + c22 * e2 + c26 * e12
+    s12 = c16 * e1 + c26 * e2 + c66 * e12
+    if ti.static(features.soft_compression):  # along warp and weft, where c16 and c26 are 0
+        s1 = share1 * (c11 * (share1 * e1) + c12 * (share2 * e2))
+        s2 = share2 * (c12 * (share1 * e1) + c22 * (share2 * e2))
+        s12 = c66 * e12
+    return s1, s2, s12
 
 
 @ti.func
-def corner_pulls(stress, f1, f2, b, area):
-    """Return the resistance of a triangle to the motion of its second and third corner [N], with the opposite sign of
-    the force: the first corner has minus their sum."""
-    p1, p2 = f1 * stress[0] + f2 * stress[2], f1 * stress[2] + f2 * stress[1]
-    return (p1 * b[0] + p2 * b[1]) * area, (p1 * b[2] + p2 * b[3]) * area
-
-
-@ti.func
-def membrane_pulls(cloth: ti.template(), features: ti.template(), n, params: ti.template(), h):
-    """Return `corner_pulls` of the elastic and the damping stress of triangle n."""
-    corners, b = cloth.membrane.corners[n], cloth.membrane.inverse_shape[n]
-    f1, f2 = gradient(cloth.x, corners, b)
-    strain = strain_of(f1, f2)
-    shares = shares_of(features, params, strain)
+def elastic_stress(features: ti.template(), params: ti.template(), e1, e2, e12, d1, d2, d12):
+    """Return the stress of a strain that changes at the rate d [1/s], with that of damping [N/m]; and zeros."""
+    share1, share2 = share_of(features, params, e1), share_of(features, params, e2)
+    s1, s2, s12 = e1, e2, e12
     if ti.static(features.spring_damping):
-        g1, g2 = gradient(cloth.velocity, corners, b)
-        strain += strain_change(f1, f2, g1, g2) * params[DAMPING_TIME]
-    return corner_pulls(stress_of(params, shares, strain), f1, f2, b, -cloth.membrane.area[n])
+        time = params[DAMPING_TIME]
+        s1, s2, s12 = e1 + d1 * time, e2 + d2 * time, e12 + d12 * time
+    s1, s2, s12 = stress_of(features, params, share1, share2, s1, s2, s12)
+    return s1, s2, s12, 0.0, 0.0, 0.0
 
 
 @ti.func
-def membrane_product(cloth: ti.template(), features: ti.template(), n, params: ti.template(), h):
-    """Return the part of triangle n in h²K·d of its second and third corner, for conjugate gradients.
-
-    Compression has no geometric stiffness here, which would be negative, so that the matrix is positive semidefinite.
-    """
-    corners, b = cloth.membrane.corners[n], cloth.membrane.inverse_shape[n]
-    f1, f2 = gradient(cloth.x, corners, b)
-    g1, g2 = gradient(cloth.cg.direction, corners, b)
-    strain = strain_of(f1, f2)
-    shares = shares_of(features, params, strain)
-    change = stress_of(params, shares, strain_change(f1, f2, g1, g2))
-    tension = tensile_part(stress_of(params, shares, strain))
-    material_b, material_c = corner_pulls(change, f1, f2, b, cloth.membrane.area[n])
-    geometric_b, geometric_c = corner_pulls(tension, g1, g2, b, cloth.membrane.area[n])
-    return (material_b + geometric_b) * (h * h), (material_c + geometric_c) * (h * h)
-
-
-@ti.func
-def tensile_part(stress):
+def tensile_part(s1, s2, s12):
     """Return a stress without its negative principal stress."""
-    mean, half = 0.5 * (stress[0] + stress[1]), 0.5 * (stress[0] - stress[1])
-    radius = ti.sqrt(half * half + stress[2] * stress[2])
-    largest, least = mean + radius, mean - radius
-    part = stress
-    if largest <= 0.0:
-        part = tm.vec3(0.0)
-    elif least < 0.0:
-        share = largest / ti.max(2.0 * radius, TINY)
-        part = share * tm.vec3(stress[0] - least, stress[1] - least, stress[2])
-    return part
+    mean, half = 0.5 * (s1 + s2), 0.5 * (s1 - s2)
+    radius = ti.sqrt(half * half + s12 * s12)
+    least = ti.min(mean - radius, 0.0)
+    share = ti.max(mean + radius, 0.0) / ti.max(mean + radius - least, TINY)
+    return share * (s1 - least), share * (s2 - least), share * s12
 
 
-class TriangleForce(NamedTuple):
-    """A quantity that a triangle adds to a sum at its second and third corner, and subtracts at its first."""
+@ti.func
+def linear_stress(features: ti.template(), params: ti.template(), e1, e2, e12, d1, d2, d12):
+    """Return how the stress changes if the strain changes by d, to first order; and the stress itself [N/m].
 
-    force: Any
-    """ti.func(cloth, features, n, params, h) that returns both."""
+    Without its compression, whose geometric stiffness is negative, so that the matrix is positive semidefinite.
+    """
+    share1, share2 = share_of(features, params, e1), share_of(features, params, e2)
+    s1, s2, s12 = stress_of(features, params, share1, share2, d1, d2, d12)
+    t1, t2, t12 = stress_of(features, params, share1, share2, e1, e2, e12)
+    t1, t2, t12 = tensile_part(t1, t2, t12)
+    return s1, s2, s12, t1, t2, t12
+
+
+class MembraneSum(NamedTuple):
+    """A quantity that every triangle adds to a sum at its corners: its force, or its part in h²K·d."""
+
+    stress: Any
+    """ti.func(features, params, strain, its change) that returns a stress on f₁ and f₂, and one on their changes."""
+    change: str
+    """Field whose gradient is the change of f₁ and f₂."""
     target: str
     """Field of the sum."""
+    linear: bool
+    """Whether it is h²K·d, which needs the changes and has the opposite sign of a force."""
+
+    def needs_change(self, features: object) -> bool:
+        """Return whether the stress depends on the change."""
+        return self.linear or features.spring_damping
+
+    def inputs(self, features: object) -> tuple[str, ...]:
+        """Return the fields that it reads."""
+        return ("x", self.change) if self.linear or features.spring_damping else ("x",)
 
 
-MEMBRANE_FORCE = TriangleForce(membrane_pulls, target="force")
-MEMBRANE_PRODUCT = TriangleForce(membrane_product, target="cg.product")
+MEMBRANE_FORCE = MembraneSum(elastic_stress, change="velocity", target="force", linear=False)
+MEMBRANE_PRODUCT = MembraneSum(linear_stress, change="cg.direction", target="cg.product", linear=True)
 
 
 @ti.func
-def accumulate_triangle_forces(
-    cloth: ti.template(), features: ti.template(), triangle_force: ti.template(), params: ti.template(), h: float
+def accumulate_membrane(
+    cloth: ti.template(), features: ti.template(), kind: ti.template(), params: ti.template(), h: float
 ):
-    """Add the quantity of every triangle to the sums of its corners."""
-    sums = ti.static(attrgetter(triangle_force.target)(cloth))
-    if ti.static(cloth.is_parallel):  # each particle gathers from its own triangles
+    """Add a quantity of every triangle to the sums of its corners."""
+    sums = ti.static(attrgetter(kind.target)(cloth))
+    if ti.static(cloth.is_simd):
+        accumulate_cells_simd(cloth, features, kind, params, h)
+    elif ti.static(cloth.is_parallel):  # each particle gathers from its own triangles
         for i in range(cloth.packet_count[None]):
             total = sums[i]
             for k in range(cloth.membrane.triangle_first[i], cloth.membrane.triangle_first[i + 1]):
                 n = cloth.membrane.triangle_rows[k]
-                on_b, on_c = triangle_force.force(cloth, features, n, params, h)
+                on_b, on_c = corner_sums(cloth, features, kind, n, params, h)
                 corners = cloth.membrane.corners[n]
                 if corners[1] == i:
                     total += on_b
@@ -140,68 +155,98 @@ def accumulate_triangle_forces(
             sums[i] = total
     else:
         for n in range(cloth.membrane.count[None]):
-            on_b, on_c = triangle_force.force(cloth, features, n, params, h)
+            on_b, on_c = corner_sums(cloth, features, kind, n, params, h)
             a, b, c = cloth.membrane.corners[n]
             sums[a] = sums[a] - (on_b + on_c)  # `+=` on a field would be atomic
             sums[b] = sums[b] + on_b
             sums[c] = sums[c] + on_c
 
 
-# -- constraints of XPBD -----------------------------------------------------------------------------------------------
+@ti.func
+def corner_sums(cloth: ti.template(), features: ti.template(), kind: ti.template(), n, params: ti.template(), h):
+    """Return what triangle n adds at its second and its third corner. At its first it subtracts both."""
+    corners, b, area = cloth.membrane.corners[n], cloth.membrane.inverse_shape[n], cloth.membrane.area[n]
+    f1, f2 = gradient(cloth.x, corners, b)
+    g1, g2 = gradient(ti.static(attrgetter(kind.change)(cloth)), corners, b)
+    e1, e2, e12 = strain_of(f1, f2)
+    d1, d2, d12 = strain_change(f1, f2, g1, g2)
+    s1, s2, s12, t1, t2, t12 = kind.stress(features, params, e1, e2, e12, d1, d2, d12)
+    on_1, on_2 = f1 * s1 + f2 * s12, f1 * s12 + f2 * s2
+    factor = -area
+    if ti.static(kind.linear):
+        on_1, on_2 = on_1 + (g1 * t1 + g2 * t12), on_2 + (g1 * t12 + g2 * t2)
+        factor = area * h * h
+    return (on_1 * b[0] + on_2 * b[1]) * factor, (on_1 * b[2] + on_2 * b[3]) * factor
 
 
 @ti.func
-def clear_membrane_multipliers(cloth: ti.template()):
-    """Set λ = 0, once a substep."""
-    for n in range(cloth.membrane.count[None]):
-        cloth.membrane.multiplier[n] = tm.vec3(0.0)
+def accumulate_cells_simd(
+    cloth: ti.template(), features: ti.template(), kind: ti.template(), params: ti.template(), h: float
+):
+    """Add a quantity of the four triangles of eight cells at once.
 
-
-@ti.func
-def strain_slopes(f1, f2, s1, s2):
-    """Return the derivatives of the strains by the position of a corner.
-
-    f₁ changes by s₁ times the displacement of the corner, and f₂ by s₂ times.
+    Each pair of a vertical and a horizontal side of a cell is a triangle, with f₁ along the vertical one. All cells
+    have the same shape. The last cells of a strip end at the first column of the next lane, which is loaded into the
+    halo.
     """
-    return f1 * s1, f2 * s2, f2 * s1 + f1 * s2
-
-
-@ti.func
-def solve_membrane(cloth: ti.template(), features: ti.template(), params: ti.template(), h):
-    """Project the strains of every triangle once: three coupled constraints with the compliance C⁻¹ over the area.
-
-    With G = ∇ε·M⁻¹·∇εᵀ, Δλ of Macklin 2016, eq. 26, is that of (k·G·(1 + γ) + 1)·Δλ = −k·(ε + γ·growth) − λ, where
-    k = h²·area·C is the inverse of the paper's α̃ and γ the damping time over h.
-    """
-    for n in range(cloth.membrane.count[None]):
-        corners, b = cloth.membrane.corners[n], cloth.membrane.inverse_shape[n]
-        f1, f2 = gradient(cloth.x, corners, b)
-        strain = strain_of(f1, f2)
-        shares = shares_of(features, params, strain)
-        error, damping_steps = strain, 0.0
-        if ti.static(features.spring_damping):
-            damping_steps = params[DAMPING_TIME] / h
-            e1, e2 = gradient(cloth.x_prev, corners, b)
-            error += strain_change(f1, f2, f1 - e1, f2 - e2) * damping_steps
-        w = tm.vec3([cloth.inverse_mass[corners[k]] for k in ti.static(range(3))])
-        scale = h * h * cloth.membrane.area[n]
-        a11, a22, a12 = strain_slopes(f1, f2, -(b[0] + b[2]), -(b[1] + b[3]))
-        b11, b22, b12 = strain_slopes(f1, f2, b[0], b[1])
-        c11, c22, c12 = strain_slopes(f1, f2, b[2], b[3])
-        g11 = w[0] * a11.dot(a11) + w[1] * b11.dot(b11) + w[2] * c11.dot(c11)
-        g22 = w[0] * a22.dot(a22) + w[1] * b22.dot(b22) + w[2] * c22.dot(c22)
-        g33 = w[0] * a12.dot(a12) + w[1] * b12.dot(b12) + w[2] * c12.dot(c12)
-        g12 = w[0] * a11.dot(a22) + w[1] * b11.dot(b22) + w[2] * c11.dot(c22)
-        g13 = w[0] * a11.dot(a12) + w[1] * b11.dot(b12) + w[2] * c11.dot(c12)
-        g23 = w[0] * a22.dot(a12) + w[1] * b22.dot(b12) + w[2] * c22.dot(c12)
-        damped = scale * (1.0 + damping_steps)
-        m1 = stress_of(params, shares, tm.vec3(g11, g12, g13)) * damped + tm.vec3(1.0, 0.0, 0.0)  # columns
-        m2 = stress_of(params, shares, tm.vec3(g12, g22, g23)) * damped + tm.vec3(0.0, 1.0, 0.0)
-        m3 = stress_of(params, shares, tm.vec3(g13, g23, g33)) * damped + tm.vec3(0.0, 0.0, 1.0)
-        right = -stress_of(params, shares, error) * scale - cloth.membrane.multiplier[n]
-        across = m2.cross(m3)
-        change = tm.vec3(right.dot(across), m1.dot(right.cross(m3)), m1.dot(m2.cross(right))) / m1.dot(across)
-        cloth.membrane.multiplier[n] += change
-        apply_correction(cloth, features, corners[0], (a11 * change[0] + a22 * change[1] + a12 * change[2]) * w[0], h)
-        apply_correction(cloth, features, corners[1], (b11 * change[0] + b22 * change[1] + b12 * change[2]) * w[1], h)
-        apply_correction(cloth, features, corners[2], (c11 * change[0] + c22 * change[1] + c12 * change[2]) * w[2], h)
+    row_stride, halo = cloth.row_stride[None], cloth.packet_count[None]
+    x, change = ti.static(cloth.x, attrgetter(kind.change)(cloth))
+    sums = ti.static(attrgetter(kind.target)(cloth))
+    load_halo(cloth, ti.static(kind.inputs(features)), kind.target, 1)
+    factor = -params[CELL_AREA]
+    down, along = -params[CELL_ROWS], params[CELL_COLUMNS]  # f₁ points up, the sides down
+    if ti.static(kind.linear):
+        factor = params[CELL_AREA] * h * h
+    for y in range(cloth.rows[None] - 1):
+        for i in range(row_stride):
+            a = y * row_stride + i  # corners of the cell: a b over c d
+            b, c, d = a + 1, a + row_stride, a + row_stride + 1
+            if i == row_stride - 1:
+                b, d = halo + y, halo + y + 1
+            f_left, f_right = (x[c] - x[a]) * down, (x[d] - x[b]) * down
+            f_top, f_bottom = (x[b] - x[a]) * along, (x[d] - x[c]) * along
+            e_left, e_right = 0.5 * dot(f_left, f_left) - 0.5, 0.5 * dot(f_right, f_right) - 0.5
+            e_top, e_bottom = 0.5 * dot(f_top, f_top) - 0.5, 0.5 * dot(f_bottom, f_bottom) - 0.5
+            g_left, g_right, g_top, g_bottom = f_left, f_right, f_top, f_bottom
+            if ti.static(kind.needs_change(features)):
+                g_left, g_right = (change[c] - change[a]) * down, (change[d] - change[b]) * down
+                g_top, g_bottom = (change[b] - change[a]) * along, (change[d] - change[c]) * along
+            d_left, d_right = dot(f_left, g_left), dot(f_right, g_right)
+            d_top, d_bottom = dot(f_top, g_top), dot(f_bottom, g_bottom)
+            on_left, on_right, on_top, on_bottom = f_left * 0.0, f_left * 0.0, f_left * 0.0, f_left * 0.0
+            s_left, s_right, s_top, s_bottom = e_left * 0.0, e_left * 0.0, e_left * 0.0, e_left * 0.0
+            t_left, t_right, t_top, t_bottom = e_left * 0.0, e_left * 0.0, e_left * 0.0, e_left * 0.0
+            for k in ti.static(range(4)):
+                left, top = ti.static(k // 2 == 0, k % 2 == 0)
+                f1, g1, e1, d1 = ti.static(
+                    (f_left, g_left, e_left, d_left) if left else (f_right, g_right, e_right, d_right)
+                )
+                f2, g2, e2, d2 = ti.static(
+                    (f_top, g_top, e_top, d_top) if top else (f_bottom, g_bottom, e_bottom, d_bottom)
+                )
+                d12 = dot(f1, g2) + dot(f2, g1)
+                s1, s2, s12, t1, t2, t12 = kind.stress(features, params, e1, e2, dot(f1, f2), d1, d2, d12)
+                across_1, across_2 = scale(f2, s12), scale(f1, s12)
+                if ti.static(kind.linear):
+                    across_1, across_2 = across_1 + scale(g2, t12), across_2 + scale(g1, t12)
+                if ti.static(left):
+                    on_left, s_left, t_left = on_left + across_1, s_left + s1, t_left + t1
+                else:
+                    on_right, s_right, t_right = on_right + across_1, s_right + s1, t_right + t1
+                if ti.static(top):
+                    on_top, s_top, t_top = on_top + across_2, s_top + s2, t_top + t2
+                else:
+                    on_bottom, s_bottom, t_bottom = on_bottom + across_2, s_bottom + s2, t_bottom + t2
+            on_left, on_right = on_left + scale(f_left, s_left), on_right + scale(f_right, s_right)
+            on_top, on_bottom = on_top + scale(f_top, s_top), on_bottom + scale(f_bottom, s_bottom)
+            if ti.static(kind.linear):
+                on_left, on_right = on_left + scale(g_left, t_left), on_right + scale(g_right, t_right)
+                on_top, on_bottom = on_top + scale(g_top, t_top), on_bottom + scale(g_bottom, t_bottom)
+            weight = cloth.has_cell[i] * factor
+            on_left, on_right = scale(on_left, weight * down), scale(on_right, weight * down)
+            on_top, on_bottom = scale(on_top, weight * along), scale(on_bottom, weight * along)
+            sums[a] = sums[a] - (on_top + on_left)
+            sums[b] = sums[b] + (on_top - on_right)
+            sums[c] = sums[c] + (on_left - on_bottom)
+            sums[d] = sums[d] + (on_bottom + on_right)
+    add_halo(cloth, kind.target, 1)

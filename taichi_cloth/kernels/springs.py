@@ -10,7 +10,8 @@ import taichi as ti
 
 from .constraint_math import TINY, damper_force, hooke_force, project_distance, project_distance_xpbd
 from .integration import apply_correction
-from .membrane import MEMBRANE_FORCE, accumulate_triangle_forces, clear_membrane_multipliers, solve_membrane
+from .membrane import MEMBRANE_FORCE, accumulate_membrane
+from .membrane_constraints import clear_membrane_multipliers, solve_membrane
 from .simd_sweep import PairConstraint, PairForce, accumulate_simd, for_each_spring_simd
 from .step_params import COMPRESSION, DAMPING_TIME, STIFFNESS_FACTOR
 from .vec import dot, length, neg, scale
@@ -108,7 +109,7 @@ BENDING_FORCE = PairForce(bending_force, inputs=("x",), target="force")
 def add_elastic_forces(cloth: ti.template(), features: ti.template(), params: ti.template(), h: float):
     """Add the force [N] of every spring, or every triangle of a membrane, and every bending link to `cloth.force`."""
     if ti.static(features.membrane):
-        accumulate_triangle_forces(cloth, features, MEMBRANE_FORCE, params, h)
+        accumulate_membrane(cloth, features, MEMBRANE_FORCE, params, h)
         add_bending_forces(cloth, features, params, h)
     else:
         accumulate_pair_forces(cloth, cloth, features, SPRING_FORCE, params, h)

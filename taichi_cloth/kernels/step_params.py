@@ -27,8 +27,9 @@ TETHER_SLACK = 15  # max length of a tether over the distance on the flat sheet
 THICKNESS, SELF_FRICTION = 16, 17  # [m] of the cloth, and its friction with itself
 AREA_DENSITY = 18  # [kg/m²]
 COMPRESSION = 19  # stiffness of a shortened spring over that of a stretched one
-C11, C22, C12, C66 = 20, 21, 22, 23  # [N/m] tensor of the membrane
-GRABS = 24  # six for each grab: how far it has moved since it began, at both ends of the frame [m]
+C11, C22, C12, C16, C26, C66 = 20, 21, 22, 23, 24, 25  # [N/m] tensor of the membrane
+CELL_ROWS, CELL_COLUMNS, CELL_AREA = 26, 27, 28  # of a grid: cells per meter along both sides, area of a triangle [m²]
+GRABS = 29  # six for each grab: how far it has moved since it began, at both ends of the frame [m]
 MAX_GRABS = 8
 PARAM_COUNT = GRABS + 6 * MAX_GRABS
 

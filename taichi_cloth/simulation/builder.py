@@ -99,9 +99,10 @@ def unsupported_by(scene: Scene, topology: Topology) -> Unsupported:
     if any(collides_with_triangles(collider) for collider in colliders_of(scene)):
         simd = 'a collider has collide_with = "triangles"'
         parallel = 'collide_with = "triangles" does not work on a mesh file' if scene.cloth.file else parallel
-    if topology.membrane is not None:
-        simd = 'fabric.model is "membrane"'
-        parallel = simd if scene.solver.name == "xpbd" else parallel
+    if topology.membrane is not None and scene.solver.name == "xpbd":
+        parallel = "xpbd solves a membrane triangle by triangle"
+    if topology.membrane is not None and scene.fabric.warp_angle and scene.fabric.compression < 1:
+        simd = "fabric.compression acts along fabric.warp_angle"
     return Unsupported(topology.membrane is not None, grid_only, simd, parallel)
 
 
@@ -201,7 +202,8 @@ class StepRow:
                     if key.param:
                         self._constants[getattr(c, key.param)] = getattr(section, name)
         if membrane is not None:
-            self._constants[c.C11 : c.C66 + 1] = membrane.tensor[[0, 1, 0, 2], [0, 1, 1, 2]]
+            self._constants[c.C11 : c.C66 + 1] = membrane.tensor[[0, 1, 0, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+            self._constants[c.CELL_ROWS : c.CELL_AREA + 1] = *membrane.cells_per_meter, membrane.area[0]
         columns = {name: getattr(c, one.key.param) for name, one in parameters_of(scene).items() if one.key.param}
         self._names, self._columns = list(columns), np.array(list(columns.values()), int)
 

@@ -22,6 +22,7 @@ from .constraint_data import (
     CGState,
     GrabbedParticles,
     MaxDistances,
+    MembraneCells,
     MembraneTriangles,
     Tethers,
     allocate_grabbed,
@@ -68,7 +69,7 @@ class Layout:
     max_distances: MaxDistances | None = None
     attachments: Attachments | None = None
     bending_links: BendingLinkList | BendingLinkPackets | None = None
-    membrane: MembraneTriangles | None = None
+    membrane: MembraneTriangles | MembraneCells | None = None
     lines: LineList | LinePackets | None = None
     cg: CGState | None = None
     self_contact: SelfContactData | None = None

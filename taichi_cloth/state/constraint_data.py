@@ -138,10 +138,30 @@ class MembraneTriangles:
     """Triangles of every particle, (3·M,)."""
 
 
+@dataclass(eq=False)
+class MembraneCells:
+    """The multipliers of a membrane in the SIMD layout, which knows the shape of its cells."""
+
+    multiplier: ti.ScalarField
+    """Lagrange multipliers of the strains in `xpbd` [kg·m²], twelve for each cell, (12·packets,)."""
+    count: ti.ScalarField
+
+
+CELL_MULTIPLIERS = 12  # of a cell: three for each of its triangles
+
+
 def attach_membrane(layout: Layout, membrane: Membrane, particles: int) -> None:
     """Set `layout.membrane`, of a cloth with so many particles."""
     count = capacity(len(membrane.area))
-    if layout.membrane is None or layout.membrane.area.shape[0] < count:
+    if layout.is_simd:
+        if layout.membrane is None:
+            packets = CELL_MULTIPLIERS * layout.x.shape[0]
+            layout.membrane = build(
+                layout, lambda: MembraneCells(fields.scalar_field(packets, simd=True), fields.count_field())
+            )
+        layout.membrane.count[None] = CELL_MULTIPLIERS * layout.packet_count[None]
+        return
+    if not isinstance(layout.membrane, MembraneTriangles) or layout.membrane.area.shape[0] < count:
         layout.membrane = build(layout, lambda: _allocate_membrane(count, layout.x.shape[0]))
     found = layout.membrane
     first, rows = adjacency(membrane.corners, particles)
