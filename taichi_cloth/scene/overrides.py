@@ -94,7 +94,7 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
 
 
 def _key_of_named_collider(data: dict[str, Any], name: str) -> tuple[dict[str, Any], str] | None:
-    """Return the table of a collider by its name, and the key, for an override such as `ball_radius`."""
+    """Return the table of a collider by its name, and the key, for an override such as "ball_radius"."""
     for section in COLLIDERS:
         for table in data.get(section, []):
             prefix = f"{table.get('name', '')}_"

@@ -158,11 +158,6 @@ class Fabric(Table):
     A membrane has no springs. If `c11`, `c22`, `c12` and `c66` are all 0, they are those of a grid of springs.
     """
 
-    model: str = key_field(
-        "springs",
-        "springs: between neighbors; membrane: triangles of an elastic continuum, with c11, c22, c12 and c66",
-        choices=FABRIC_MODELS,
-    )
     warp: float = key_field(2000.0, "stiffness of the springs along columns", "N/m", min=0.0, max=1e9)
     weft: float = key_field(2000.0, "stiffness of the springs along rows", "N/m", min=0.0, max=1e9)
     shear: float = key_field(1000.0, "stiffness of the springs along the diagonals of cells", "N/m", min=0.0, max=1e9)
@@ -185,6 +180,11 @@ class Fabric(Table):
     )
     damping_time: float = key_field(
         0.0, "damping coefficient of a spring divided by its stiffness", "s", min=0.0, max=1.0
+    )
+    model: str = key_field(
+        "springs",
+        "springs: between neighbors; membrane: triangles of an elastic continuum, with c11, c22, c12 and c66",
+        choices=FABRIC_MODELS,
     )
     c11: float = key_field(0.0, "stiffness of the membrane along the warp", "N/m", min=0.0, max=1e9)
     c22: float = key_field(0.0, "stiffness of the membrane along the weft", "N/m", min=0.0, max=1e9)

@@ -19,6 +19,7 @@ from ..geometry.cloth_builder import (
     spring_stiffness,
     too_many_particles,
 )
+from ..geometry.grid import NO_GRID
 from ..geometry.signed_distance import collider_sdf, collider_surface
 from ..geometry.stability_bounds import repulsion_frequency, too_many_substeps
 from ..geometry.topology import Topology
@@ -203,7 +204,8 @@ class StepRow:
                         self._constants[getattr(c, key.param)] = getattr(section, name)
         if membrane is not None:
             self._constants[c.C11 : c.C66 + 1] = membrane.tensor[[0, 1, 0, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
-            self._constants[c.CELL_ROWS : c.CELL_AREA + 1] = *membrane.cells_per_meter, membrane.area[0]
+            if topology.shape != NO_GRID:
+                self._constants[c.CELL_ROWS : c.CELL_AREA + 1] = *membrane.cells_per_meter, membrane.area[0]
         columns = {name: getattr(c, one.key.param) for name, one in parameters_of(scene).items() if one.key.param}
         self._names, self._columns = list(columns), np.array(list(columns.values()), int)
 

@@ -198,8 +198,8 @@ COLLISION = [
     Mutation(
         "truncation-is-not-applied",
         "collision/truncation.py",
-        "        if fraction < 1.0:\n            ti.atomic_add",
-        "        if fraction < 0.0:\n            ti.atomic_add",
+        "        if fraction < 1.0:\n            start",
+        "        if fraction < 0.0:\n            start",
         (PENETRATION_FREE + "test_attachments_that_are_driven_through_cloth_lag_behind",),
     ),
     Mutation(

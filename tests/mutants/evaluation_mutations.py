@@ -391,8 +391,8 @@ EVALUATION = [
     ),
     Mutation(
         "experiment-without-time-limit",
-        "evaluation/stress/causes.py",
-        "        if sum(self.times) > 1e3 * self.seconds:\n",
+        "evaluation/stress/trial.py",
+        "        if ms > 1e3 * self.seconds:\n",
         "        if False:\n",
         (CAUSES + "test_an_experiment_that_takes_too_long_finds_no_cause",),
     ),
@@ -552,15 +552,15 @@ EVALUATION = [
     Mutation(
         "result-without-digest-repeatable",
         "evaluation/stress/store.py",
-        "return bool(result.digest) and result.state != SLOW",
-        "return result.state != SLOW",
+        "bool(result.digest) and result.state != SLOW",
+        "result.state != SLOW",
         ("stress/test_store.py::test_a_result_that_no_digest_confirms_runs_again",),
     ),
     Mutation(
         "slow-result-repeatable",
         "evaluation/stress/store.py",
-        "return bool(result.digest) and result.state != SLOW",
-        "return bool(result.digest)",
+        "bool(result.digest) and result.state != SLOW",
+        "bool(result.digest)",
         ("stress/test_store.py::test_a_result_that_no_digest_confirms_runs_again",),
     ),
     Mutation(

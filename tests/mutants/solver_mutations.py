@@ -4,20 +4,64 @@ from __future__ import annotations
 
 from mutation import Mutation
 
+MEMBRANE = "solvers/test_membrane.py::"
+
 SOLVERS = [
     Mutation(
         "xpbd-keeps-multipliers",
         "solvers/xpbd.py",
-        "    clear_multipliers(cloth)  # (4)\n",
+        "    clear_elastic_multipliers(cloth, features)  # (4)\n",
         "",
         ("solvers/test_xpbd.py::test_a_spring_has_the_amplitude_and_phase_of_backward_euler[240-1]",),
     ),
     Mutation(
         "xpbd-clears-multipliers-every-iteration",
         "solvers/xpbd.py",
-        "    for_each_spring(cloth, features, DISTANCE_XPBD, ctx.params, ctx.h)",
-        "    clear_multipliers(cloth)\n    for_each_spring(cloth, features, DISTANCE_XPBD, ctx.params, ctx.h)",
+        "    solve_elastic_constraints(cloth",
+        "    clear_elastic_multipliers(cloth, features)\n    solve_elastic_constraints(cloth",
         ("solvers/test_xpbd.py::test_a_spring_has_the_amplitude_and_phase_of_backward_euler[240-8]",),
+    ),
+    Mutation(
+        "membrane-without-poissons-effect",
+        "kernels/membrane.py",
+        "c12 * e1 + c22 * e2 + c26 * e12",
+        "c22 * e2 + c26 * e12",
+        (MEMBRANE + "test_kernel_forces_are_those_of_the_float64_membrane[0.0-1.0]",),
+    ),
+    Mutation(
+        "membrane-cells-upside-down",
+        "kernels/membrane.py",
+        "down, along = -params[CELL_ROWS]",
+        "down, along = params[CELL_ROWS]",
+        (MEMBRANE + "test_all_layouts_move_alike[turned-simd-explicit]",),
+    ),
+    Mutation(
+        "membrane-product-without-tension",
+        "kernels/membrane.py",
+        "    return s1, s2, s12, t1, t2, t12\n",
+        "    return s1, s2, s12, 0.0 * t1, 0.0 * t2, 0.0 * t12\n",
+        (MEMBRANE + "test_the_product_is_the_change_of_the_force",),
+    ),
+    Mutation(
+        "membrane-constraints-half-coupled",
+        "kernels/membrane_constraints.py",
+        "2.0 * w12 * e12",
+        "w12 * e12",
+        (MEMBRANE + "test_one_projection_is_that_of_a_float64_solution",),
+    ),
+    Mutation(
+        "membrane-of-a-grid-twice-as-stiff",
+        "geometry/membrane.py",
+        "np.int32), 0.5",
+        "np.int32), 1.0",
+        ("geometry/test_membrane.py::test_a_grid_has_two_triangulations_of_half_weight",),
+    ),
+    Mutation(
+        "membrane-bound-without-tension",
+        "geometry/membrane.py",
+        "tension = (3 * (1 + MAX_STRAIN) ** 2 - 1) / 2",
+        "tension = 1.0",
+        ("geometry/test_membrane.py::test_the_bound_is_met_in_tension_along_the_warp",),
     ),
     Mutation(
         "verlet-undamped",

@@ -98,6 +98,11 @@ def sections_of(part: Section) -> st.SearchStrategy[Any]:
 
 def consistent_scene(scene: Scene) -> Scene:
     """Return the scene, without keys that others of it refuse, and with a name for one collider only."""
+    if scene.fabric.model == "membrane":
+        fabric = replace(scene.fabric, c11=900.0, c22=400.0, c12=-500.0, c66=7.0)
+        scene = replace(scene, fabric=fabric, tearing=None, strain_limit=None)
+    else:
+        scene = replace(scene, fabric=replace(scene.fabric, c11=0.0, c22=0.0, c12=0.0, c66=0.0))
     if scene.tearing is not None:
         scene = replace(scene, fabric=replace(scene.fabric, bending_stiffness=0.0))
     if scene.cloth.layer_spacing == 0 and scene.self_collision is not None:

@@ -13,6 +13,8 @@ from serial_kernels import run_serially
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.geometry.spring_model import spring_model
 from taichi_cloth.kernels import step_params as c
+from taichi_cloth.kernels.conjugate_gradient import add_stiffness_products
+from taichi_cloth.kernels.membrane_constraints import solve_membrane
 from taichi_cloth.kernels.springs import add_elastic_forces
 from taichi_cloth.scene import SceneError
 from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Maps, Scene, Solver, StrainLimit, Tearing
@@ -72,6 +74,82 @@ def test_kernel_forces_are_those_of_the_float64_membrane(mesh: Path, compression
             expected = model.elastic_force(simulation.positions().T)
             expected += model.damping_force(simulation.positions().T, velocities)
             assert found == pytest.approx(expected.T, abs=2e-4 * np.abs(expected).max())
+
+
+@ti.func
+def elastic_products(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    add_stiffness_products(cloth, features, ctx.params, ctx.h)
+
+
+@pytest.mark.parametrize("crumpled", [False, True])
+def test_the_product_is_the_change_of_the_force(mesh: Path, crumpled: bool) -> None:
+    """In tension, and with less stiffness but never a negative one in compression."""
+    random, h = np.random.default_rng(1), 1e-3
+    scene = hung("implicit", mesh=mesh, bending_stiffness=0.0)
+    with Simulation(scene, "serial") as simulation:
+        x = simulation.topology.start * (1.0 if crumpled else 1.05)
+        x += random.normal(scale=0.03 if crumpled else 0.0005, size=x.shape)
+        d = random.normal(size=x.shape)
+        simulation.set_state(x)
+        layout = simulation.solver.layout
+        for field, values in ((layout.cg.direction, d), (layout.cg.product, 0.0 * d)):
+            rows = np.zeros((field.shape[0], 3), np.float32)
+            rows[: len(d)] = values
+            field.from_numpy(rows)
+        run_serially(
+            elastic_products, layout, simulation.solver.features, 0, 1, h, 0, frame_params(simulation), NO_COLLIDER
+        )
+        found = simulation.solver.cloth.to_numpy(layout.cg.product)
+        model, y, step = spring_model(scene, simulation.topology), simulation.positions().T, 1e-6
+        exact = -(model.elastic_force(y + step * d.T) - model.elastic_force(y - step * d.T)).T / (2 * step) * h**2
+    if crumpled:
+        assert (found * d).sum() > (exact * d).sum()
+    else:
+        assert found == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
+
+
+@ti.func
+def membrane_constraints(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    solve_membrane(cloth, features, ctx.params, ctx.h)
+
+
+@pytest.mark.parametrize("damping_time", [0.0, 0.01])
+def test_one_projection_is_that_of_a_float64_solution(tmp_path: Path, damping_time: float) -> None:
+    """Of a single triangle, with another mass at every corner and multipliers from an earlier iteration."""
+    flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.2, 0.0], [0.3, 0.9, 0.0]])
+    write_obj(tmp_path / "one.obj", flat, [[0, 1, 2]])
+    h, damping_steps, multiplier = 0.01, damping_time / 0.01, np.array([2e-4, -1e-4, 3e-4])
+    keys = {"model": "membrane", **TENSOR, "compression": 0.5, "damping_time": damping_time}
+    scene = Scene(cloth=Cloth(file="one.obj", folder=str(tmp_path)), fabric=Fabric(**keys), solver=Solver("xpbd"))
+    with Simulation(scene, "serial") as simulation:
+        membrane, layout = simulation.topology.membrane, simulation.solver.layout
+        assert membrane is not None
+        x = np.array([[0.0, 0.0, 0.0], [1.1, 0.2, 0.1], [0.3, 0.8, -0.1]])
+        before = x + np.random.default_rng(2).normal(scale=0.01, size=x.shape)
+        w = np.array([3.0, 5.0, 2.0])
+        simulation.solver.cloth.upload_positions(x, before, w)
+        rows = np.zeros((layout.membrane.multiplier.shape[0], 3), np.float32)
+        rows[0] = multiplier
+        layout.membrane.multiplier.from_numpy(rows)
+        params = frame_params(simulation)
+        run_serially(membrane_constraints, layout, simulation.solver.features, 0, 1, h, 0, params, NO_COLLIDER)
+        found = simulation.solver.cloth.to_numpy(layout.x)
+    strain, step = membrane.strain(x.T)[:, 0], 1e-6
+    slopes = np.zeros((3, 9))  # of the strains by the coordinates
+    for k in range(9):
+        shift = np.zeros(9)
+        shift[k] = step
+        ends = [membrane.strain(x.T + sign * shift.reshape(3, 3).T)[:, 0] for sign in (1, -1)]
+        slopes[:, k] = (ends[0] - ends[1]) / (2 * step)
+    root = np.diag(np.where(strain < 0, np.sqrt(0.5), 1.0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 1.0])
+    k = h**2 * membrane.area[0] * root @ membrane.tensor @ root
+    g = slopes * np.repeat(w, 3) @ slopes.T
+    growth = slopes @ (x - before).reshape(-1)
+    left = k @ g * (1 + damping_steps) + np.eye(3)
+    change = np.linalg.solve(left, -k @ (strain + damping_steps * growth) - multiplier)
+    expected = x + (np.repeat(w, 3) * (slopes.T @ change)).reshape(3, 3)
+    assert np.abs(expected - x).max() > 1e-3
+    assert found == pytest.approx(expected, abs=2e-6)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 
 from ...geometry.cloth_builder import build_particles
 from ...geometry.scene_loader import load_scene
-from ...scene import scene_names, scene_to_toml
+from ...scene import scene_names
+from ...scene.keys import keys_of, toml_value
 from ...scene.look_schema import Camera, Look
-from ...scene.schema import Scene
+from ...scene.schema import Scene, sections
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.builder import unsupported_by
 from ...simulation.frame_contact import penetration
@@ -118,8 +119,17 @@ def motion_of(scene: Scene) -> Scene:
 
 
 def digest_of(scene: Scene) -> str:
-    """Return a digest of all values that move the cloth, 12 hex digits: results with another are of another scene."""
-    return hashlib.sha256(scene_to_toml(motion_of(scene)).encode()).hexdigest()[:12]
+    """Return a digest of all values that move the cloth, 12 hex digits: results with another are of another scene.
+
+    Keys with their default are left out, so that a new key changes no digest.
+    """
+    scene, words = motion_of(scene), [f"seed = {scene.seed}"]
+    for part in sections().values():
+        found, default = getattr(scene, part.name), part.cls()
+        for one in found if part.is_array else [found] if found is not None else []:
+            names = [name for name in keys_of(part.cls) if getattr(one, name) != getattr(default, name)]
+            words += [f"[{part.name}]", *(f"{name} = {toml_value(getattr(one, name))}" for name in names)]
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:12]
 
 
 def solution(scene: Scene, frames: int) -> Solution:
