@@ -33,7 +33,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 FLOOR = {folder: number for number, folders in enumerate(FLOORS) for folder in folders}
 TOP = len(FLOORS)  # of `taichi_cloth/__init__.py` and `__main__.py`
 NO_TAICHI = ("scene", "geometry")
-MAX_MODULES, MAX_LINES = 175, 400
+MAX_MODULES, MAX_LINES = 181, 400
 MAX_FACADE_LINES = 250  # of `Simulation`, whose parts are in modules of their own
 
 FILES = sorted(PACKAGE.rglob("*.py"))
