@@ -33,6 +33,7 @@ from taichi_cloth.viewer.window import STATISTICS_EVERY
 HERE = Path(__file__).parent
 STILL_FRAME = {  # frame that the still shows
     "banner": 250,
+    "bias": 239,
     "cape": 122,
     "drape15": 150,
     "flag": 62,

@@ -111,9 +111,9 @@ def serial_layout(monkeypatch: pytest.MonkeyPatch) -> None:
 
     `solvers/test_layouts.py` tests that all layouts give equal results.
     """
-    from taichi_cloth.solvers import base
+    from taichi_cloth.solvers import layout_choice
 
-    monkeypatch.setattr(base, "LANES", 1 << 20)  # `choose_layout` then finds no grid wide enough for SIMD
+    monkeypatch.setattr(layout_choice, "LANES", 1 << 20)  # `choose_layout` then finds no grid wide enough for SIMD
 
 
 @pytest.fixture

@@ -120,7 +120,8 @@ def describe(scene: Scene, *, timed: bool) -> str:
     particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
     size = "" if scene.cloth.file else f"{scene.cloth.width:g}×{scene.cloth.height:g} m"
     is_large, pins, memory, unfinished, inside = cost.particles > SAMPLE**2, "", "", "", ""
-    counts = (cost.springs, "springs"), (cost.bending_links, "bending links")
+    springs = "edges of a membrane" if scene.fabric.model == "membrane" else "springs"
+    counts = (cost.springs, springs), (cost.bending_links, "bending links")
     springs = " and ".join(
         f"about {two_digits(count / 1e6)} million {what}" if is_large else f"{count:,} {what}"
         for count, what in counts

@@ -22,7 +22,7 @@ from . import grid
 from .cloth_mesh import ClothMesh, load_cloth_mesh
 from .grid import DIRECTIONS
 from .layers import pinned_mask_of_layers, stack_layers
-from .membrane import build_membrane
+from .membrane_model import build_membrane
 from .mesh_springs import build_mesh
 from .topology import STIFFNESS_KEYS, Topology, build_sheet
 

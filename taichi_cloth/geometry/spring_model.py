@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..scene.schema import Scene
 from .cloth_builder import build_topology, spring_stiffness
-from .membrane import Membrane
+from .membrane_model import Membrane
 from .topology import Topology
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.collider_schema import REPULSION, RESPONSES, ContactProperties
-from .membrane import Membrane
+from .membrane_model import Membrane
 from .topology import Topology
 
 MARGIN = 1.03  # Lanczos converges from below: after 40 steps it was within 1 % on every grid tested

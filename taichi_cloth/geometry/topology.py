@@ -17,7 +17,7 @@ from ..scene.schema import Cloth
 from . import grid
 from .bending import BendingLinks, grid_bending_links
 from .grid import NO_GRID
-from .membrane import Membrane
+from .membrane_model import Membrane
 
 ORIGINS = 0.5  # [m] spacing of the local origins
 STIFFNESS_KEYS = ("weft", "warp", "shear", "bend_spring")  # [N/m] in section `fabric`; a spring has a factor of each

@@ -9,7 +9,7 @@ free cloth always sum to 0, and the search conserves momentum wherever it stops.
 import taichi as ti
 
 from .constraint_math import TINY
-from .membrane import MEMBRANE_PRODUCT, accumulate_membrane
+from .membrane_forces import MEMBRANE_PRODUCT, accumulate_membrane
 from .simd_sweep import PairForce
 from .springs import accumulate_pair_forces, effective_stiffness
 from .step_params import STIFFNESS_FACTOR

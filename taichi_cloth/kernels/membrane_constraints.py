@@ -10,7 +10,7 @@ import taichi as ti
 import taichi.math as tm
 
 from .integration import apply_correction
-from .membrane import gradient, share_of, strain_change, strain_of, stress_of
+from .membrane_forces import gradient, share_of, strain_change, strain_of, stress_of
 from .step_params import CELL_AREA, CELL_COLUMNS, CELL_ROWS, DAMPING_TIME
 from .vec import insert_shifted, neg, scale, shift_left_clamped
 

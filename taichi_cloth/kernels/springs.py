@@ -10,8 +10,8 @@ import taichi as ti
 
 from .constraint_math import TINY, damper_force, hooke_force, project_distance, project_distance_xpbd
 from .integration import apply_correction
-from .membrane import MEMBRANE_FORCE, accumulate_membrane
 from .membrane_constraints import clear_membrane_multipliers, solve_membrane
+from .membrane_forces import MEMBRANE_FORCE, accumulate_membrane
 from .simd_sweep import PairConstraint, PairForce, accumulate_simd, for_each_spring_simd
 from .step_params import COMPRESSION, DAMPING_TIME, STIFFNESS_FACTOR
 from .vec import dot, length, neg, scale

@@ -87,9 +87,10 @@ _VERLET_KEYS = ("structural", "shear", "bend")
 _LOOK = ("color", "second_color", "pattern_scale", "pattern", "sheen")
 
 # Scene keys that a preset fills in, by section.
+_TENSOR = ("c11", "c22", "c12", "c66")  # of a membrane: 0, which are the constants of the springs
 PRESET_KEYS = {
     "cloth": ("area_density",),
-    "fabric": ("warp", "weft", "shear", "bend_spring", "bending_stiffness", "damping_time"),
+    "fabric": ("warp", "weft", "shear", "bend_spring", "bending_stiffness", "damping_time", *_TENSOR),
     "verlet": _VERLET_KEYS,
     "look": _LOOK,
 }
@@ -156,6 +157,7 @@ def preset_values(preset: Preset, cloth: Cloth) -> dict[str, dict[str, object]]:
             "bend_spring": 0.0,
             "bending_stiffness": preset.bending,
             "damping_time": preset.damping,
+            **dict.fromkeys(_TENSOR, 0.0),
         },
         "verlet": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
         "look": preset.look,

@@ -3,8 +3,8 @@
 from importlib import import_module
 
 from ..scene.solver_catalog import SOLVER_CATALOG
-from .base import LAYOUTS, Solver, Unsupported, choose_layout
-from .features import Features, FrameInput
+from .base import Features, FrameInput, Solver
+from .layout_choice import LAYOUTS, Unsupported, choose_layout
 
 
 def _solver_class(name: str) -> type[Solver]:

@@ -1,28 +1,29 @@
-"""The solver interface, its inputs, the choice of the layout, and the frame loop that all solvers share."""
+"""The solver interface, its inputs, and the frame loop that all solvers share."""
 
-from dataclasses import replace
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
 from ..collision.self_broadphase import check_atomic_sums
-from ..geometry.simd_layout import LANES
+from ..collision.shapes import SHAPES
 from ..geometry.stability_bounds import max_damping_time, max_frequency, min_force_substeps
 from ..geometry.topology import Topology
 from ..kernels.forces import clear_forces
 from ..kernels.layout import pack, unpack
 from ..kernels.step_params import StepContext, collider_array, param_array
-from ..kernels.tensor_fields import simd_available
-from ..scene.collider_schema import PROJECTION
+from ..scene.collider_schema import PROJECTION, RESPONSES
 from ..scene.schema import FRAME_SECONDS
-from ..scene.solver_catalog import SolverInfo, needs_a_grid, needs_springs
+from ..scene.solver_catalog import SolverInfo
 from ..state import ClothState
 from ..state import field_pool as fields
 from ..state.cloth_state import Layout
 from ..state.constraint_data import attach_bending_links, attach_max_distances, attach_membrane, attach_tethers
 from ..state.contact_data import (
+    SdfGrids,
     attach_colored_triangles,
     attach_friction_anchors,
     attach_friction_sums,
@@ -30,15 +31,99 @@ from ..state.contact_data import (
 )
 from ..state.layouts import acquire_parallel, acquire_simd, release_simd
 from ..state.pair_data import attach_pair_data
-from ..state.surface_data import attach_surface_contacts
-from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
+from ..state.surface_data import DeformingSurfaces, attach_surface_contacts
 from ..system.taichi_compat import RepeatedLaunch, no_scalarization
-from ..system.taichi_runtime import on_cpu
-from .features import Features, FrameInput
 from .graph_runner import GraphRunner
 from .pipeline import final_phases
 
-LAYOUTS = ("simd", "serial", "parallel")  # the first that suits a cloth is used
+
+@dataclass(frozen=True)
+class Features:
+    """The features that a scene uses. They are compiled into the kernels: one that is False, 0 or None is left out."""
+
+    wind: bool = False
+    colliders: tuple[tuple[int, ...], ...] = ((0,) * len(SHAPES),) * len(RESPONSES)
+    """Number of colliders by response and shape."""
+    sdf: SdfGrids | None = None
+    """Signed distance grids of rigid mesh colliders."""
+    surfaces: DeformingSurfaces | None = None
+    """Triangles of deforming mesh colliders."""
+    continuous: bool = False
+    """Continuous collision detection of at least one collider."""
+    triangles: bool = False
+    """At least one collider collides with triangles."""
+    soft_compression: bool = False
+    """Springs are softer in compression than in tension (`fabric.compression` is below 1)."""
+    spring_damping: bool = False
+    strain_limit: int = 0
+    """Iterations of the strain limit."""
+    tethers: bool = False
+    max_distances: bool = False
+    attachments: bool = False
+    self_collision: bool = False
+    self_triangles: bool = False
+    """Self-collision of triangles and edges, not of particles only."""
+    penetration_free: bool = False
+    untangle: bool = False
+    static_friction: bool = False
+    friction_sums: bool = False
+    """Friction with colliders is bounded by the sum over the iterations of a substep."""
+    bending: bool = False
+    membrane: bool = False
+    """The cloth is a membrane, not a network of springs."""
+    stores_velocity: bool = False
+    """The solver stores velocities, instead of x − x_prev."""
+    needs_previous_positions: bool = True
+
+    @property
+    def collider_count(self) -> int:
+        """Number of rigid colliders."""
+        return sum(map(sum, self.colliders))
+
+    @property
+    def has_surfaces(self) -> bool:
+        return self.surfaces is not None
+
+
+@dataclass(frozen=True)
+class FrameInput:
+    """The arguments of one frame. `kernels/step_params.py` names the columns of both arrays."""
+
+    substeps: int
+    iterations: int
+    h: float
+    """Length of a substep [s]."""
+    grabbed_count: int
+    params: NDArray[np.float32]
+    """(PARAM_COUNT,)."""
+    colliders: NDArray[np.float32]
+    """(colliders + attachments, COLLIDER_COLUMNS)."""
+    span: tuple[int, int] = (0, 0)
+    """First substep and the one after the last; all if empty."""
+
+    @property
+    def first(self) -> int:
+        return self.span[0]
+
+    @property
+    def last(self) -> int:
+        """The substep after the last."""
+        return self.span[1] or self.substeps
+
+    def by_substep(self) -> Iterator["FrameInput"]:
+        """Yield the frame's substeps one by one, which give the same bits as all at once."""
+        return (replace(self, span=(s, s + 1)) for s in range(self.substeps))
+
+    @property
+    def arguments(self) -> tuple[object, ...]:
+        """All fields but the span, in order, as `run_frame` takes them."""
+        return self.substeps, self.iterations, self.h, self.grabbed_count, self.params, self.colliders
+
+    @property
+    def shared_arguments(self) -> dict[str, object]:
+        """The fields of `StepContext` that are equal for all substeps, by name."""
+        per_substep = {"s", *StepContext._field_defaults}
+        return {name: getattr(self, name) for name in StepContext._fields if name not in per_substep}
 
 
 @ti.func
@@ -270,49 +355,3 @@ class ExplicitSolver(Solver):
         would take ten to forty times the substeps (64×64 denim: 11,246 instead of 280), for vibrations too fast to see.
         """
         return min(wanted, max_damping_time(self.frequency))
-
-
-class Unsupported(NamedTuple):
-    """Reasons why a cloth cannot be simulated by some solvers or in some layouts, for messages; empty if it can be."""
-
-    springs_only: bool = False
-    """Whether the cloth is a membrane, against solvers without (`SolverInfo.membrane`)."""
-    grid_only: str = ""
-    """Reason against solvers that need a grid with complete rows (`SolverInfo.grid_only`)."""
-    simd: str = ""
-    """Reason against the SIMD layout."""
-    parallel: str = ""
-    """Reason against the parallel layout."""
-
-
-SUPPORTED = Unsupported()
-
-
-def choose_layout(
-    solver: type[Solver], shape: tuple[int, int], wanted: str | None = None, unsupported: Unsupported = SUPPORTED
-) -> str:
-    """Return the layout for a grid of (rows, columns), on the arch that Taichi runs on.
-
-    Raises UsageError for a layout that does not exist, that the cloth does not support, or that a GPU would run on one
-    thread; and where the solver does not support the cloth.
-    """
-    if unsupported.grid_only and solver.info.grid_only:
-        raise UsageError(needs_a_grid(solver.name, unsupported.grid_only))
-    if unsupported.springs_only and not solver.info.membrane:
-        raise UsageError(needs_springs(solver.name))
-    if wanted is not None and wanted not in LAYOUTS:
-        raise UsageError(f"unknown layout {wanted!r}{choose_from(wanted, LAYOUTS, RENAMED_LAYOUTS)}")
-    if not on_cpu():
-        if wanted not in (None, "parallel"):
-            raise UsageError(f"layout {wanted} is for --arch cpu; a GPU uses parallel")
-        wanted = "parallel"
-    if unsupported.parallel and wanted == "parallel":
-        raise UsageError(f"layout parallel is not supported: {unsupported.parallel}; use serial")
-    if unsupported.simd and wanted == "simd":
-        raise UsageError(f"layout simd is not supported: {unsupported.simd}; use serial or parallel")
-    if wanted == "simd" and not simd_available():
-        raise UsageError("layout simd does not work with this release of Taichi; use serial or parallel")
-    if wanted or unsupported.simd:
-        return wanted or "serial"
-    # Grids narrower than a packet would leave most lanes empty.
-    return "simd" if shape[1] >= LANES and simd_available() else "serial"

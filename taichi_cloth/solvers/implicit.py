@@ -39,7 +39,7 @@ from ..kernels.vec import scale, select
 from ..state import ClothState
 from ..state.constraint_data import attach_cg_state
 from ..state.solver_data import attach_correction
-from .features import Features, FrameInput
+from .base import Features, FrameInput
 from .pipeline import final_phases
 from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage
 

@@ -20,7 +20,7 @@ from ..kernels.springs import DISTANCE_XPBD, add_bending_forces, for_each_spring
 from ..scene.schema import FRAME_SECONDS
 from ..state import ClothState
 from ..state.solver_data import attach_line_packets, attach_lines
-from .features import Features
+from .base import Features
 from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage
 
 

@@ -20,8 +20,7 @@ from ..kernels.vec import select
 from ..scene.schema import FRAME_SECONDS
 from ..state import ClothState
 from ..state.solver_data import attach_stage_sums
-from .base import ExplicitSolver
-from .features import Features
+from .base import ExplicitSolver, Features
 from .pipeline import add_external_forces, begin_substep, project_constraints, stop_at_colliders
 
 MAX_DAMPING = 1.0  # of a substep: an explicit step overshoots beyond it

@@ -31,8 +31,7 @@ from ..kernels.step_params import VELOCITY_FACTOR
 from ..kernels.vec import select
 from ..state import ClothState
 from ..state.solver_data import attach_stage_start
-from .base import Solver
-from .features import Features, FrameInput
+from .base import Features, FrameInput, Solver
 from .pipeline import (
     add_external_forces,
     begin_substep,

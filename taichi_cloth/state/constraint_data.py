@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..geometry import grid
 from ..geometry.bending import BendingLinks
-from ..geometry.membrane import Membrane
+from ..geometry.membrane_model import Membrane
 from ..geometry.simd_layout import LANES
 from ..geometry.tethers import MAX_TETHERS, tethers_of
 from ..geometry.topology import Topology, adjacency
@@ -121,7 +121,7 @@ def _allocate_bending_links(particles: int) -> BendingLinkList:
 
 @dataclass(eq=False)
 class MembraneTriangles:
-    """The triangles of a membrane (`geometry/membrane.py`)."""
+    """The triangles of a membrane (`geometry/membrane_model.py`)."""
 
     corners: ti.MatrixField
     """The three particles of every triangle, ivec3 (M,)."""

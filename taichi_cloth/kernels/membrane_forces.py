@@ -1,4 +1,4 @@
-"""The membrane of `geometry/membrane.py`: forces of triangles, their linearization, and constraints of XPBD.
+"""The membrane of `geometry/membrane_model.py`: forces of triangles, their linearization, and constraints of XPBD.
 
 Stresses and strains are in the order 11, 22, 12; of a strain the last is 2·E₁₂. Functions of plain values take one
 triangle, or eight at once in the SIMD layout (`vec.py`).

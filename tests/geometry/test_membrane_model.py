@@ -10,7 +10,7 @@ import pytest
 from meshes import irregular
 
 from taichi_cloth.geometry.cloth_builder import build_topology
-from taichi_cloth.geometry.membrane import MAX_STRAIN, Membrane, shapes_of
+from taichi_cloth.geometry.membrane_model import MAX_STRAIN, Membrane, shapes_of
 from taichi_cloth.geometry.spring_model import spring_model
 from taichi_cloth.geometry.stability_bounds import max_frequency
 from taichi_cloth.scene.schema import FABRIC_MODELS, Cloth, Fabric, Scene

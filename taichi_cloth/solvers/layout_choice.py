@@ -1,0 +1,58 @@
+"""Which solvers and layouts a cloth can be simulated with, and the layout that is chosen."""
+
+from typing import NamedTuple
+
+from ..geometry.simd_layout import LANES
+from ..kernels.tensor_fields import simd_available
+from ..scene.solver_catalog import needs_a_grid, needs_springs
+from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
+from ..system.taichi_runtime import on_cpu
+from .base import Solver
+
+LAYOUTS = ("simd", "serial", "parallel")  # the first that suits a cloth is used
+
+
+class Unsupported(NamedTuple):
+    """Reasons why a cloth cannot be simulated by some solvers or in some layouts, for messages; empty if it can be."""
+
+    springs_only: bool = False
+    """Whether the cloth is a membrane, against solvers without (`SolverInfo.membrane`)."""
+    grid_only: str = ""
+    """Reason against solvers that need a grid with complete rows (`SolverInfo.grid_only`)."""
+    simd: str = ""
+    """Reason against the SIMD layout."""
+    parallel: str = ""
+    """Reason against the parallel layout."""
+
+
+SUPPORTED = Unsupported()
+
+
+def choose_layout(
+    solver: type[Solver], shape: tuple[int, int], wanted: str | None = None, unsupported: Unsupported = SUPPORTED
+) -> str:
+    """Return the layout for a grid of (rows, columns), on the arch that Taichi runs on.
+
+    Raises UsageError for a layout that does not exist, that the cloth does not support, or that a GPU would run on one
+    thread; and where the solver does not support the cloth.
+    """
+    if unsupported.grid_only and solver.info.grid_only:
+        raise UsageError(needs_a_grid(solver.name, unsupported.grid_only))
+    if unsupported.springs_only and not solver.info.membrane:
+        raise UsageError(needs_springs(solver.name))
+    if wanted is not None and wanted not in LAYOUTS:
+        raise UsageError(f"unknown layout {wanted!r}{choose_from(wanted, LAYOUTS, RENAMED_LAYOUTS)}")
+    if not on_cpu():
+        if wanted not in (None, "parallel"):
+            raise UsageError(f"layout {wanted} is for --arch cpu; a GPU uses parallel")
+        wanted = "parallel"
+    if unsupported.parallel and wanted == "parallel":
+        raise UsageError(f"layout parallel is not supported: {unsupported.parallel}; use serial")
+    if unsupported.simd and wanted == "simd":
+        raise UsageError(f"layout simd is not supported: {unsupported.simd}; use serial or parallel")
+    if wanted == "simd" and not simd_available():
+        raise UsageError("layout simd does not work with this release of Taichi; use serial or parallel")
+    if wanted or unsupported.simd:
+        return wanted or "serial"
+    # Grids narrower than a packet would leave most lanes empty.
+    return "simd" if shape[1] >= LANES and simd_available() else "serial"
