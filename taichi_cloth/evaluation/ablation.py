@@ -73,7 +73,8 @@ def ablated_scenes(scene: Scene) -> dict[str, Scene]:
     section = SOLVERS[scene.solver.name].info.stiffness_section
     springs = getattr(scene, section)
     found = {}
-    for family in ("shear", "bend"):
+    is_membrane = section == "fabric" and scene.fabric.model == "membrane"
+    for family in () if is_membrane else ("shear", "bend"):
         key = "bend_spring" if (section, family) == ("fabric", "bend") else family
         if getattr(springs, key) > 0:
             found[family] = replace(scene, **{section: replace(springs, **{key: 0.0})})

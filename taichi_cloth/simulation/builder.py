@@ -43,6 +43,7 @@ MAX_SIDES = 1.5  # thickness with penetration_free, over the side of a cell: at 
 MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles each by itself; a grid has at most 12
 # Features that are listed beside spring families and colliders: field of `Features`, and name for the user.
 FEATURE_NAMES = {
+    "membrane": "membrane",
     "bending": "bending",
     "strain_limit": "strain limit",
     "tethers": "tethers",

@@ -211,7 +211,8 @@ class Simulation(RunningCloth):
         """Names of spring families, constraints, forces and colliders in use."""
         colliders = dict.fromkeys(type(collider).__name__.lower() for collider in colliders_of(self.scene))
         tearing = () if self.scene.tearing is None else ("tearing",)
-        return (*self.topology.family_counts, *feature_names(self.solver.features), *tearing, *colliders)
+        families = () if self.solver.features.membrane else self.topology.family_counts
+        return (*families, *feature_names(self.solver.features), *tearing, *colliders)
 
     @property
     def method(self) -> str:
