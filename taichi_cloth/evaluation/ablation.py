@@ -80,7 +80,7 @@ def ablated_scenes(scene: Scene) -> dict[str, Scene]:
             found[family] = replace(scene, **{section: replace(springs, **{key: 0.0})})
     if section == "fabric":
         if scene.fabric.bending_stiffness > 0:
-            found["bending"] = replace(scene, fabric=replace(scene.fabric, bending_stiffness=0.0))
+            found["bending"] = replace(scene, fabric=replace(scene.fabric, bending_stiffness=0.0, bending_weft=0.0))
         if scene.fabric.damping_time > 0:
             found["spring_damping"] = replace(scene, fabric=replace(scene.fabric, damping_time=0.0))
     if scene.solver.damping > 0:

@@ -2,9 +2,11 @@
 
 A thin sheet that bends without stretching has the energy ½·B·∫(w_xx² + w_yy² + 2·w_xy²) over its area, with second
 derivatives of its positions. (This is an isotropic plate without a Poisson effect, which is negligible in woven cloth.)
-On a grid the derivatives are x_i−1 − 2·x_i + x_i+1 along both yarn directions, and x_00 − x_01 − x_10 + x_11 over a
-cell. So the energy is quadratic in the positions (Bergou et al. 2006, *A quadratic bending model for inextensible
-surfaces*), and a sum over pairs of particles:
+If the stiffness B₁ along the columns is not B₂ along the rows, it is ½·∫(B₂·w_xx² + B₁·w_yy² + 2·√(B₁·B₂)·w_xy²), with
+the twisting stiffness that Huber (1923) assumes for orthotropic plates. On a grid the derivatives are
+x_i−1 − 2·x_i + x_i+1 along both yarn directions, and x_00 − x_01 − x_10 + x_11 over a cell. So the energy is quadratic
+in the positions (Bergou et al. 2006, *A quadratic bending model for inextensible surfaces*), and a sum over pairs of
+particles:
 
     |x_0 − 2·x_1 + x_2|²         = 2·|x_0 − x_1|² + 2·|x_1 − x_2|² − |x_0 − x_2|²
     |x_00 − x_01 − x_10 + x_11|² = |·|² of the four sides − |·|² of the two diagonals
@@ -24,6 +26,9 @@ from numpy.typing import NDArray
 
 from . import grid
 
+Bending = float | tuple[float, float]
+"""Bending stiffness of a sheet [N·m]: along its columns and along its rows, or one number for both."""
+
 RIGHT, DOWN, FALLING, RISING, TWO_RIGHT, TWO_DOWN = range(len(grid.DIRECTIONS))
 
 
@@ -40,7 +45,7 @@ class BendingLinks:
 
 
 def grid_bending_links(
-    rows: int, columns: int, width: float, height: float, bending: float, *, halved: bool
+    rows: int, columns: int, width: float, height: float, bending: Bending, *, halved: bool
 ) -> BendingLinks:
     """Return the bending links of a rectangular sheet of size `width` × `height` [m]; none for zero stiffness.
 
@@ -56,7 +61,7 @@ def grid_bending_links(
 
 
 def plate_link_stiffness(
-    rows: int, columns: int, width: float, height: float, bending: float, *, halved: bool
+    rows: int, columns: int, width: float, height: float, bending: Bending, *, halved: bool
 ) -> NDArray[np.float64]:
     """Return the stiffness of all bending links [N/m], (6, rows, columns).
 
@@ -64,21 +69,22 @@ def plate_link_stiffness(
     Parameters as in `grid_bending_links`.
     """
     a, b = width / (columns - 1), height / (rows - 1)  # [m] width and height of a cell
+    down, along = np.broadcast_to(bending, 2)
     constants = np.zeros((len(grid.DIRECTIONS), rows, columns))
     row_fraction, column_fraction = np.ones((rows, 1)), np.ones((1, columns))  # width of each yarn, in cells
     if halved:
         row_fraction[[0, -1]], column_fraction[:, [0, -1]] = 0.5, 0.5
     if columns > 2:
-        k = bending * b / a**3 * row_fraction
+        k = along * b / a**3 * row_fraction
         constants[RIGHT, :, :-2] += 2 * k
         constants[RIGHT, :, 1:-1] += 2 * k
         constants[TWO_RIGHT, :, :-2] -= k
     if rows > 2:
-        k = bending * a / b**3 * column_fraction
+        k = down * a / b**3 * column_fraction
         constants[DOWN, :-2] += 2 * k
         constants[DOWN, 1:-1] += 2 * k
         constants[TWO_DOWN, :-2] -= k
-    twist = 2 * bending / (a * b)
+    twist = 2 * np.sqrt(down * along) / (a * b)
     constants[RIGHT, :-1, :-1] += twist
     constants[RIGHT, 1:, :-1] += twist
     constants[DOWN, :-1, :-1] += twist

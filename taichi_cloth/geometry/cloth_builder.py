@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from ..scene.keys import CORNERS, EDGES, GROUP, REGION
 from ..scene.presets import map_path
-from ..scene.schema import Cloth, Scene
+from ..scene.schema import Cloth, Fabric, Scene
 from ..system.errors import PinError, UsageError, install_command, short_repr, shown_path
 from ..system.taichi_runtime import memory_bytes
 from . import grid
+from .bending import Bending
 from .cloth_mesh import ClothMesh, load_cloth_mesh
 from .grid import DIRECTIONS
 from .layers import pinned_mask_of_layers, stack_layers
@@ -127,7 +128,7 @@ def build_topology(scene: Scene, section: str) -> Topology:
 
     Springs of zero stiffness are left out: of a grid by direction, of a mesh by family.
     """
-    bending = scene.fabric.bending_stiffness if section == "fabric" else 0.0
+    bending = bending_of(scene.fabric) if section == "fabric" else 0.0
     topology = _without_pins(scene, _used_directions(scene, section), bending)
     pins = [*scene.cloth.pins, *(pin for attachment in scene.attachments for pin in attachment.pins)]
     fixed = attached_particles(scene, topology, pins)
@@ -142,6 +143,13 @@ def build_topology(scene: Scene, section: str) -> Topology:
 def is_membrane(scene: Scene, section: str) -> bool:
     """Return whether the cloth of a scene is a membrane, for solvers with the stiffness of a section."""
     return section == "fabric" and scene.fabric.model == "membrane"
+
+
+def bending_of(fabric: Fabric) -> tuple[float, float]:
+    """Return the bending stiffness along columns and rows [N·m], between which warp and weft may lie at an angle."""
+    warp, weft = fabric.bending_stiffness, fabric.bending_weft or fabric.bending_stiffness
+    share = np.sin(np.radians(fabric.warp_angle)) ** 2 if fabric.model == "membrane" else 0.0
+    return float(warp + (weft - warp) * share), float(weft + (warp - weft) * share)
 
 
 def max_distances(scene: Scene) -> NDArray[np.float64] | None:
@@ -264,7 +272,7 @@ def _mesh_of(cloth: Cloth) -> ClothMesh:
     return load_cloth_mesh(cloth.file, cloth.folder)
 
 
-def _without_pins(scene: Scene, directions: Sequence[bool], bending: float) -> Topology:
+def _without_pins(scene: Scene, directions: Sequence[bool], bending: Bending) -> Topology:
     """Return the cloth without pins, with springs in these of `grid.DIRECTIONS`; of a mesh file, in their families."""
     cloth = scene.cloth
     if cloth.file:

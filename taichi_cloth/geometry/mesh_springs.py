@@ -19,7 +19,8 @@ Bending links as in `bending.py`, from quadratic forms: along the yarns and over
 between triangles. A hinge has the energy ½·c·(|e|·θ)² of an edge e bent by θ (Bergou et al. 2006, *A quadratic bending
 model for inextensible surfaces*, section 3.1). With c = B/(A₀ + A₁), equilateral triangles resist like a plate of
 stiffness B (Seung and Nelson 1988, *Defects in flexible membranes with crystalline order*); with the paper's
-3·B/(A₀ + A₁) they would be three times too stiff. The cloth is flat at rest.
+3·B/(A₀ + A₁) they would be three times too stiff. The cloth is flat at rest. If warp and weft differ, the stiffness of
+a hinge depends on its direction; triangles whose edges have few directions then bend only roughly as they should.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .bending import BendingLinks, QuadraticForms, links_of_forms
+from .bending import Bending, BendingLinks, QuadraticForms, links_of_forms
 from .cloth_mesh import ClothMesh
 from .topology import (
     STIFFNESS_KEYS,
@@ -67,7 +68,7 @@ def build_mesh(
     area_density: float,
     families: set[str],
     diagonals: int = 2,
-    bending: float = 0.0,
+    bending: Bending = 0.0,
 ) -> Topology:
     """Return the cloth of a mesh file, without pins, with springs of these families.
 
@@ -230,9 +231,10 @@ def _opposite(file: ClothMesh, sides: Ints) -> Ints:
     return third
 
 
-def _bending_links(file: ClothMesh, flat: Floats, yarns: Ints, bending: float) -> BendingLinks:
+def _bending_links(file: ClothMesh, flat: Floats, yarns: Ints, bending: Bending) -> BendingLinks:
     """Return the bending links of a cloth of bending stiffness `bending` [N·m]; none for 0."""
-    if bending == 0:
+    warp, weft = np.broadcast_to(bending, 2)
+    if warp == weft == 0:
         return links_of_forms([])
     edges = file.edges[0]
     edge_lengths = np.linalg.norm(flat[edges[:, 1]] - flat[edges[:, 0]], axis=1)
@@ -241,19 +243,27 @@ def _bending_links(file: ClothMesh, flat: Floats, yarns: Ints, bending: float) -
     point, before, after = yarns.T
     ends = np.stack([edges[before].sum(axis=1) - point, point, edges[after].sum(axis=1) - point], axis=-1)
     a, b = edge_lengths[before], edge_lengths[after]
-    constant = bending * (quad_areas[before] + quad_areas[after]) * 2 / (a + b) ** 2
+    across = flat[ends[:, 2], 0] - flat[ends[:, 0], 0]  # along the x axis, of the weft
+    weft_share = (across / (a + b)) ** 2
+    stiffness = warp + (weft - warp) * weft_share
+    constant = stiffness * (quad_areas[before] + quad_areas[after]) * 2 / (a + b) ** 2
     along = QuadraticForms(ends, np.stack([1 / a, -1 / a - 1 / b, 1 / b], axis=-1), constant)
 
     quads = file.faces[file.is_quad]
     signs = np.tile([1.0, -1.0, 1.0, -1.0], (len(quads), 1))
-    twist = QuadraticForms(quads, signs, 2 * bending / _areas(file, flat)[file.is_quad])
+    twist = QuadraticForms(quads, signs, 2 * np.sqrt(warp * weft) / _areas(file, flat)[file.is_quad])
 
     corners = _hinges(file)
     x = flat[corners]
     area = sum(np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, k] - x[:, 0]), axis=1) / 2 for k in (2, 3))
     cot = {(i, k): _cotangent(x[:, i], x[:, 1 - i], x[:, k]) for i in (0, 1) for k in (2, 3)}
     factors = [cot[1, 2] + cot[1, 3], cot[0, 2] + cot[0, 3], -cot[0, 2] - cot[1, 2], -cot[0, 3] - cot[1, 3]]
-    hinge = QuadraticForms(corners, np.stack(factors, axis=-1), bending / area)
+    fold = x[:, 1] - x[:, 0]  # the cloth bends across it
+    # Hinges in all directions φ have the stiffness of warp and weft together if theirs varies as ½ + ¾·cos 2φ.
+    warp_share = 1.5 * fold[:, 0] ** 2 / (fold**2).sum(axis=1) - 0.25
+    hinge = QuadraticForms(
+        corners, np.stack(factors, axis=-1), np.maximum(weft + (warp - weft) * warp_share, 0.0) / area
+    )
     return links_of_forms([along, twist, hinge])
 
 

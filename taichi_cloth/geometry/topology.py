@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..scene.keys import CORNERS, check_value, keys_of, types_of
 from ..scene.schema import Cloth
 from . import grid
-from .bending import BendingLinks, grid_bending_links
+from .bending import Bending, BendingLinks, grid_bending_links
 from .grid import NO_GRID
 from .membrane_model import Membrane
 
@@ -172,7 +172,7 @@ def build_sheet(
     mass_lumping: str = "area",
     corner_mass: float = 0.0,
     corner_mass_at: str = "corners",
-    bending: float = 0.0,
+    bending: Bending = 0.0,
 ) -> Topology:
     """Return a rectangular sheet.
 

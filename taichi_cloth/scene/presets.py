@@ -87,10 +87,10 @@ _VERLET_KEYS = ("structural", "shear", "bend")
 _LOOK = ("color", "second_color", "pattern_scale", "pattern", "sheen")
 
 # Scene keys that a preset fills in, by section.
-_TENSOR = ("c11", "c22", "c12", "c66")  # of a membrane: 0, which are the constants of the springs
+_UNMEASURED = ("bending_weft", "c11", "c22", "c12", "c66")  # 0: as along the warp, and as of the springs
 PRESET_KEYS = {
     "cloth": ("area_density",),
-    "fabric": ("warp", "weft", "shear", "bend_spring", "bending_stiffness", "damping_time", *_TENSOR),
+    "fabric": ("warp", "weft", "shear", "bend_spring", "bending_stiffness", "damping_time", *_UNMEASURED),
     "verlet": _VERLET_KEYS,
     "look": _LOOK,
 }
@@ -157,7 +157,7 @@ def preset_values(preset: Preset, cloth: Cloth) -> dict[str, dict[str, object]]:
             "bend_spring": 0.0,
             "bending_stiffness": preset.bending,
             "damping_time": preset.damping,
-            **dict.fromkeys(_TENSOR, 0.0),
+            **dict.fromkeys(_UNMEASURED, 0.0),
         },
         "verlet": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
         "look": preset.look,
@@ -173,7 +173,7 @@ def with_fabric(scene: Scene, name: str, own: Scene) -> Scene:
         values = {section: dict(keys) for section, keys in preset_values(load_preset(name), scene.cloth).items()}
     values["fabric"]["preset"] = name or own.fabric.preset
     if scene.tearing is not None:
-        values["fabric"]["bending_stiffness"] = 0.0  # tearing does not support it
+        values["fabric"] |= {"bending_stiffness": 0.0, "bending_weft": 0.0}  # tearing does not support them
     changed: dict[str, Any] = {s: replace(getattr(scene, s), **keys) for s, keys in values.items()}
     return replace(scene, **changed)
 

@@ -286,7 +286,8 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
     """Check the keys against each other."""
     if scene.cloth.layers > 1 and scene.tethers is not None:
         mistakes.add("tethers", f"require a single layer, but cloth.layers is {scene.cloth.layers}")
-    if scene.tearing is not None and scene.fabric.bending_stiffness > 0 and not mistakes.concern("fabric"):
+    bends = max(scene.fabric.bending_stiffness, scene.fabric.bending_weft) > 0
+    if scene.tearing is not None and bends and not mistakes.concern("fabric"):
         reason = "does not support bending stiffness: set fabric.bending_stiffness to 0, and use fabric.bend_spring"
         mistakes.add("tearing", reason)
     _check_membrane(scene, mistakes)

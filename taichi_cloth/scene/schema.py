@@ -171,6 +171,7 @@ class Fabric(Table):
     bending_stiffness: float = key_field(
         0.0, "bending stiffness of the sheet, independent of the grid", "N·m", min=0.0, max=1e6
     )
+    bending_weft: float = key_field(0.0, "bending stiffness along the weft; 0: the same", "N·m", min=0.0, max=1e6)
     compression: float = key_field(
         1.0,
         "stiffness of shortened springs as a fraction of their stiffness in tension; 0: yarns go slack",

@@ -53,6 +53,19 @@ def test_energy_of_bent_twisted_and_saddle_shaped_sheets(
     assert energy(rows, columns, width, height, x) == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
+def test_warp_and_weft_bend_with_their_own_stiffness() -> None:
+    """Along columns B₁, along rows B₂, and twisted √(B₁·B₂)."""
+    x, factor = flat(6, 9, 0.8, 0.5), np.sqrt(3.0)
+    for z, expected in (
+        (x[:, 1] ** 2 / 2, B / 2 * 0.8 * 0.4),
+        (x[:, 0] ** 2 / 2, 3 * B / 2 * 0.7 * 0.5),
+        (x[:, 0] * x[:, 1], factor * B * 0.8 * 0.5),
+    ):
+        found = grid_bending_links(6, 9, 0.8, 0.5, (B, 3 * B), halved=True)
+        gap = np.subtract(z[found.ends[:, 0]], z[found.ends[:, 1]])
+        assert (found.stiffness * gap**2).sum() / 2 == pytest.approx(expected, rel=1e-6)
+
+
 @pytest.mark.parametrize("degrees", [0, 45, 90])
 def test_a_roll_has_the_energy_of_a_plate_in_every_direction(degrees: float) -> None:
     """The energy is ½·B·κ²·area, up to the two threads at each edge and 1 − sin² of the angle between cells."""

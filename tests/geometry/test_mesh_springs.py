@@ -40,7 +40,7 @@ def by_pair(ends: np.ndarray, *values: np.ndarray) -> dict[tuple[int, int], tupl
 def test_a_mesh_of_quads_has_the_springs_and_bending_links_of_the_grid(
     tmp_path: Path, section: str, diagonals: int
 ) -> None:
-    fabric = Fabric(warp=300.0, weft=500.0, shear=100.0, bend_spring=2.0, bending_stiffness=1e-3)
+    fabric = Fabric(300.0, 500.0, 100.0, bend_spring=2.0, bending_stiffness=1e-3, bending_weft=2e-3)
     path = write_obj(tmp_path / "grid.obj", *quads(5, 7, 1.2, 0.6))
     placed: dict[str, Any] = {
         "center": (0.0, 2.0, 0.0),
@@ -162,7 +162,19 @@ def test_stretching_in_the_plane_causes_no_bending_force(tmp_path: Path, name: s
 )
 def test_a_strip_droops_like_a_plate(tmp_path: Path, name: str, tolerance: float) -> None:
     """The free end of a clamped strip droops by w = q·L⁴/(8·B). Half an edge behind the clamp is free, too."""
-    topology, _ = made(tmp_path, MESHES[name], Fabric(bending_stiffness=BENDING))
+    check_droop(made(tmp_path, MESHES[name], Fabric(bending_stiffness=BENDING))[0], tolerance)
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [("quads", 0.03), ("even", 0.35), ("irregular", 0.15)])
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
+def test_a_strip_along_the_warp_droops_by_the_stiffness_of_the_warp(
+    tmp_path: Path, name: str, tolerance: float, ratio: float
+) -> None:
+    fabric = Fabric(bending_stiffness=BENDING, bending_weft=ratio * BENDING)
+    check_droop(made(tmp_path, MESHES[name], fabric)[0], tolerance)
+
+
+def check_droop(topology: Topology, tolerance: float) -> None:
     y, matrix = topology.flat[:, 1], laplacian(topology)
     free = y < 0.5 - 0.07
     density = topology.mass.sum()  # [kg/m²], since the sheet has 1 m²

@@ -104,7 +104,7 @@ def consistent_scene(scene: Scene) -> Scene:
     else:
         scene = replace(scene, fabric=replace(scene.fabric, c11=0.0, c22=0.0, c12=0.0, c66=0.0))
     if scene.tearing is not None:
-        scene = replace(scene, fabric=replace(scene.fabric, bending_stiffness=0.0))
+        scene = replace(scene, fabric=replace(scene.fabric, bending_stiffness=0.0, bending_weft=0.0))
     if scene.cloth.layer_spacing == 0 and scene.self_collision is not None:
         scene = replace(scene, self_collision=replace(scene.self_collision, penetration_free=False))
     colliders = {section: getattr(scene, section) for section in COLLIDERS}
