@@ -11,8 +11,11 @@ import taichi.math as tm
 
 from .integration import apply_correction
 from .membrane_forces import gradient, share_of, strain_change, strain_of, stress_of
+from .simd_sweep import moved_fields
 from .step_params import CELL_AREA, CELL_COLUMNS, CELL_ROWS, DAMPING_TIME
 from .vec import insert_shifted, neg, scale, shift_left_clamped
+
+CELL_MULTIPLIERS = 12  # of a cell of a grid: three for each of its triangles
 
 
 @ti.func
@@ -118,11 +121,6 @@ def solve_triangle(cloth: ti.template(), features: ti.template(), n: int, params
 # -- grids in the SIMD layout ------------------------------------------------------------------------------------------
 
 
-def moved_fields(features: object) -> tuple[str, ...]:
-    """Return the fields that a correction changes."""
-    return ("x", "velocity") if features.stores_velocity else ("x",)
-
-
 def read_fields(features: object) -> tuple[str, ...]:
     """Return the fields that the constraints read."""
     return (*moved_fields(features), "inverse_mass", *(("x_prev",) if features.spring_damping else ()))
@@ -193,7 +191,7 @@ def solve_cell(
             g2 = f2 - (cloth.x_prev[last] - cloth.x_prev[first]) * along
             d1, d2, d12 = strain_change(f1, f2, g1, g2)
             error1, error2, error12 = e1 + damping_steps * d1, e2 + damping_steps * d2, e12 + damping_steps * d12
-        n = 12 * a + 3 * k
+        n = CELL_MULTIPLIERS * a + 3 * k
         multiplier = ti.static(cloth.membrane.multiplier)
         x1, x2, x12 = multiplier_changes(
             features,

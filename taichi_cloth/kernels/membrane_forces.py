@@ -1,4 +1,4 @@
-"""The membrane of `geometry/membrane_model.py`: forces of triangles, their linearization, and constraints of XPBD.
+"""The membrane of `geometry/membrane_model.py`: forces of its triangles, and their linearization.
 
 Stresses and strains are in the order 11, 22, 12; of a strain the last is 2·E₁₂. Functions of plain values take one
 triangle, or eight at once in the SIMD layout (`vec.py`).
@@ -124,7 +124,7 @@ class MembraneSum(NamedTuple):
 
     def inputs(self, features: object) -> tuple[str, ...]:
         """Return the fields that it reads."""
-        return ("x", self.change) if self.linear or features.spring_damping else ("x",)
+        return ("x", self.change) if self.needs_change(features) else ("x",)
 
 
 MEMBRANE_FORCE = MembraneSum(elastic_stress, change="velocity", target="force", linear=False)

@@ -29,6 +29,11 @@ from ..geometry.simd_layout import (
 from .vec import broadcast, insert_shifted, shift_left_clamped, shift_right
 
 
+def moved_fields(features: object) -> tuple[str, ...]:
+    """Return the fields that a correction of positions changes."""
+    return ("x", "velocity") if features.stores_velocity else ("x",)
+
+
 class PairConstraint(NamedTuple):
     """A constraint between the two ends of a spring, which it moves."""
 
@@ -39,7 +44,7 @@ class PairConstraint(NamedTuple):
 
     def outputs(self, features: object) -> tuple[str, ...]:
         """Return the fields that it changes at both ends."""
-        return ("x", "velocity") if features.stores_velocity else ("x",)
+        return moved_fields(features)
 
     def fields(self, features: object) -> tuple[str, ...]:
         """Return all fields that it uses at both ends."""

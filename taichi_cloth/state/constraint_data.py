@@ -15,6 +15,7 @@ from ..geometry.membrane_model import Membrane
 from ..geometry.simd_layout import LANES
 from ..geometry.tethers import MAX_TETHERS, tethers_of
 from ..geometry.topology import Topology, adjacency
+from ..kernels.membrane_constraints import CELL_MULTIPLIERS
 from . import field_pool as fields
 from .field_pool import build, by_packet, capacity, layout_index, layout_size, vector_field_like
 
@@ -145,9 +146,6 @@ class MembraneCells:
     multiplier: ti.ScalarField
     """Lagrange multipliers of the strains in `xpbd` [kg·m²], twelve for each cell, (12·packets,)."""
     count: ti.ScalarField
-
-
-CELL_MULTIPLIERS = 12  # of a cell: three for each of its triangles
 
 
 def attach_membrane(layout: Layout, membrane: Membrane, particles: int) -> None:
