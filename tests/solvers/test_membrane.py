@@ -113,12 +113,12 @@ def membrane_constraints(cloth: ti.template(), features: ti.template(), ctx: ti.
     solve_membrane(cloth, features, ctx.params, ctx.h)
 
 
-@pytest.mark.parametrize("damping_time", [0.0, 0.01])
+@pytest.mark.parametrize("damping_time", [0.0, 0.1])
 def test_one_projection_is_that_of_a_float64_solution(tmp_path: Path, damping_time: float) -> None:
     """Of a single triangle, with another mass at every corner and multipliers from an earlier iteration."""
     flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.2, 0.0], [0.3, 0.9, 0.0]])
     write_obj(tmp_path / "one.obj", flat, [[0, 1, 2]])
-    h, damping_steps, multiplier = 0.01, damping_time / 0.01, np.array([2e-4, -1e-4, 3e-4])
+    h, damping_steps, multiplier = 0.1, damping_time / 0.1, np.array([0.02, -0.01, 0.03])
     keys = {"model": "membrane", **TENSOR, "compression": 0.5, "damping_time": damping_time}
     scene = Scene(cloth=Cloth(file="one.obj", folder=str(tmp_path)), fabric=Fabric(**keys), solver=Solver("xpbd"))
     with Simulation(scene, "serial") as simulation:
