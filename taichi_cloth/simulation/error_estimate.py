@@ -83,6 +83,10 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
         raise UsageError("a target error needs a grid: errors were not measured for a cloth from a mesh file")
     cells = max(scene.cloth.rows, scene.cloth.columns) - 1
     near = [row for row in settings_near(cells) if only in (None, row.solver)]
+    if cloth_builder.is_membrane(scene, "fabric"):
+        if only and not SOLVER_CATALOG[only].membrane:
+            raise UsageError(needs_springs(only))
+        near = [row for row in near if SOLVER_CATALOG[row.solver].membrane]
     ignored = only is None and scene.solver.name != "verlet" and scene.fabric != Fabric()
     if ignored:
         near = [row for row in near if row.solver != "verlet"]

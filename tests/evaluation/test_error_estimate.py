@@ -107,6 +107,16 @@ def test_the_fastest_setting_that_meets_the_target_is_selected() -> None:
     assert settings_for_error(square(64), 0.02, "xpbd")[0].solver.name == "xpbd"
 
 
+def test_solvers_without_membranes_are_not_selected_for_one() -> None:
+    scene = replace(square(64), fabric=Fabric(model="membrane"))
+    assert settings_for_error(square(64), 1e-3, "lines")[0].solver.name == "lines"
+    assert settings_for_error(scene, 1e-3)[0].solver.name not in ("lines", "verlet")
+    with pytest.raises(UsageError, match=r'lines does not support fabric\.model = "membrane"; use xpbd, explicit'):
+        settings_for_error(scene, 1e-3, "lines")
+    with pytest.raises(UsageError, match="lines does not support"):
+        cost_of(replace(scene, solver=Solver("lines")))
+
+
 def test_a_stiff_fabric_needs_more_substeps_with_an_explicit_solver() -> None:
     soft = settings_for_error(square(64), 1e-5, "explicit")[0]
     stiff, why = settings_for_error(
