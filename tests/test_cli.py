@@ -192,6 +192,13 @@ def test_check_prints_every_mistake_of_every_file_and_counts_them(
     assert captured.err == "taichi-cloth: 5 mistakes in 4 of 5 files\n"
 
 
+def test_check_counts_the_edges_of_a_membrane(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["check", "bias"]) == 0
+    assert " · 1,332 edges of a membrane and 3,890 bending links · " in capsys.readouterr().out
+    assert cli.main(["check", "curtain", "--set", "model=membrane"]) == 0  # verlet does not read [fabric]
+    assert " · 4,052 springs · " in capsys.readouterr().out
+
+
 def test_check_counts_particles_that_start_inside_a_collider(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -111,7 +111,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
 
     With `timed`, frames of it are run.
     """
-    from ..geometry.cloth_builder import build_topology, component_count, particle_count_text
+    from ..geometry.cloth_builder import build_topology, component_count, is_membrane, particle_count_text
     from ..simulation.error_estimate import SAMPLE, cost_of
     from ..system.console import count_noun
 
@@ -120,7 +120,8 @@ def describe(scene: Scene, *, timed: bool) -> str:
     particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
     size = "" if scene.cloth.file else f"{scene.cloth.width:g}×{scene.cloth.height:g} m"
     is_large, pins, memory, unfinished, inside = cost.particles > SAMPLE**2, "", "", "", ""
-    springs = "edges of a membrane" if scene.fabric.model == "membrane" else "springs"
+    section = SOLVER_CATALOG[scene.solver.name].stiffness_section
+    springs = "edges of a membrane" if is_membrane(scene, section) else "springs"
     counts = (cost.springs, springs), (cost.bending_links, "bending links")
     springs = " and ".join(
         f"about {two_digits(count / 1e6)} million {what}" if is_large else f"{count:,} {what}"
@@ -130,7 +131,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     if is_large:
         memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
     else:
-        topology = build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)
+        topology = build_topology(scene, section)
         unfinished, inside = left_unfinished(scene, topology, cost.substeps), inside_at_start(scene, topology)
         pins = count_noun(int(topology.pinned.sum()), "pin")
         if scene.cloth.file:
