@@ -70,6 +70,8 @@ def sources() -> str:
             [name.replace("_", " "), f"{getattr(fabric, name):g} {unit}", fabric.sources[name]]
             for name, unit in UNITS.items()
         ]
+        if "poisson" in fabric.sources:
+            rows.append(["Poisson's ratio", f"{fabric.poisson:g}", fabric.sources["poisson"]])
         rows.append(["stiffness for `verlet`", shares, fabric.sources["verlet"]])
         blocks.append(f"### {fabric.name}\n\n{fabric.title}.\n\n" + table(["property", "value", "source"], rows))
     return "\n\n".join(blocks)

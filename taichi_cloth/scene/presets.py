@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..system.errors import SceneError, nearest_name, short_repr
-from .schema import PRESET_NAMES, Cloth, Scene
+from .schema import PRESET_NAMES, Scene
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -87,10 +87,10 @@ _VERLET_KEYS = ("structural", "shear", "bend")
 _LOOK = ("color", "second_color", "pattern_scale", "pattern", "sheen")
 
 # Scene keys that a preset fills in, by section.
-_UNMEASURED = ("bending_weft", "c11", "c22", "c12", "c66")  # 0: as along the warp, and as of the springs
+_TENSOR = ("c11", "c22", "c12", "c66")
 PRESET_KEYS = {
     "cloth": ("area_density",),
-    "fabric": ("warp", "weft", "shear", "bend_spring", "bending_stiffness", "damping_time", *_UNMEASURED),
+    "fabric": ("warp", "weft", "shear", "bend_spring", "bending_stiffness", "damping_time", "bending_weft", *_TENSOR),
     "verlet": _VERLET_KEYS,
     "look": _LOOK,
 }
@@ -111,6 +111,8 @@ class Preset:
     weft: float  # [N/m]
     bias: float  # [N/m]
     bending: float  # [N·m]
+    poisson: float
+    """Poisson's ratio of a strip along the warp: strain across over strain along. 0 if no source has it."""
     damping: float
     """Time by which stress leads strain [s], at the first stretch vibration of a sheet 1 m long."""
     structural: float  # 0…1
@@ -132,32 +134,50 @@ def load_preset(name: str) -> Preset:
     file = str(path)
     data = tomllib.loads(path.read_text(encoding="utf-8"))
     expected = {"title", "verlet", "look", *_MEASURED}
-    if set(data) != expected:
+    if set(data) - {"poisson"} != expected:
         raise SceneError(file, "", f"must have {', '.join(sorted(expected))}, got {', '.join(sorted(data))}")
     numbers = {key: _number(data[key], "value", file, key) for key in _MEASURED}
     verlet = {key: _number(data["verlet"], key, file, "verlet", maximum=1.0) for key in _VERLET_KEYS}
     sources = {key: _source(data[key], file, key) for key in (*_MEASURED, "verlet")}
+    numbers["poisson"] = 0.0
+    if "poisson" in data:
+        numbers["poisson"] = _number(data["poisson"], "value", file, "poisson", maximum=1.0)
+        sources["poisson"] = _source(data["poisson"], file, "poisson")
     return Preset(name, str(data["title"]), **numbers, **verlet, look=_look(data["look"], file), sources=sources)
 
 
-def preset_values(preset: Preset, cloth: Cloth) -> dict[str, dict[str, object]]:
+def membrane_constants_of(warp: float, weft: float, bias: float, poisson: float) -> tuple[float, float, float, float]:
+    """Return C₁₁, C₂₂, C₁₂ and C₆₆ of the membrane [N/m] whose strips have these stiffnesses [N/m] and Poisson's ratio.
+
+    1/E₄₅ = (1/E₁ + 1/E₂ − 2·ν₁₂/E₁ + 1/C₆₆)/4 gives C₆₆.
+    """
+    c22 = weft / (1 - poisson**2 * weft / warp)
+    shear = 4 / bias - 1 / warp - 1 / weft + 2 * poisson / warp
+    return c22 * warp / weft, c22, poisson * c22, 1 / shear
+
+
+def preset_values(preset: Preset, scene: Scene) -> dict[str, dict[str, object]]:
     """Return the values that a preset sets in a scene with this cloth: section → key → value.
 
     With one diagonal per cell, its shear spring is twice as stiff as each of two. Bend springs get no stiffness, since
     the sheet itself has the measured bending stiffness. `damping_time` is the measured time: slow stretch vibrations
     lose as much energy as measured, faster ones more.
     """
-    warp, weft, shear = spring_stiffness_of(preset.warp, preset.weft, preset.bias)
+    strips = preset.warp, preset.weft, preset.bias
+    warp, weft, shear = spring_stiffness_of(*strips)
+    is_membrane = scene.fabric.model == "membrane"
+    tensor = membrane_constants_of(*strips, preset.poisson) if is_membrane else (0.0,) * len(_TENSOR)
     return {
         "cloth": {"area_density": preset.area_density},
         "fabric": {
             "warp": warp,
             "weft": weft,
-            "shear": shear * 2 / cloth.diagonals,
+            "shear": shear * 2 / scene.cloth.diagonals,
             "bend_spring": 0.0,
             "bending_stiffness": preset.bending,
             "damping_time": preset.damping,
-            **dict.fromkeys(_UNMEASURED, 0.0),
+            "bending_weft": 0.0,
+            **dict(zip(_TENSOR, tensor, strict=True)),
         },
         "verlet": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
         "look": preset.look,
@@ -170,7 +190,7 @@ def with_fabric(scene: Scene, name: str, own: Scene) -> Scene:
         s: {key: getattr(getattr(own, s), key) for key in PRESET_KEYS[s]} for s in PRESET_KEYS
     }
     if name:
-        values = {section: dict(keys) for section, keys in preset_values(load_preset(name), scene.cloth).items()}
+        values = {section: dict(keys) for section, keys in preset_values(load_preset(name), scene).items()}
     values["fabric"]["preset"] = name or own.fabric.preset
     if scene.tearing is not None:
         values["fabric"] |= {"bending_stiffness": 0.0, "bending_weft": 0.0}  # tearing does not support them

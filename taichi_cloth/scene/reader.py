@@ -187,7 +187,7 @@ def _with_preset(scene: Scene, data: dict[str, Any], mistakes: Mistakes) -> Scen
     """Return the scene with the values of its fabric preset for all keys that neither file nor overrides set."""
     if not scene.fabric.preset:
         return scene
-    preset = preset_values(load_preset(scene.fabric.preset), scene.cloth)
+    preset = preset_values(load_preset(scene.fabric.preset), scene)
     filled = {}
     for name, values in preset.items():
         section = getattr(scene, name)

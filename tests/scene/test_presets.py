@@ -15,7 +15,14 @@ from hypothesis import strategies as st
 from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import SceneError, key_table, presets, scene_to_toml
-from taichi_cloth.scene.presets import asset_folder, load_preset, preset_values, spring_stiffness_of
+from taichi_cloth.scene.presets import (
+    asset_folder,
+    load_preset,
+    membrane_constants_of,
+    preset_values,
+    spring_stiffness_of,
+    with_fabric,
+)
 from taichi_cloth.scene.schema import PRESET_NAMES, Cloth, Fabric, Scene, VerletSprings
 
 Write = Callable[[str | bytes], Path]
@@ -58,7 +65,8 @@ def test_preset_names_are_those_of_the_files() -> None:
 def test_every_number_has_a_source(name: str) -> None:
     fabric = load_preset(name)
     assert fabric.title
-    assert set(fabric.sources) == {"area_density", "warp", "weft", "bias", "bending", "damping", "verlet"}
+    measured = {"poisson"} if fabric.poisson else set()
+    assert set(fabric.sources) == {"area_density", "warp", "weft", "bias", "bending", "damping", "verlet"} | measured
     assert all(len(source.split()) > 3 for source in fabric.sources.values())
 
 
@@ -115,10 +123,40 @@ def test_a_bias_stiffness_above_that_of_any_grid_is_refused() -> None:
 
 
 def test_a_single_diagonal_is_twice_as_stiff() -> None:
-    two, one = [preset_values(load_preset("denim"), Cloth(diagonals=count)) for count in (2, 1)]
+    two, one = [preset_values(load_preset("denim"), Scene(cloth=Cloth(diagonals=count))) for count in (2, 1)]
     shear = two["fabric"]["shear"]
     assert isinstance(shear, float)
     assert one["fabric"] == {**two["fabric"], "shear": 2 * shear}
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_a_membrane_has_the_measured_strips_and_poissons_ratio(name: str) -> None:
+    fabric = load_preset(name)
+    c11, c22, c12, c66 = membrane_constants_of(fabric.warp, fabric.weft, fabric.bias, fabric.poisson)
+    s = np.linalg.inv([[c11, c12, 0.0], [c12, c22, 0.0], [0.0, 0.0, c66]])
+    strips = 1 / s[0, 0], 1 / s[1, 1], 4 / (s[0, 0] + s[1, 1] + 2 * s[0, 1] + s[2, 2])
+    assert strips == pytest.approx((fabric.warp, fabric.weft, fabric.bias), rel=1e-9)
+    assert -s[0, 1] / s[0, 0] == pytest.approx(fabric.poisson)
+    assert np.linalg.eigvalsh(s).min() > 0
+
+
+def test_rubber_keeps_its_volume() -> None:
+    fabric = load_preset("rubber")
+    assert fabric.poisson == 0.5
+    assert fabric.sources["poisson"]
+    constants = membrane_constants_of(fabric.warp, fabric.weft, fabric.bias, fabric.poisson)
+    assert constants == pytest.approx(np.array([4 / 3, 4 / 3, 2 / 3, 1 / 3]) * fabric.warp)
+    assert load_preset("cotton").poisson == 0.0
+
+
+def test_a_preset_sets_the_tensor_of_membranes_only(write: Write) -> None:
+    springs = load_scene(write(GRID + "[fabric]\npreset = 'rubber'"))
+    membrane = load_scene(write(GRID + "[fabric]\npreset = 'rubber'\nmodel = 'membrane'\nc66 = 7.0"))
+    assert (springs.fabric.c11, springs.fabric.c66) == (0.0, 0.0)
+    assert (membrane.fabric.c12, membrane.fabric.c66) == (pytest.approx(2 / 3 * 1690), 7.0)
+    denim = with_fabric(membrane, "denim", membrane)
+    assert denim.fabric.c22 == pytest.approx(9400.0)
+    assert with_fabric(denim, "", membrane).fabric == membrane.fabric
 
 
 # -- in a scene --------------------------------------------------------------------------------------------
