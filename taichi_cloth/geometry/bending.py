@@ -84,7 +84,8 @@ def plate_link_stiffness(
         constants[DOWN, :-2] += 2 * k
         constants[DOWN, 1:-1] += 2 * k
         constants[TWO_DOWN, :-2] -= k
-    twist = 2 * np.sqrt(down * along) / (a * b)
+    bending = float(np.sqrt(down * along))  # in a twist
+    twist = 2 * bending / (a * b)
     constants[RIGHT, :-1, :-1] += twist
     constants[RIGHT, 1:, :-1] += twist
     constants[DOWN, :-1, :-1] += twist
