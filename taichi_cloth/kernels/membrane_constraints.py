@@ -22,27 +22,23 @@ CELL_MULTIPLIERS = 12  # of a cell of a grid: three for each of its triangles
 def multiplier_changes(
     features: ti.template(),
     params: ti.template(),
-    e1,
-    e2,
-    e12,
-    error1,
-    error2,
-    error12,
-    multiplier1,
-    multiplier2,
-    multiplier12,
-    w11,
-    w22,
-    w12,
+    strain: ti.template(),
+    error: ti.template(),
+    multiplier: ti.template(),
+    weights: ti.template(),
     factor,
     damping_steps,
 ):
     """Return the changes Δλ of the three multipliers of a triangle (eq. 26).
 
     They solve (k·G·(1 + γ) + 1)·Δλ = −k·error − λ, where k is `factor` times C, the inverse of the paper's α̃, G is
-    ∇ε·M⁻¹·∇εᵀ, γ is `damping_steps`, and the error is the strain e plus γ times its growth in this substep. `w11`,
-    `w22` and `w12` are the sums over the corners.
+    ∇ε·M⁻¹·∇εᵀ, γ is `damping_steps`, and the error is the strain plus γ times its growth in this substep. `weights` are
+    the sums over the corners, of w·s₁², w·s₂² and w·s₁·s₂.
     """
+    e1, e2, e12 = ti.static(strain)
+    error1, error2, error12 = ti.static(error)
+    multiplier1, multiplier2, multiplier12 = ti.static(multiplier)
+    w11, w22, w12 = ti.static(weights)
     share1, share2 = share_of(features, params, e1), share_of(features, params, e2)
     f11, f22 = 2.0 * e1 + 1.0, 2.0 * e2 + 1.0
     g13, g23 = w11 * e12 + w12 * f11, w12 * f22 + w22 * e12
@@ -97,18 +93,10 @@ def solve_triangle(cloth: ti.template(), features: ti.template(), n: int, params
     x1, x2, x12 = multiplier_changes(
         features,
         params,
-        e1,
-        e2,
-        e12,
-        e1 + damping_steps * d1,
-        e2 + damping_steps * d2,
-        e12 + damping_steps * d12,
-        multiplier[0],
-        multiplier[1],
-        multiplier[2],
-        (w * slopes1).dot(slopes1),
-        (w * slopes2).dot(slopes2),
-        (w * slopes1).dot(slopes2),
+        (e1, e2, e12),
+        (e1 + damping_steps * d1, e2 + damping_steps * d2, e12 + damping_steps * d12),
+        (multiplier[0], multiplier[1], multiplier[2]),
+        ((w * slopes1).dot(slopes1), (w * slopes2).dot(slopes2), (w * slopes1).dot(slopes2)),
         h * h * cloth.membrane.area[n],
         damping_steps,
     )
@@ -193,29 +181,22 @@ def solve_cell(
             error1, error2, error12 = e1 + damping_steps * d1, e2 + damping_steps * d2, e12 + damping_steps * d12
         n = CELL_MULTIPLIERS * a + 3 * k
         multiplier = ti.static(cloth.membrane.multiplier)
+        old1, old2, old12 = multiplier[n], multiplier[n + 1], multiplier[n + 2]
         x1, x2, x12 = multiplier_changes(
             features,
             params,
-            e1,
-            e2,
-            e12,
-            error1,
-            error2,
-            error12,
-            multiplier[n],
-            multiplier[n + 1],
-            multiplier[n + 2],
-            (w_upper + w_lower) * (down * down),
-            (w_first + w_last) * (along * along),
-            w_corner * (down * along * sign),
+            (e1, e2, e12),
+            (error1, error2, error12),
+            (old1, old2, old12),
+            (
+                (w_upper + w_lower) * (down * down),
+                (w_first + w_last) * (along * along),
+                w_corner * (down * along * sign),
+            ),
             factor,
             damping_steps,
         )
-        multiplier[n], multiplier[n + 1], multiplier[n + 2] = (
-            multiplier[n] + x1,
-            multiplier[n + 1] + x2,
-            multiplier[n + 2] + x12,
-        )
+        multiplier[n], multiplier[n + 1], multiplier[n + 2] = old1 + x1, old2 + x2, old12 + x12
         on_1 = (scale(f1, x1) + scale(f2, x12)) * down
         on_2 = (scale(f1, x12) + scale(f2, x2)) * along
         if ti.static(left):

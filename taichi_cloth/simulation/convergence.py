@@ -1,8 +1,8 @@
 """Estimates of what iterations that do not converge leave, without simulating: stretch, and too large forces.
 
-In each substep of h seconds every particle
-falls by g·h², and red-black Gauss-Seidel iterations over the springs correct that. On a sheet of N rows below its pins,
-with springs of stiffness k [N/m] and particles of mass m [kg], an iteration reduces an error by the factor
+In each substep of h seconds every particle falls by g·h², and red-black Gauss-Seidel iterations over the springs
+correct that. On a sheet of N rows below its pins, with springs of stiffness k [N/m] and particles of mass m [kg], an
+iteration reduces an error by the factor
 
     ρ = (2w/(2w + α))² = 1/(1 + m/(2kh²))²,    w = 1/m, α = 1/(kh²)
 

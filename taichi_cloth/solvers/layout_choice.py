@@ -47,7 +47,8 @@ def choose_layout(
             raise UsageError(f"layout {wanted} is for --arch cpu; a GPU uses parallel")
         wanted = "parallel"
     if unsupported.parallel and wanted == "parallel":
-        raise UsageError(f"layout parallel is not supported: {unsupported.parallel}; use serial")
+        instead = "serial" if on_cpu() else "--arch cpu"
+        raise UsageError(f"layout parallel is not supported: {unsupported.parallel}; use {instead}")
     if unsupported.simd and wanted == "simd":
         raise UsageError(f"layout simd is not supported: {unsupported.simd}; use serial or parallel")
     if wanted == "simd" and not simd_available():

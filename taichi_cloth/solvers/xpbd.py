@@ -11,7 +11,8 @@ compliant constrained dynamics*, Algorithm 1). Numbers such as (4) below are lin
     (15)  x of the next step
     (16)  v = (x − x_prev)/h
 
-Springs have SI stiffness. Once the iterations converge, it does not depend on substeps, iterations or grid.
+Springs have SI stiffness. Once the iterations converge, it does not depend on substeps, iterations or grid. A membrane
+has triangles instead of springs (`kernels/membrane_constraints.py`).
 """
 
 import taichi as ti
