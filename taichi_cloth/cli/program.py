@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NoReturn, Protocol
 from .. import __version__
 from ..scene import Scene, SceneError, parse_override, scene_names
 from ..scene.overrides import scene_without
+from ..scene.presets import is_file_name
 from ..scene.schema import SOLVER_NAMES, Fabric, VerletSprings
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
@@ -93,6 +94,8 @@ def with_hint(message: str) -> str:
     if word in RENAMED_COMMANDS:
         return f"{word} was renamed to {RENAMED_COMMANDS[word]}"
     hint = nearest_hint(word, [*choices, *scene_names()])  # `taichi-cloth SCENE` runs a scene
+    if Path(file := f"{word}.toml").is_file():
+        hint = f"; did you mean {file!r}?"
     return f"unknown command {shown}" + (hint or f": {', '.join(choices)}")
 
 
@@ -141,8 +144,8 @@ def sigterm_interrupts() -> Iterator[None]:
 
 
 def is_scene(word: str) -> bool:
-    """Return whether a word is a shipped scene or a scene file, which `run` opens, and not a command."""
-    return word.endswith(".toml") or word in scene_names()
+    """Return whether a word is a shipped scene or the path of a file, which `run` opens, and not a command."""
+    return not word.startswith("-") and (is_file_name(word) or word in scene_names())
 
 
 def run_command(modules: Iterable[CommandModule], argv: Sequence[str]) -> int:

@@ -11,7 +11,7 @@ RESPONSES = ("projection", "reflection", "repulsion")
 PROJECTION, REFLECTION, REPULSION = range(3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ContactProperties(Table):
     """Contact with a collider. `continuous` and collision with triangles require projection."""
 
@@ -30,7 +30,7 @@ class ContactProperties(Table):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Motion(Table):
     """Motion of a collider or attachment. Its center is at center + oscillation·sin(2π·t/period + phase) + keyframes.
 
@@ -62,14 +62,14 @@ class Motion(Table):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Attachment(Motion):
     """Pins that move together as one rigid body from their start positions, for example a bar or a hand."""
 
     pins: Pins = key_field((), "attached particles: edges, corners, particle indices, regions or groups, as in [cloth]")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Collider(Motion, ContactProperties):
     """A body that the cloth cannot enter. `rotation` is its orientation before any motion."""
 
@@ -79,7 +79,7 @@ class Collider(Motion, ContactProperties):
     rotation: Vec3 = key_field((0.0, 0.0, 0.0), "rotation about x, then y, then z", "degrees", min=-360.0, max=360.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RoundCollider(Collider):
     """A collider whose surface has a constant distance from a point or a segment."""
 
@@ -90,7 +90,7 @@ class RoundCollider(Collider):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sphere(RoundCollider):
     """A sphere."""
 
@@ -99,7 +99,7 @@ class Sphere(RoundCollider):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Capsule(RoundCollider):
     """A cylinder with hemispherical ends, along y before rotation."""
 
@@ -107,7 +107,7 @@ class Capsule(RoundCollider):
     radius: float = key_field(0.1, "radius, without the margin", "m", min=0.0, max=1000.0, exclusive_min=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Box(Collider):
     """A box with sides along x, y and z before rotation: a table top."""
 
@@ -115,7 +115,7 @@ class Box(Collider):
     size: Vec3 = key_field((1.0, 1.0, 1.0), "full lengths of the sides along x, y, z", "m", min=0.001, max=1000.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Plane(Collider):
     """An infinite plane, solid on one side: before rotation it is horizontal, and solid below."""
 
@@ -125,7 +125,7 @@ class Plane(Collider):
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Mesh(Collider):
     """A solid bounded by a closed triangle mesh. Its center is that of its bounding box.
 
@@ -146,7 +146,7 @@ class Mesh(Collider):
     clip_time: float = field(default=0.0, metadata={"derived": "time of the clip whose shape this is [s]"})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ground(ContactProperties):
     """A horizontal floor."""
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache
-from itertools import chain
+from itertools import chain, pairwise
 from math import isfinite
 from os import PathLike, fspath
 from typing import Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
@@ -82,7 +82,7 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     if hint == Vec3:
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise SceneError(file, where, f"must be three numbers, as in [0.0, 1.0, 0.0], got {short_repr(value)}")
-        return tuple(check_value(v, float, key, file, f"{where}[{k}]") for k, v in enumerate(value))
+        return _each(value, lambda k, v: check_value(v, float, key, file, f"{where}[{k}]"))
     if hint == Keyframes:
         return _keyframes(value, key, file, where)
     if hint == Pins:
@@ -90,7 +90,7 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
             value = [value]
         if not isinstance(value, (list, tuple)):
             raise SceneError(file, where, f'must be a list, as in ["top", 17], got {short_repr(value)}')
-        return tuple(_pin(without_numpy(v), file, f"{where}[{k}]") for k, v in enumerate(value))
+        return _each(value, lambda k, v: _pin(without_numpy(v), file, f"{where}[{k}]"))
     accepted: Any = (int, float) if hint is float else hint
     if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):
         raise SceneError(file, where, f"must be {_TYPE_NAMES[hint]}, got {short_repr(value)}")
@@ -99,6 +99,23 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     elif hint is not bool:
         _check_number(value, key, file, where)
     return hint(value)
+
+
+def _each(values: Sequence[Any], check: Callable[[int, Any], Any]) -> tuple[Any, ...]:
+    """Return what `check` returns for the number and value of each element.
+
+    Raises the SceneError of the first wrong element, with those of the others.
+    """
+    checked, errors = [], []
+    for k, value in enumerate(values):
+        try:
+            checked.append(check(k, value))
+        except SceneError as error:
+            errors += [error, *error.others]
+    if errors:
+        errors[0].others = tuple(errors[1:])
+        raise errors[0]
+    return tuple(checked)
 
 
 def without_numpy(value: Any) -> Any:
@@ -139,17 +156,19 @@ def _keyframes(value: object, key: Key, file: str, where: str) -> Keyframes:
     """Return checked keyframes: rows of 4 or 7 numbers with increasing times."""
     if not isinstance(value, (list, tuple)):
         raise SceneError(file, where, f"must be rows, as in [[0, 0, 0, 0], [2, 0, 1, 0]], got {short_repr(value)}")
-    rows = []
-    for k, row in enumerate(value):
+
+    def checked_row(k: int, row: Any) -> tuple[float, ...]:
         row_key = f"{where}[{k}]"
         if not isinstance(row, (list, tuple)) or len(row) not in (4, 7):
-            raise SceneError(
-                file, row_key, f"must be seconds, x, y, z and optionally three angles, got {short_repr(row)}"
-            )
-        rows.append(tuple(check_value(v, float, key, file, f"{row_key}[{n}]") for n, v in enumerate(row)))
-        if k and rows[k][0] <= rows[k - 1][0]:
-            raise SceneError(file, row_key, f"times must increase, got {row[0]:g} s after {value[k - 1][0]:g} s")
-    return tuple(rows)
+            reason = f"must be seconds, x, y, z and optionally three angles, got {short_repr(row)}"
+            raise SceneError(file, row_key, reason)
+        return _each(row, lambda n, v: check_value(v, float, key, file, f"{row_key}[{n}]"))
+
+    rows = _each(value, checked_row)
+    for k, (before, after) in enumerate(pairwise(rows), 1):
+        if after[0] <= before[0]:
+            raise SceneError(file, f"{where}[{k}]", f"times must increase, got {after[0]:g} s after {before[0]:g} s")
+    return rows
 
 
 def _pin(value: object, file: str, where: str) -> str | int:
@@ -188,6 +207,8 @@ class Table:
 
     def __new__(cls, *args: Any, **keywords: Any) -> Any:
         known = cls.__dataclass_fields__
+        if args and all(one.kw_only for one in known.values()):
+            raise SceneError(cls.__name__, "", f"values need the names of keys, as in {cls.__name__}(center=[0, 1, 0])")
         for name in keywords:
             if name not in known:
                 keys = [key for key, one in known.items() if "derived" not in one.metadata]

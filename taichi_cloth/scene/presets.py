@@ -15,6 +15,7 @@ from ..system.errors import SceneError, nearest_name, short_repr
 from .schema import PRESET_NAMES, Scene
 
 _PACKAGE = Path(__file__).parents[1]
+MESH_SUFFIXES = (".obj", ".stl", ".ply", ".fbx", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".abc")
 
 
 def asset_folder() -> Path:
@@ -41,8 +42,9 @@ def is_file_name(text: str) -> bool:
 def scene_path(name_or_path: str | Path) -> Path:
     """Return the path of a shipped scene by name, or a path unchanged. Raises SceneError for an unknown name."""
     text = str(name_or_path)
-    if text.endswith(".obj"):
-        raise SceneError(text, "", 'is a mesh, not a scene: write a scene whose [cloth] has file = "NAME.obj"')
+    if Path(text).suffix in MESH_SUFFIXES:
+        other = "" if text.endswith(".obj") else "convert it to OBJ, and "
+        raise SceneError(text, "", f'is a mesh, not a scene: {other}write a scene whose [cloth] has file = "NAME.obj"')
     if isinstance(name_or_path, Path) or is_file_name(text):
         return Path(text)
     names = scene_names()
@@ -52,7 +54,8 @@ def scene_path(name_or_path: str | Path) -> Path:
                 raise SceneError(text, "", "is a folder, not a scene file")
             raise SceneError(text, "", f"is no shipped scene; for the file, write ./{text}")
         reason = f"no such scene; use {', '.join(names)}, or the path of a TOML file"
-        raise SceneError(text or "scene", "", reason, nearest_name(text, names))
+        hint = f"{text}.toml" if text and Path(f"{text}.toml").is_file() else nearest_name(text, names)
+        raise SceneError(text or "scene", "", reason, hint)
     return asset_folder() / "scenes" / f"{text}.toml"
 
 

@@ -80,6 +80,9 @@ class SceneError(ValueError):
     A ValueError. `hint` is the nearest valid name, or "".
     """
 
+    others: tuple["SceneError", ...] = ()
+    """Errors of other elements of the same list."""
+
     def __init__(self, file: str, key: str, reason: str, hint: str = "") -> None:
         self.file, self.key, self.reason, self.hint = file, key, reason, hint
         text = ": ".join(part for part in (file, _clipped(key, 100), _clipped(reason, 400)) if part)
@@ -118,7 +121,7 @@ class Mistakes(list[SceneError]):
         try:
             yield
         except SceneError as error:
-            self.append(error)
+            self += (error, *error.others)
         except PinError as error:
             self.add(key, str(error), nearest_name(error.name, error.known))
         except ValueError as error:

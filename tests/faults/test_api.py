@@ -269,6 +269,12 @@ def test_lists_in_a_scene_become_tuples() -> None:
         assert simulation.metrics().finite
 
 
+@pytest.mark.parametrize("cls", [Box, Sphere])
+def test_a_collider_needs_the_names_of_its_keys(cls: Any) -> None:
+    with pytest.raises(SceneError, match=f"{cls.__name__}: values need the names of keys, as in .*center="):
+        cls((0.0, 1.0, 0.0), 0.2)
+
+
 @pytest.mark.parametrize(
     ("sections", "line"),
     [

@@ -55,6 +55,25 @@ check = "#ffffff"
 """
 
 
+def test_every_element_of_a_list_has_a_line(write: Write) -> None:
+    text = """[cloth]
+    pins = ["tpo", 3, true]
+    center = [0, "a", nan]
+    [[spheres]]
+    keyframes = [[0, 0, 0, 0], [1, "b", 0, "c"], [2, 0]]
+    """
+    keys = [line.partition(": ")[0] for line in lines_of(write(text))]
+    assert keys == [
+        "cloth.pins[0]",
+        "cloth.pins[2]",
+        "cloth.center[1]",
+        "cloth.center[2]",
+        "spheres[0].keyframes[1][1]",
+        "spheres[0].keyframes[1][3]",
+        "spheres[0].keyframes[2]",
+    ]
+
+
 def test_every_mistake_has_a_line(write: Write) -> None:
     found = lines_of(write(BAD))
     starts = [
