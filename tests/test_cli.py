@@ -18,10 +18,12 @@ from PIL import Image
 from taichi_cloth import __main__ as cli
 from taichi_cloth import __version__
 from taichi_cloth.cli import scenes
-from taichi_cloth.cli.program import overrides, summary
+from taichi_cloth.cli.program import overrides
+from taichi_cloth.cli.scenes import summary
 from taichi_cloth.geometry import cloth_builder
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render import image
+from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.simulation import error_estimate
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.console import count_noun
@@ -317,6 +319,26 @@ def test_check_takes_overrides_and_refuses_them_with_the_line_of_a_run(capsys: p
         assert capsys.readouterr().err == f"taichi-cloth: {line}"
     assert cli.main(["check", "drape15", "--set", "rows"]) == 2
     assert capsys.readouterr().err == "taichi-cloth: --set: rows: must be KEY=VALUE, as in wind.z=6\n"
+
+
+def test_check_takes_the_variants_of_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["check", "curtain", "table", "--solver", "xpbd", "--without", "ground"]) == 0
+    for line in capsys.readouterr().out.splitlines():
+        assert " · xpbd " in line
+        assert "ground" not in line
+    assert cli.main(["check", "curtain", "--without", "wnd"]) == 2
+    assert capsys.readouterr().out.endswith("(did you mean 'wind'?)\n")
+
+
+def test_list_prints_a_line_for_every_solver(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["list", "--solvers"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(SOLVER_NAMES)
+
+
+def test_a_solver_in_place_of_a_key_is_hinted_at(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["compare", "curtain", "--a", "verlet"]) == 2
+    expected = "taichi-cloth: --a: verlet: must be KEY=VALUE (did you mean 'solver=verlet'?)\n"
+    assert capsys.readouterr().err == expected
 
 
 def test_schema(capsys: pytest.CaptureFixture[str]) -> None:

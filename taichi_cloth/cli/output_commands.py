@@ -24,8 +24,8 @@ from .program import (
     refuse_log,
     scene_options,
     size,
-    summary,
 )
+from .scenes import summary
 
 if TYPE_CHECKING:
     from ..render.image import RenderPlan

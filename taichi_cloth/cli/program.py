@@ -14,7 +14,6 @@ import re
 import signal
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, Protocol
 
@@ -22,8 +21,7 @@ from .. import __version__
 from ..scene import Scene, SceneError, parse_override, scene_names
 from ..scene.overrides import scene_without
 from ..scene.presets import is_file_name
-from ..scene.schema import SOLVER_NAMES, Fabric, VerletSprings
-from ..scene.solver_catalog import SOLVER_CATALOG
+from ..scene.schema import SOLVER_NAMES
 from ..system import taichi_runtime as runtime
 from ..system.errors import (
     RENAMED_COMMANDS,
@@ -37,8 +35,7 @@ from ..system.errors import (
 )
 
 if TYPE_CHECKING:
-    from ..geometry.topology import Topology
-    from ..simulation.simulation import Simulation
+    pass
 
 PROGRAM = "taichi-cloth"
 COMMAND = "COMMAND"  # in help and messages
@@ -259,10 +256,8 @@ def set_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
-    """Add the options of every command that runs a scene. `nargs` "?" makes the scene optional."""
-    default = DEFAULT_SCENE if nargs else None
-    parser.add_argument("scene", nargs=nargs, default=default, metavar="SCENE", help="shipped scene or TOML file")
+def variant_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that change scenes, which `changes_of` and `scene_without` read."""
     set_option(parser)
     parser.add_argument(
         "--without",
@@ -272,6 +267,13 @@ def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> 
         help="feature of the scene to leave out, such as tethers; repeatable",
     )
     parser.add_argument("--solver", metavar="NAME", help=f"solver: {any_of(SOLVER_NAMES)} (default: the scene's)")
+
+
+def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
+    """Add the options of every command that runs a scene. `nargs` "?" makes the scene optional."""
+    default = DEFAULT_SCENE if nargs else None
+    parser.add_argument("scene", nargs=nargs, default=default, metavar="SCENE", help="shipped scene or TOML file")
+    variant_options(parser)
     parser.add_argument(
         "--layout",
         metavar="NAME",
@@ -296,6 +298,8 @@ def overrides(texts: Iterable[str], option: str) -> dict[str, object]:
     """
     found: dict[str, object] = {}
     for text in texts:
+        if text in SOLVER_NAMES:
+            raise SceneError(option, text, "must be KEY=VALUE", f"solver={text}")
         ends = [comma.start() for comma in NEXT_KEY.finditer(text) if is_outside_values(text[: comma.start()])]
         starts = [0, *(end + 1 for end in ends)]
         found |= (parse_override(text[a:b], option) for a, b in zip(starts, [*ends, len(text)], strict=True))
@@ -311,6 +315,12 @@ def is_outside_values(before: str) -> bool:
 SELECTED_KEYS = {key for name in ("substeps", "iterations") for key in (name, f"solver.{name}")}  # by --target-error
 
 
+def changes_of(args: argparse.Namespace) -> dict[str, object]:
+    """Return the values by key that `--set` and `--solver` select. Raises SceneError for invalid text."""
+    changes = overrides(args.set, "--set")
+    return {**changes, "solver": args.solver} if args.solver else changes
+
+
 def chosen_scene(args: argparse.Namespace) -> Scene:
     """Return the scene that the options select.
 
@@ -318,9 +328,7 @@ def chosen_scene(args: argparse.Namespace) -> Scene:
     """
     from ..geometry.scene_loader import load_scene
 
-    changes = overrides(args.set, "--set")
-    if args.solver:
-        changes["solver"] = args.solver
+    changes = changes_of(args)
     scene = scene_without(load_scene(args.scene, **changes), args.without)
     if args.target_error is None:
         return scene
@@ -348,56 +356,3 @@ def refuse_log(path: Path | None, obstacle: str) -> None:
     """Raise UsageError if there is a log, whose lines are of displayed frames, and `obstacle` prevents a window."""
     if path:
         raise UsageError(f"--log has a line per displayed frame, but no window opens ({obstacle})")
-
-
-SLOW_FRAME = 2.0  # [s] from which the time of a frame is printed before it runs: it cannot be interrupted
-
-
-def summary(simulation: Simulation, arch: str) -> str:
-    """Return the line that every run prints: scene, solver, substeps × iterations, layout, grid, features, arch, seed.
-
-    Further lines say if the solver uses other substeps or damping than the scene's, iterations end too early, cloth
-    starts inside a collider, keys of the scene have no effect, or a frame takes seconds.
-    """
-    from ..geometry.cloth_builder import particle_count_text
-    from ..scene.schema import FRAME_SECONDS
-    from ..simulation.convergence import unconverged
-    from ..simulation.error_estimate import SAMPLE, cost_of
-
-    scene = simulation.scene
-    seconds = cost_of(scene).ms / 1e3 if simulation.topology.particle_count > SAMPLE**2 else 0.0
-    forecast = f"a frame takes about {seconds:,.0f} s or more" if seconds > SLOW_FRAME else ""
-    line = (
-        f"{scene.name} · {simulation.method}"
-        f" · {particle_count_text(scene)} · {' '.join(simulation.features)} · {arch} · seed {scene.seed}"
-    )
-    solver = scene.solver
-    unfinished = unconverged(scene, simulation.topology, FRAME_SECONDS / simulation.substeps, solver.iterations)
-    inside = inside_at_start(scene, simulation.topology)
-    warnings = simulation.warnings, unfinished, inside, keys_without_effect(scene), forecast
-    return "\n".join(filter(None, [line, *warnings]))
-
-
-def inside_at_start(scene: Scene, topology: Topology) -> str:
-    """Return how many particles start inside a collider, which lets them out slowly; empty if none does."""
-    from ..collision.colliders import colliders_of, pose_colliders, signed_distance
-    from ..system.console import count_noun
-
-    free = topology.start[~topology.pinned]
-    distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
-    inside = sum(int((distance < 0).sum()) for distance in distances)
-    return f"{count_noun(inside, 'particle')} inside a collider at the start" if inside else ""
-
-
-def keys_without_effect(scene: Scene) -> str:
-    """Return the keys of the other solvers' springs that a scene sets, in `[fabric]` for `verlet`; empty without any.
-
-    A preset sets the keys of all solvers.
-    """
-    section = SOLVER_CATALOG[scene.solver.name].stiffness_section
-    other, default = ("fabric", Fabric()) if section == "verlet" else ("verlet", VerletSprings())
-    table = getattr(scene, other)
-    names = [f"{other}.{one.name}" for one in fields(table) if getattr(table, one.name) != getattr(default, one.name)]
-    if not names or scene.fabric.preset:
-        return ""
-    return f"{scene.solver.name} uses [{section}], not {', '.join(names)}"

@@ -1,32 +1,40 @@
-"""The commands `list`, `check` and `schema`: shipped scenes, mistakes and costs of scene files, and all scene keys."""
+"""The commands `list`, `check` and `schema`: shipped scenes, mistakes and costs of scene files, and all scene keys.
+
+Also the lines about its scene that every run prints.
+"""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from ..scene import Scene, key_table, scene_names
-from ..scene.overrides import removable_sections
+from ..scene.overrides import removable_sections, scene_without
 from ..scene.presets import load_preset
-from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, sections
+from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, Fabric, VerletSprings, sections
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError, choose_from
-from .program import Command, inside_at_start, keys_without_effect, overrides, set_option
+from .program import Command, changes_of, variant_options
 
 if TYPE_CHECKING:
     from ..geometry.topology import Topology
+    from ..simulation.simulation import Simulation
 
 UNUSUAL_SIDE = 20.0  # [m] of a sheet
+SLOW_FRAME = 2.0  # [s] from which the time of a frame is printed before it runs: it cannot be interrupted
 MAX_TIMED_MS = 20_000.0  # [ms] estimated frame time above which `check --time` does not run a scene
 
 
 def add_commands(command: Command) -> None:
     """Add the commands `list`, `check` and `schema`."""
     listing = command("list", list_scenes, "list the shipped scenes", "list")
-    listing.add_argument(
+    instead = listing.add_mutually_exclusive_group()
+    instead.add_argument(
         "--presets", action="store_true", help="list the shipped fabrics instead, with their constants"
     )
+    instead.add_argument("--solvers", action="store_true", help="list the solvers instead")
 
     check = command(
         "check",
@@ -35,7 +43,7 @@ def add_commands(command: Command) -> None:
         "check my_scene.toml curtain",
     )
     check.add_argument("files", nargs="+", metavar="FILE", help="TOML files or shipped scenes")
-    set_option(check)
+    variant_options(check)
     check.add_argument(
         "--time", action="store_true", help="run frames and measure their time, instead of estimating it"
     )
@@ -54,6 +62,10 @@ def list_scenes(args: argparse.Namespace) -> int:
                 f"{fabric.name:9}  {fabric.title:46}  {fabric.area_density:6.4g} kg/m²"
                 f"  warp {fabric.warp:7.0f} N/m  bending {fabric.bending:.1e} N·m"
             )
+        return 0
+    if args.solvers:
+        for name, info in SOLVER_CATALOG.items():
+            print(f"{name:9}  {info.summary}")
         return 0
     names = scene_names()
     width = max(map(len, names))
@@ -79,19 +91,19 @@ def check_files(args: argparse.Namespace) -> int:
 
     if args.time:
         runtime.start("cpu")
-    changes = overrides(args.set, "--set")
-    found = [check_file(file, changes, timed=args.time) for file in args.files]
+    changes = changes_of(args)
+    found = [check_file(file, changes, args.without, timed=args.time) for file in args.files]
     if wrong := [count for count in found if count]:
         files = f" in {len(wrong)} of {len(found)} files" if len(found) > 1 else ""
         raise UsageError(f"{count_noun(sum(wrong), 'mistake')}{files}")
     return 0
 
 
-def check_file(file: str, changes: dict[str, object], *, timed: bool) -> int:
+def check_file(file: str, changes: dict[str, object], without: list[str], *, timed: bool) -> int:
     """Print a line for each mistake of a scene, or one about a valid scene. Return the number of mistakes.
 
-    `changes`: values by key. They apply to a scene that is valid without them, as in a run, and only the first mistake
-    in them is found.
+    `changes`: values by key. `without`: features to leave out. They apply to a scene that is valid without them, as in
+    a run, and only the first mistake in them is found.
     """
     from ..geometry.scene_loader import load_scene, load_with_mistakes
 
@@ -99,7 +111,7 @@ def check_file(file: str, changes: dict[str, object], *, timed: bool) -> int:
     lines = []
     if scene and not mistakes:
         with mistakes.collect():
-            scene = load_scene(file, **changes) if changes else scene
+            scene = scene_without(load_scene(file, **changes) if changes else scene, without)
             lines = [f"{file}: valid · {describe(scene, timed=timed)}"]
     for line in lines or mistakes:
         print(line, flush=True)
@@ -204,3 +216,53 @@ def print_schema(args: argparse.Namespace) -> int:
             table.add_row(*map(str, row))
     wide_console().print(table)
     return 0
+
+
+# -- what a run prints ------------------------------------------------------------------------------------------------
+
+
+def summary(simulation: Simulation, arch: str) -> str:
+    """Return the line that every run prints: scene, solver, substeps × iterations, layout, grid, features, arch, seed.
+
+    Further lines say if the solver uses other substeps or damping than the scene's, iterations end too early, cloth
+    starts inside a collider, keys of the scene have no effect, or a frame takes seconds.
+    """
+    from ..geometry.cloth_builder import particle_count_text
+    from ..simulation.error_estimate import SAMPLE, cost_of
+
+    scene = simulation.scene
+    seconds = cost_of(scene).ms / 1e3 if simulation.topology.particle_count > SAMPLE**2 else 0.0
+    forecast = f"a frame takes about {seconds:,.0f} s or more" if seconds > SLOW_FRAME else ""
+    line = (
+        f"{scene.name} · {simulation.method}"
+        f" · {particle_count_text(scene)} · {' '.join(simulation.features)} · {arch} · seed {scene.seed}"
+    )
+    unfinished = left_unfinished(scene, simulation.topology, simulation.substeps)
+    inside = inside_at_start(scene, simulation.topology)
+    warnings = simulation.warnings, unfinished, inside, keys_without_effect(scene), forecast
+    return "\n".join(filter(None, [line, *warnings]))
+
+
+def inside_at_start(scene: Scene, topology: Topology) -> str:
+    """Return how many particles start inside a collider, which lets them out slowly; empty if none does."""
+    from ..collision.colliders import colliders_of, pose_colliders, signed_distance
+    from ..system.console import count_noun
+
+    free = topology.start[~topology.pinned]
+    distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
+    inside = sum(int((distance < 0).sum()) for distance in distances)
+    return f"{count_noun(inside, 'particle')} inside a collider at the start" if inside else ""
+
+
+def keys_without_effect(scene: Scene) -> str:
+    """Return the keys of the other solvers' springs that a scene sets, in `[fabric]` for `verlet`; empty without any.
+
+    A preset sets the keys of all solvers.
+    """
+    section = SOLVER_CATALOG[scene.solver.name].stiffness_section
+    other, default = ("fabric", Fabric()) if section == "verlet" else ("verlet", VerletSprings())
+    table = getattr(scene, other)
+    names = [f"{other}.{one.name}" for one in fields(table) if getattr(table, one.name) != getattr(default, one.name)]
+    if not names or scene.fabric.preset:
+        return ""
+    return f"{scene.solver.name} uses [{section}], not {', '.join(names)}"

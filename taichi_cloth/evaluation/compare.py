@@ -17,12 +17,12 @@ from ..cli.program import (
     check_log,
     count,
     file_path,
-    inside_at_start,
     no_errors_option,
     overrides,
     refuse_log,
     size,
 )
+from ..cli.scenes import inside_at_start
 from ..scene import Scene
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime

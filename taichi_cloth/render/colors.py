@@ -196,9 +196,9 @@ def distance_scale(largest: float, caption: str = "") -> Scale:
 
 
 def rounded_up(value: float) -> float:
-    """Return the least number 1, 2 or 5 times a power of ten that is at least a positive `value`."""
+    """Return the least of 1, 1.5, 2, 3, 5 and 7 times a power of ten that is at least a positive `value`."""
     power = 10.0 ** floor(log10(value))
-    return next(digit * power for digit in (1, 2, 5, 10) if digit * power >= value * (1 - 1e-9))
+    return next(digit * power for digit in (1, 1.5, 2, 3, 5, 7, 10) if digit * power >= value * (1 - 1e-9))
 
 
 def unit_pixels(height: int) -> int:

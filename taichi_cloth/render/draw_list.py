@@ -18,6 +18,7 @@ from ..geometry.closed_surface import cylinder
 from ..geometry.topology import Topology
 from ..scene.collider_schema import Ground
 from ..scene.schema import Scene
+from ..simulation.copies import FrameError
 from ..simulation.simulation import Simulation
 from ..state.field_pool import Pool, upload
 from . import shading
@@ -158,6 +159,7 @@ class DrawList:
         """Number of the frame that had these errors, for the caption of the scale; None if it is the present one."""
         self.other_error = 0.0
         """Largest error of a cloth that is shown beside this one [m]: both have one scale."""
+        self._unresolved_error = 0.0  # [m] error that the reference cannot tell from 0, if that of the cloth is smaller
         scene, topology = simulation.scene, simulation.topology
         self._camera = camera_of(scene)
         distance = float(np.linalg.norm(np.subtract(self._camera.eye, self._camera.target)))
@@ -235,6 +237,18 @@ class DrawList:
         self._light(view, ti.math.vec3(*eye))
         return mesh
 
+    def show_error(self, found: FrameError | None, *, is_of_this_frame: bool = False) -> None:
+        """Color the cloth by the error of a frame in the view `error`. None: it was not measured.
+
+        Errors that the reference cannot tell from 0 are drawn as 0, on a scale to the smallest one that it can tell.
+        """
+        self.errors, self.error_frame, self._unresolved_error = None, None, 0.0
+        if found is None or not found.reference_has_converged:
+            return
+        self.errors, self.error_frame = found.by_particle, None if is_of_this_frame else found.frame
+        if not found.is_resolved:
+            self.errors, self._unresolved_error = np.zeros_like(found.by_particle), 2 * found.reference_error
+
     def scale(self, view: str) -> Scale | None:
         """Return the color scale of a view, or None if it has none, or if no error was measured."""
         if view == "strain":
@@ -250,8 +264,8 @@ class DrawList:
 
     @property
     def largest_error(self) -> float:
-        """The largest error of a particle [m]; 0 if none was measured."""
-        return 0.0 if self.errors is None else float(self.errors.max(initial=0.0))
+        """The largest error of a particle, or that which the reference can tell from 0 [m]; 0 if none was measured."""
+        return 0.0 if self.errors is None else float(self.errors.max(initial=self._unresolved_error))
 
     def _fill_errors(self) -> None:
         """Write the error of each particle as the strain that has its color, or that it was not measured."""

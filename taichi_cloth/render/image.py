@@ -166,8 +166,7 @@ def _camera_on(
         raise UsageError("the view 'error' needs the error of the last frame: call step(measure_error=True) before")
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
-    if error:
-        draw_list.errors = error.by_particle
+    draw_list.show_error(error, is_of_this_frame=True)
     try:
         yield lambda: render_pixels(raster, draw_list, camera, view)
     finally:
@@ -357,7 +356,8 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
                 entry["physics_ms"] = round(1e3 * (time.perf_counter() - start), 3)
                 if meter and began_with:
                     found = meter.measure(began_with, simulation.positions())
-                    entry["frame_error"], draw_list.errors = found.parts, found.by_particle
+                    entry["frame_error"] = found.parts
+                    draw_list.show_error(found, is_of_this_frame=plan.view == "error")
                 report.frames.append(entry)
                 on_frame(k)
         if sheet_images:

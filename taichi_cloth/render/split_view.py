@@ -135,7 +135,7 @@ class Run:
         if self._meter and len(self.ms) % MEASURED_EVERY == MEASURED_EVERY - 1:
             found = self._meter.measure_frame(self.simulation, self._step)
             self.frame_errors.append(found)
-            self.draw_list.errors, self.draw_list.error_frame = found.by_particle, found.frame
+            self.draw_list.show_error(found)
             if found.seconds > MAX_SECONDS:
                 self.close()
         else:

@@ -213,6 +213,11 @@ class FrameError:
         return 2 * self.reference_error < max(self.error, share * self.motion, least)
 
     @property
+    def is_resolved(self) -> bool:
+        """Whether the error is more than what the reference can tell."""
+        return self.error >= 2 * self.reference_error
+
+    @property
     def parts(self) -> dict[str, float | None]:
         """Its distances [m] by name, and whether the reference has converged."""
         names = ("error", "motion", "reference_error", "residual", "step_error", "reference_has_converged")

@@ -185,8 +185,18 @@ class Comparison:
         active.on_pointer((u, cursor[1]), buttons, half, on_panel=on_panel, widget_changed=widget_changed)
         other.dragger.mirror(active.dragger, self._partners[id(active)], active.grab_radius)
 
+    def _measure_together(self) -> None:
+        """Have the same frame of both sides measured: one waits for the other, unless that cannot be measured."""
+        meters = [side.meter for side in self.sides if side.meter and not side.meter.is_refused]
+        for meter in meters:
+            meter.receive()
+        ready = [meter.is_free for meter in meters]
+        for meter in meters:
+            meter.is_held = not all(ready)
+
     def advance(self, frames: int) -> None:
         """Advance both sides by a number of frames, unless they are frozen. If one diverges, both freeze."""
+        self._measure_together()
         for side, other in (self.sides, self.sides[::-1]):
             was_frozen = side.frozen
             side.advance(frames)

@@ -73,6 +73,8 @@ class ErrorProcess:
         """The last measurement of the scene that runs."""
         self.before_change: FrameError | None = None
         """The last error before the cloth was changed otherwise than by a frame; None after another scene."""
+        self.is_held = False
+        """Whether no frame is to be measured now, also if the process is free."""
         self._frames = 0
         self._scene: Scene | None = None
         self._is_busy = False  # with a job
@@ -91,7 +93,7 @@ class ErrorProcess:
             self.forget()
             self._scene = simulation.scene
         self.receive()
-        if not self._is_free():
+        if self.is_held or not self.is_free:
             simulation.step()
             return
         start = FrameStart.of(simulation)
@@ -122,10 +124,16 @@ class ErrorProcess:
         found = self.answer and self.answer.error
         return found if found and found.reference_has_converged else None
 
-    def _is_free(self) -> bool:
-        is_refused = self.answer is not None and self.answer.is_final
+    @property
+    def is_refused(self) -> bool:
+        """Whether no frame of this scene can be measured."""
+        return self.answer is not None and self.answer.is_final
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the process can measure the next frame."""
         waits = self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next
-        return not (is_refused or waits or self._is_busy)
+        return not (self.is_refused or waits or self._is_busy)
 
     def _send(self, job: Job) -> None:
         try:
@@ -202,7 +210,7 @@ def error_lines(meter: ErrorProcess | None, *, frozen: bool = False) -> list[str
     estimate = [] if growth is None else [f"  estimate for 1 s without input: {millimeters(growth)}"]
     if not found.reference_has_converged:
         return [f"error of frame {found.frame}: not measured: the reference has not converged"]
-    if found.error < 2 * found.reference_error:  # it is lost in that of the reference
+    if not found.is_resolved:
         return [
             f"error of frame {found.frame}: below {millimeters(2 * found.reference_error)}, as exact as the reference"
         ]

@@ -330,8 +330,7 @@ class Session:
             self.simulate(frames)
         if self.meter is not None:
             self.meter.receive()  # also while the cloth is frozen
-        found = self.frame_error
-        self.draw_list.errors, self.draw_list.error_frame = (found.by_particle, found.frame) if found else (None, None)
+        self.draw_list.show_error(self.frame_error)
 
     def simulate(self, frames: int) -> None:
         """Advance the cloth by a number of frames, also if it is frozen."""

@@ -1,5 +1,6 @@
 """The draw list: its content in each view, and that it can be created again and again without new fields."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from taichi_cloth.render.draw_list import GRABBED_COLOR, VIEWS, DrawList, DrawMe
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.scene.collider_schema import Box, Sphere
 from taichi_cloth.scene.schema import Cloth, Scene
+from taichi_cloth.simulation.copies import FrameError
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -52,6 +54,51 @@ def test_the_cloth_is_drawn_at_its_positions() -> None:
         corners = used(mesh.position, mesh)[mesh.cloth_from :].reshape(-1, 3, 3)
         assert corners == pytest.approx(simulation.positions()[simulation.topology.triangles], abs=1e-6)
         draw_list.close()
+
+
+@pytest.fixture
+def small() -> Iterator[DrawList]:
+    with Simulation(Scene(cloth=Cloth(rows=3, columns=3))) as simulation:
+        draw_list = DrawList(simulation)
+        yield draw_list
+        draw_list.close()
+
+
+def frame_error(error: float, reference_error: float) -> FrameError:
+    """Return an error whose largest is three times its root mean square."""
+    by_particle = np.full(9, 0.1 * error)
+    by_particle[4] = 3 * error
+    return FrameError(7, error, 1.0, reference_error, None, error, by_particle, 0.1)
+
+
+def test_an_error_has_a_scale_up_to_the_largest_of_a_particle(small: DrawList) -> None:
+    small.show_error(frame_error(2e-3, 1e-4))
+    assert small.errors is not None
+    assert small.errors.max() == 6e-3
+    scale = small.scale("error")
+    assert scale is not None
+    assert (scale.largest, scale.caption) == (pytest.approx(7e-3), "frame 7")
+    small.show_error(frame_error(2e-3, 1e-4), is_of_this_frame=True)
+    scale = small.scale("error")
+    assert scale is not None
+    assert scale.caption == ""
+
+
+def test_an_error_that_the_reference_cannot_tell_has_the_color_of_none(small: DrawList) -> None:
+    small.show_error(frame_error(1.9e-3, 1e-3))
+    assert small.errors is not None
+    assert small.errors.tolist() == [0.0] * 9
+    scale = small.scale("error")
+    assert scale is not None
+    assert scale.largest == pytest.approx(2e-3)
+    assert small.largest_error == 2e-3  # a cloth beside it has this scale too
+
+
+def test_an_error_without_a_converged_reference_is_not_shown(small: DrawList) -> None:
+    small.show_error(frame_error(0.09, 0.08))
+    assert (small.errors, small.scale("error")) == (None, None)
+    small.show_error(None)
+    assert (small.errors, small.scale("error")) == (None, None)
 
 
 @pytest.mark.parametrize("name", ["boxes", "spheres"])

@@ -124,7 +124,9 @@ def test_a_scale_of_distances_starts_at_zero(largest: float, texts: list[str]) -
     assert len(rectangles) < MAX_RECTANGLES
 
 
-@pytest.mark.parametrize(("value", "rounded"), [(0.3, 0.5), (1.0, 1.0), (1.01, 2.0), (0.0021, 0.005), (7e-6, 1e-5)])
+@pytest.mark.parametrize(
+    ("value", "rounded"), [(0.3, 0.3), (1.0, 1.0), (1.01, 1.5), (0.0021, 0.003), (3.1e-6, 5e-6), (7.1e-6, 1e-5)]
+)
 def test_full_scales_are_round_numbers(value: float, rounded: float) -> None:
     assert rounded_up(value) == pytest.approx(rounded)
 

@@ -10,8 +10,10 @@ import pytest
 from PIL import Image
 
 from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.viewer import error_process
 from taichi_cloth.viewer.comparison import Comparison
 from taichi_cloth.viewer.comparison_window import apart, help_lines, statistics
+from taichi_cloth.viewer.error_process import Answer, ErrorProcess, Job
 from taichi_cloth.viewer.input import Refusal
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -161,6 +163,48 @@ def test_errors_of_distant_frames_are_not_compared_in_silence(
     line = apart(comparison)
     assert line == (line and f"the errors are of frames {apart_by} apart")
     assert bool(line) == bool(apart_by)
+
+
+class SlowMeter(ErrorProcess):
+    """Takes some frames to measure one, without a process."""
+
+    def __init__(self, frames: int) -> None:
+        super().__init__()
+        self.sent: list[int] = []
+        self._takes, self._left = frames, 0
+
+    def _send(self, job: Job) -> None:
+        self.sent.append(job.start.frame)
+        self._is_busy, self._left = True, self._takes
+
+    def receive(self) -> None:
+        self._left -= 1
+        self._is_busy = self._left > 0
+
+
+def test_errors_of_both_sides_are_of_the_same_frames(comparison: Comparison, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(error_process, "FRAMES_BEFORE", 2)
+    meters = [SlowMeter(frames) for frames in (3, 17)]
+    for side, meter in zip(comparison.sides, meters, strict=True):
+        side.meter = meter
+    for frames in (1, 2, 3) * 10:
+        comparison.advance(frames)
+    assert len(meters[0].sent) > 2
+    assert meters[0].sent == meters[1].sent
+
+
+def test_a_side_that_cannot_be_measured_does_not_stop_the_other(
+    comparison: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(error_process, "FRAMES_BEFORE", 2)
+    left, right = (SlowMeter(1) for _ in range(2))
+    comparison.left.meter, comparison.right.meter = left, right
+    comparison.advance(2)
+    right.answer = Answer(refusal="too stiff", is_final=True)
+    for _ in range(6):
+        comparison.advance(1)
+    assert len(left.sent) >= 3
+    assert right.sent == []
 
 
 def test_divergence_on_one_side_freezes_both(comparison: Comparison) -> None:

@@ -15,7 +15,7 @@ from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
 from taichi_cloth.geometry.obj_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
-from taichi_cloth.render.colors import rounded_up
+from taichi_cloth.render.colors import distance_scale, rounded_up
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
 from taichi_cloth.simulation.copies import Copy, FrameError, FrameErrorMeter, FrameStart
@@ -445,7 +445,7 @@ def test_the_view_error_shows_what_was_measured(session: Session) -> None:
     scale = session.draw_list.scale("error")
     assert scale is not None
     largest = max(found.by_particle)
-    assert scale.labels[1.0] == f"{1e3 * rounded_up(largest):g}mm"
+    assert scale.labels == distance_scale(rounded_up(largest)).labels
     session.draw_list.update("error", session.camera.eye)
     color = session.draw_list.mesh.color.to_numpy()[session.draw_list.mesh.cloth_from : session.draw_list.mesh.corners]
     corners = session.simulation.topology.triangles.reshape(-1)
