@@ -132,8 +132,8 @@ class ErrorProcess:
     @property
     def is_free(self) -> bool:
         """Whether the process can measure the next frame."""
-        waits = self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next
-        return not (self.is_refused or waits or self._is_busy)
+        is_refused, waits = self.is_refused, self._frames <= FRAMES_BEFORE or time.perf_counter() < self._next
+        return not (is_refused or waits or self._is_busy)
 
     def _send(self, job: Job) -> None:
         try:
