@@ -6,13 +6,12 @@ Also the lines about its scene that every run prints.
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from ..scene import Scene, key_table, scene_names
 from ..scene.overrides import removable_sections, scene_without
 from ..scene.presets import load_preset
-from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, Fabric, VerletSprings, sections
+from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, sections
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError, choose_from
@@ -124,6 +123,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     With `timed`, frames of it are run.
     """
     from ..geometry.cloth_builder import build_topology, component_count, is_membrane, particle_count_text
+    from ..simulation.builder import keys_without_effect
     from ..simulation.error_estimate import SAMPLE, cost_of
     from ..system.console import count_noun
 
@@ -224,8 +224,8 @@ def print_schema(args: argparse.Namespace) -> int:
 def summary(simulation: Simulation, arch: str) -> str:
     """Return the line that every run prints: scene, solver, substeps × iterations, layout, grid, features, arch, seed.
 
-    Further lines say if the solver uses other substeps or damping than the scene's, iterations end too early, cloth
-    starts inside a collider, keys of the scene have no effect, or a frame takes seconds.
+    Further lines say if the scene is not simulated as written (`Simulation.warnings`), iterations end too early, cloth
+    starts inside a collider, or a frame takes seconds.
     """
     from ..geometry.cloth_builder import particle_count_text
     from ..simulation.error_estimate import SAMPLE, cost_of
@@ -239,7 +239,7 @@ def summary(simulation: Simulation, arch: str) -> str:
     )
     unfinished = left_unfinished(scene, simulation.topology, simulation.substeps)
     inside = inside_at_start(scene, simulation.topology)
-    warnings = simulation.warnings, unfinished, inside, keys_without_effect(scene), forecast
+    warnings = simulation.warnings, unfinished, inside, forecast
     return "\n".join(filter(None, [line, *warnings]))
 
 
@@ -252,17 +252,3 @@ def inside_at_start(scene: Scene, topology: Topology) -> str:
     distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
     inside = sum(int((distance < 0).sum()) for distance in distances)
     return f"{count_noun(inside, 'particle')} inside a collider at the start" if inside else ""
-
-
-def keys_without_effect(scene: Scene) -> str:
-    """Return the keys of the other solvers' springs that a scene sets, in `[fabric]` for `verlet`; empty without any.
-
-    A preset sets the keys of all solvers.
-    """
-    section = SOLVER_CATALOG[scene.solver.name].stiffness_section
-    other, default = ("fabric", Fabric()) if section == "verlet" else ("verlet", VerletSprings())
-    table = getattr(scene, other)
-    names = [f"{other}.{one.name}" for one in fields(table) if getattr(table, one.name) != getattr(default, one.name)]
-    if not names or scene.fabric.preset:
-        return ""
-    return f"{scene.solver.name} uses [{section}], not {', '.join(names)}"

@@ -27,7 +27,7 @@ from ..state.field_pool import upload_all
 from ..state.surface_data import CANDIDATES, DeformingSurfaces
 from ..system.taichi_runtime import on_cpu
 from .colliders import SURFACE_TOLERANCE, PosedCollider, pose_colliders, teleports
-from .packed_boxes import are_apart, box_around, pack_box, refit_inner_nodes
+from .pair_geometry import are_apart, box_around, pack_box, refit_inner_nodes
 from .static_friction import add_friction
 
 MIN_SLACK = 0.004  # [m] that a particle may deviate from its expected motion in a frame

@@ -10,8 +10,7 @@ import taichi.math as tm
 
 from ..kernels.constraint_math import TINY, closest_between_segments, closest_on_triangle
 from .moving_balls import PERIOD, mark, renew_balls, shorten_reach
-from .packed_boxes import are_apart, box_around, pack_box, refit_inner_nodes
-from .pair_geometry import EDGE_EDGE, VERTEX_TRIANGLE, extremes
+from .pair_geometry import EDGE_EDGE, VERTEX_TRIANGLE, are_apart, box_around, extremes, pack_box, refit_inner_nodes
 
 MAX_REDUCTIONS = 6  # of the reach of balls in a substep
 

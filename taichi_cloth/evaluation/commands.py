@@ -12,7 +12,6 @@ from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError
 
 if TYPE_CHECKING:
-    from .stress.causes import Cause
     from .stress.store import Store
     from .stress.unit import Result, Unit
 
@@ -57,6 +56,9 @@ def add_commands(command: Command) -> None:
     file_option(validate, "--from", "measure nothing; report the results that --json wrote", dest="read")
     file_option(validate, "--json", "write results, bounds and sources as JSON")
     file_option(validate, "--markdown", "write the report as Markdown")
+    validate.add_argument(
+        "--update", action="store_true", help="with --json: replace only what was measured, and keep the other results"
+    )
     validate.add_argument("--force", action="store_true", help="replace output files that exist")
 
     stress = command("stress", run_stress, "run 40 cases that break cloth", "stress --filter yank --solver lines")
@@ -239,7 +241,10 @@ def run_validate(args: argparse.Namespace) -> int:
     from .validate import validation_report as report
     from .validate.references import measure_all, select_pairs
 
-    for path in filter(None, (args.json, *page_files(args.markdown))):
+    if args.update and (not args.json or args.read):
+        raise UsageError("--update needs --json with earlier results, and does not go with --from")
+    earlier = report.read_json(args.json) if args.update else None
+    for path in filter(None, (args.json if earlier is None else None, *page_files(args.markdown))):
         check_output_file(path, force=args.force)
     if args.read:
         if args.filter or args.solver:
@@ -250,6 +255,9 @@ def run_validate(args: argparse.Namespace) -> int:
         with steps_progress(len(pairs)) as on_step:
             run = report.this_machine(measure_all(pairs, on_step))
     report.print_report(run)
+    if earlier is not None:
+        everything = [(one.number, solver) for one, solver in select_pairs(None, None)]
+        run = report.updated(earlier, run, everything)
     if args.json:
         report.write_json(args.json, run)
     if args.markdown:
@@ -308,7 +316,7 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
         stored = stored.continued(store.load(args.json), drop=args.force and planned is not units)
     needed = units if args.solver else [unit for unit in units if stored.is_needed(unit.key)]
     if args.recheck:
-        recheck(stored, needed)
+        runner.recheck(stored, needed)
     remaining = stored.left(needed, args.runs)
     seconds = {key: result.seconds for key, result in stored.results.items()}
     if measured := [seconds[unit.key] for unit in remaining if unit.key in seconds]:
@@ -330,46 +338,8 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
             if now := [unit for unit in part if args.solver or stored.is_needed(unit.key)]:
                 runner.run_all(runner.dearest_first(now, seconds), starts, args.image_dir, on_result)
     if args.explain:
-        explain(stored, units)
+        runner.explain(stored, units)
     return stored, stored.of(units)
-
-
-def recheck(stored: Store, units: list[Unit]) -> None:
-    """Repeat the last start of every result of an earlier version, without a limit on time, and keep those equal."""
-    from ..system.console import steps_progress
-    from .stress import runner
-    from .stress.trial import UntimedTrial
-
-    repeatable = stored.repeatable(units)
-    seconds = {unit.key: stored.results[unit.key].seconds / stored.results[unit.key].ran for unit in repeatable}
-
-    def last_start(unit: Unit) -> list[tuple[int, int]]:
-        return unit.starts(stored.results[unit.key].ran)[-1:]
-
-    with steps_progress(len(repeatable)) as on_step:
-
-        def on_result(again: Result) -> None:
-            outcome = "equal" if stored.repeat(again) else "differs"
-            on_step(f"{again.case} {again.name}, {again.variant}, {again.setting}: {outcome}")
-
-        runner.run_all(runner.dearest_first(repeatable, seconds), last_start, None, on_result, UntimedTrial)
-
-
-def explain(stored: Store, units: list[Unit]) -> None:
-    """Find causes of failures that were not examined earlier, of short runs first: one may interrupt the search."""
-    from ..system.console import steps_progress
-    from .stress import runner
-
-    failed = sorted(stored.untried(units), key=lambda one: stored.results[one[0].key].seconds)
-    with steps_progress(len(failed)) as on_step:
-
-        def on_cause(unit: Unit, cause: Cause) -> None:
-            stored.explain(unit.key, cause)
-            on_step(f"{unit.name}: {cause.shown or 'unexplained'}")
-
-        runner.explain_all(failed, on_cause)
-    if remaining := len(stored.untried(units)):
-        print(f"{remaining} failures were not examined: a process ended unexpectedly")
 
 
 # -- ablate ------------------------------------------------------------------------------------------------------------

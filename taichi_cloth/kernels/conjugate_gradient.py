@@ -69,6 +69,8 @@ def stiffness_product(cloth: ti.template(), features: ti.template(), a, b, e, st
 @ti.func
 def bending_product(cloth: ti.template(), features: ti.template(), a, b, e, stiffness, params: ti.template(), h):
     """Return a bending link's part of h²K·d."""
+    if ti.static(cloth.is_simd):
+        stiffness = cloth.bending_links.stiffness[e]
     return scale(cloth.cg.direction[a] - cloth.cg.direction[b], stiffness * (params[STIFFNESS_FACTOR] * h * h))
 
 
@@ -83,7 +85,8 @@ def add_stiffness_products(cloth: ti.template(), features: ti.template(), params
         accumulate_membrane(cloth, features, MEMBRANE_PRODUCT, params, h)
     else:
         accumulate_pair_forces(cloth, cloth, features, STIFFNESS_PRODUCT, params, h)
-    if ti.static(features.bending and not cloth.is_simd):
+    # In the SIMD layout bending links are beside springs, which a membrane does not have.
+    if ti.static(features.bending and (features.membrane or not cloth.is_simd)):
         accumulate_pair_forces(cloth, cloth.bending_links, features, BENDING_PRODUCT, params, h)
 
 

@@ -79,7 +79,8 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
             raise SceneError(file, key, f"is a section: set one of its keys, such as {example}, or give it a table")
         if (new := new_key(name)) in names:
             raise SceneError(file, key, f"was renamed to {_dotted(new) if '.' in key else new}")
-        hint = nearest_name(key, map(_dotted, names) if "." in key else [*names, *sections()])
+        known = [one for one, targets in names.items() if any(_is_in(part, data) for part, _ in targets)]
+        hint = nearest_name(key, map(_dotted, known) if "." in key else [*known, *sections()])
         raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth schema` lists them"), hint)
     in_file = [target for target in names[name] if target[0] is None or target[0].name in data]
     in_every_scene = [target for target in names[name] if target[0] and not target[0].optional]
@@ -91,6 +92,11 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
     [(part, name)] = targets
     table = data if part is None else _table(data, part, index, file, key)
     table[name] = value
+
+
+def _is_in(part: Section | None, data: dict[str, Any]) -> bool:
+    """Return whether an override can set keys of a section: of an array of tables only if there is one."""
+    return part is None or not part.is_array or part.name in data
 
 
 def _key_of_named_collider(data: dict[str, Any], name: str) -> tuple[dict[str, Any], str] | None:

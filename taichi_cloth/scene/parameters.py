@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from .keys import Key, Section, check_value, keys_of
@@ -78,6 +79,13 @@ def parameters_of(scene: Scene) -> dict[str, Parameter]:
                     parameters[name] = Parameter(name, key, *key.slider, default, part.name, index, key_name)
     known = [name for name in _ORDER if name in parameters]
     return {name: parameters[name] for name in dict.fromkeys([*known, *parameters])}
+
+
+@cache
+def parameter_names() -> frozenset[str]:
+    """Return the names of the runtime parameters that scenes may have, without those of colliders with a name."""
+    keys = ((part, name, key) for part in sections().values() for name, key in keys_of(part.cls).items() if key.slider)
+    return frozenset(_name(part, 0, part.cls(), name, key) for part, name, key in keys)
 
 
 def _name(part: Section, index: int, section: Any, key_name: str, key: Key) -> str:

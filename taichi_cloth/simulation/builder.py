@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import exp, hypot
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -27,7 +27,8 @@ from ..kernels import step_params as c
 from ..scene import Scene
 from ..scene.keys import keys_of
 from ..scene.parameters import parameters_of
-from ..scene.schema import sections
+from ..scene.schema import Fabric, VerletSprings, sections
+from ..scene.solver_catalog import SOLVER_CATALOG
 from ..solvers import SOLVERS, Features, Solver, Unsupported, choose_layout
 from ..state.constraint_data import attach_attachments
 from ..state.contact_data import acquire_sdf, release_sdf
@@ -237,8 +238,8 @@ class StepRow:
 
 
 def warnings_of(simulation: RunningCloth) -> list[str]:
-    """Return what a running cloth does not do as requested: substeps, damping, bending, contact."""
-    lines = []
+    """Return what a running cloth does not do as requested: substeps, damping, springs, bending, contact."""
+    lines = [line for line in (keys_without_effect(simulation.scene),) if line]
     requested, name = int(simulation.params["substeps"]), simulation.solver.name
     if requested < simulation.built.min_stable_substeps:
         why = "fewer are unstable" + ("" if simulation.params["stiffness"] == 1 else " at stiffness 1")
@@ -251,3 +252,17 @@ def warnings_of(simulation: RunningCloth) -> list[str]:
     if simulation.is_held_still:
         lines.append("penetration-free contact holds the cloth still: more pairs are near than it can list")
     return lines
+
+
+def keys_without_effect(scene: Scene) -> str:
+    """Return the keys of the other solvers' springs that a scene sets, in `[fabric]` for `verlet`; empty without any.
+
+    A preset sets the keys of all solvers.
+    """
+    section = SOLVER_CATALOG[scene.solver.name].stiffness_section
+    other, default = ("fabric", Fabric()) if section == "verlet" else ("verlet", VerletSprings())
+    table = getattr(scene, other)
+    names = [f"{other}.{one.name}" for one in fields(table) if getattr(table, one.name) != getattr(default, one.name)]
+    if not names or scene.fabric.preset:
+        return ""
+    return f"{scene.solver.name} uses [{section}], not {', '.join(names)}"

@@ -83,7 +83,7 @@ def percent(share: float, before: str = "") -> str:
     """Return a share as text, with two digits below 100 %, and without digits where linear theory does not hold."""
     if share >= MAX_REPORTED:
         return f"more than {100 * MAX_REPORTED:.0f} %"
-    return f"{before}{100 * share:.0f} %" if share >= 1 else f"{before}{100 * share:.2g} %"
+    return f"{before}{100 * share:.0f} %" if share >= 0.995 else f"{before}{100 * share:.2g} %"
 
 
 STAGE = 1 - sqrt(0.5)  # of a substep of `lines`: γ of `solvers/two_stage.py`, which needs Taichi

@@ -284,6 +284,8 @@ def collider_event(simulation: Simulation, collider: SupportsIndex | str, target
     row: object = collider
     if isinstance(collider, str):
         names = [getattr(one, "name", "") for one in colliders_of(simulation.scene)]
+        if not any(names):
+            raise ValueError(f"no collider is named {collider!r}: none has a name; move it by its index, from 0")
         if not collider or collider not in names:
             raise ValueError(f"no collider is named {collider!r}{choose_from(collider, filter(None, names))}")
         row = names.index(collider)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..scene.keys import keys_of
 from ..scene.overrides import targets_of
-from ..scene.parameters import Parameter, check_parameter
+from ..scene.parameters import Parameter, check_parameter, parameter_names
 from ..system.errors import choose_from, short_repr
 
 Floats = NDArray[np.float64]
@@ -199,7 +199,7 @@ class HasParameters:
         return self._params
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Set an attribute. Raises AttributeError for the name of a runtime parameter."""
-        if name in self.__dict__.get("_params", ()):
+        """Set an attribute. Raises AttributeError for the name of a runtime parameter, of this scene or another."""
+        if name in self.__dict__.get("_params", ()) or name == WIND or name in parameter_names():
             raise AttributeError(f"{name} is a runtime parameter: set params[{name!r}]")
         super().__setattr__(name, value)

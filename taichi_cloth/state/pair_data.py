@@ -27,7 +27,7 @@ class TreeFields(NamedTuple):
     node: ti.ScalarField
     """Node of each leaf."""
     node_boxes: ti.MatrixField
-    """Packed moving box of each node (`collision/packed_boxes.py`)."""
+    """Packed moving box of each node (`collision/pair_geometry.py`)."""
     triangle_boxes: ti.MatrixField
     edge_boxes: ti.MatrixField
     particle_boxes: ti.MatrixField

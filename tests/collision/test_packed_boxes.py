@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from taichi_cloth.collision.packed_boxes import STEP, are_apart, box_around, pack_box
+from taichi_cloth.collision.pair_geometry import STEP, are_apart, box_around, pack_box
 from taichi_cloth.kernels.tensor_fields import f32_matrix
 
 pytestmark = pytest.mark.bounds

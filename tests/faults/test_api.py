@@ -18,7 +18,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import Scene, SceneError, parameters_of, scene_to_toml
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, VerletSprings, Wind
+from taichi_cloth.scene.schema import Cloth, Fabric, VerletSprings, Wind
 from taichi_cloth.simulation.events import GrabHandle
 from taichi_cloth.simulation.parameter_values import MAX_COORDINATE
 from taichi_cloth.simulation.recording import Recorder
@@ -267,6 +267,33 @@ def test_lists_in_a_scene_become_tuples() -> None:
         assert simulation.scene.spheres == (Sphere(center=(0.0, 1.0, 0.0)),)
         assert simulation.scene.boxes[0].keyframes == ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.0))
         assert simulation.metrics().finite
+
+
+@pytest.mark.parametrize("name", ["wind_z", "wind", "sphere_radius", "stiffness"])
+def test_a_parameter_is_no_attribute_also_in_a_scene_without_it(name: str) -> None:
+    with (
+        Simulation(Scene(cloth=Cloth(rows=3, columns=3))) as simulation,
+        pytest.raises(AttributeError, match=rf"{name} is a runtime parameter: set params\['{name}'\]"),
+    ):
+        setattr(simulation, name, 3.0)
+
+
+def test_a_collider_without_a_name_is_moved_by_its_index() -> None:
+    with (
+        Simulation(Scene(cloth=Cloth(rows=3, columns=3), spheres=(Sphere(),))) as simulation,
+        pytest.raises(ValueError, match="no collider is named 'ball': none has a name; move it by its index, from 0"),
+    ):
+        simulation.move_collider("ball", (0.0, 0.0, 0.0))
+
+
+def test_keys_of_colliders_that_a_scene_lacks_are_no_hint() -> None:
+    with pytest.raises(SceneError, match=r"ball_radius: unknown key \(did you mean 'radius'\?\)"):
+        load_scene("curtain", ball_radius=0.3)
+
+
+def test_a_fabric_that_the_solver_does_not_use_is_a_warning() -> None:
+    with Simulation(Scene(cloth=Cloth(rows=3, columns=3), fabric=Fabric(warp=5e4))) as simulation:
+        assert simulation.warnings == "verlet uses [verlet], not fabric.warp"
 
 
 @pytest.mark.parametrize("cls", [Box, Sphere])

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from taichi_cloth.__main__ import main
-from taichi_cloth.evaluation import commands
 from taichi_cloth.evaluation.stress import case_catalog, runner, store
 from taichi_cloth.evaluation.stress.causes import Cause
 from taichi_cloth.evaluation.stress.runner import select_units
@@ -78,7 +77,7 @@ def test_the_shortest_runs_are_examined_first(monkeypatch: pytest.MonkeyPatch) -
         stored.add(failed(variant=unit.variant.name, seconds=seconds))
     examined: list[Unit] = []
     monkeypatch.setattr(runner, "explain_all", lambda some, on_cause: examined.extend(unit for unit, _ in some))
-    commands.explain(stored, units)
+    runner.explain(stored, units)
     assert [unit.variant.name for unit in examined] == ["c", "a", "b"]
 
 

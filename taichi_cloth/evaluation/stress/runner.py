@@ -17,7 +17,8 @@ from ..worker_pool import run_parallel
 from . import case_catalog
 from .causes import Cause, cause_of
 from .setup import SETTINGS, Setting
-from .trial import Trial
+from .store import Store
+from .trial import Trial, UntimedTrial
 from .unit import PROCESS_ENDED, SLOW, Case, Failure, Key, Result, Unit, result_of, run_unit
 
 
@@ -164,3 +165,38 @@ def process_ended(unit: Unit, starts: Starts) -> Result:
     """Return the result of a unit whose process died."""
     start, seed = starts[0]
     return result_of(unit, len(starts), ran=1, failure=Failure(start, seed, 0, PROCESS_ENDED, 2, 0))
+
+
+def recheck(stored: Store, units: Sequence[Unit]) -> None:
+    """Repeat the last start of every result of an earlier version, without a limit on time, and keep those equal."""
+    from ...system.console import steps_progress
+
+    repeatable = stored.repeatable(units)
+    seconds = {unit.key: stored.results[unit.key].seconds / stored.results[unit.key].ran for unit in repeatable}
+
+    def last_start(unit: Unit) -> list[tuple[int, int]]:
+        return unit.starts(stored.results[unit.key].ran)[-1:]
+
+    with steps_progress(len(repeatable)) as on_step:
+
+        def on_result(again: Result) -> None:
+            outcome = "equal" if stored.repeat(again) else "differs"
+            on_step(f"{again.case} {again.name}, {again.variant}, {again.setting}: {outcome}")
+
+        run_all(dearest_first(repeatable, seconds), last_start, None, on_result, UntimedTrial)
+
+
+def explain(stored: Store, units: Sequence[Unit]) -> None:
+    """Find causes of failures that were not examined earlier, of short runs first: one may interrupt the search."""
+    from ...system.console import steps_progress
+
+    failed = sorted(stored.untried(units), key=lambda one: stored.results[one[0].key].seconds)
+    with steps_progress(len(failed)) as on_step:
+
+        def on_cause(unit: Unit, cause: Cause) -> None:
+            stored.explain(unit.key, cause)
+            on_step(f"{unit.name}: {cause.shown or 'unexplained'}")
+
+        explain_all(failed, on_cause)
+    if remaining := len(stored.untried(units)):
+        print(f"{remaining} failures were not examined: a process ended unexpectedly")

@@ -135,13 +135,15 @@ class Reference:
 
 @dataclass(frozen=True)
 class Result:
-    """A row with its reference and solver."""
+    """A row with its reference and solver, and when it was measured with which program if the others were earlier."""
 
     number: str
     name: str
     source: str
     solver: str
     row: Check
+    later: tuple[str, str] | None = None
+    """Date (UTC) and commit."""
 
     @property
     def verdict(self) -> str:

@@ -7,14 +7,16 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from functools import partial
 
+from ...scene.solver_catalog import SOLVER_CATALOG
 from ...system import taichi_runtime as runtime
 from ...system.errors import UsageError, nearest_hint
 from ..worker_pool import run_parallel
-from . import drape, elastica, flight, friction, hanging, membrane, strand, swing, symmetry
+from . import continuum, drape, elastica, flight, friction, hanging, membrane, strand, swing, symmetry
 from .check import ALL, ELASTIC, Reference, Result, measure
 
 IMPLICIT = ("xpbd", "lines", "implicit")
 MESHES = ("xpbd", "explicit", "rk4", "implicit")  # for triangle meshes, without `verlet`, which has no SI stiffness
+CONTINUUM = tuple(name for name in ELASTIC if SOLVER_CATALOG[name].membrane)
 WITH_SPRING_DAMPING = ("xpbd", "explicit", "lines", "rk4")  # solvers with spring damping; `implicit` ignores it
 
 
@@ -124,6 +126,11 @@ REFERENCES = (
     Reference("A8.8", "on a ball", "-", symmetry.on_a_ball, ALL),
     Reference("A8.9", "mesh, swinging curtain", "-", symmetry.finer_curtain, ALL),
     Reference("A8.10", "transposition", "-", symmetry.transposed, ALL),
+    Reference("A9.1", "patch test", "affine deformation; C of the fabric", continuum.patch, CONTINUUM),
+    Reference("A9.2", "membrane pulled", "1/E = S11·c⁴ + S22·s⁴ + (2·S12 + S66)·s²c²", continuum.pull, CONTINUUM),
+    Reference("A9.3", "picture frame", "sin γ·cos γ/sin(π/4 − γ/2)", continuum.picture_frame, CONTINUUM),
+    Reference("A9.4", "bias extension", "π/2 − 2·acos((1 + d/H)/√2)", continuum.bias_extension, CONTINUUM),
+    Reference("A9.5", "bending by direction", "heavy elastica", continuum.two_cantilevers, CONTINUUM),
     Reference(
         "B1",
         "swinging curtain",

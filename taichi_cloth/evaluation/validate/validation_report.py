@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite, nan
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...system.console import commit_of, machine, markdown_table, new_file, page_files, print_table
+from ...system.console import commit_of, count_noun, machine, markdown_table, new_file, page_files, print_table
 from ...system.errors import UsageError, error_text
 from .check import EXCELLENT, FAIL, PASS, SAME_ITERATIONS, TOO_SLOW, Check, KnownLimit, Result
 
@@ -147,6 +148,7 @@ def write_json(path: Path, run: Measured) -> None:
             "seconds": result.row.seconds,
             "source": result.source,
         }
+        | ({} if result.later is None else {"later": result.later})
         for result in run.results
     ]
     everything = {
@@ -179,12 +181,30 @@ def result_of(row: Mapping[str, Any]) -> Result:
         as_float(row[key]) for key in ("exact", "measured", "error", "pass", "excellent")
     )
     measured_row = Check(row["what"], exact, measured, error, good, best, limit, float(row["seconds"]))
-    return Result(row["reference"], row["name"], row["source"], row["solver"], measured_row)
+    later = row.get("later")
+    when = None if later is None else (str(later[0]), str(later[1]))
+    return Result(row["reference"], row["name"], row["source"], row["solver"], measured_row, when)
 
 
 def this_machine(results: Sequence[Result]) -> Measured:
     """Return a run that ends now, on this machine."""
     return Measured(machine(), results, datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), commit_of())
+
+
+def updated(earlier: Measured, run: Measured, order: Sequence[tuple[str, str]]) -> Measured:
+    """Return an earlier run with the rows of a later one in place of its own, or added to them.
+
+    `order`: of references and solvers, by number and name. Rows of others are dropped. Raises UsageError if the
+    machines differ.
+    """
+    if earlier.machine != run.machine:
+        raise UsageError("the earlier results are of another machine or other versions: measure all references again")
+    later = (run.date or "", run.commit or "")
+    replaced = {(one.number, one.solver) for one in run.results}
+    results = [one for one in earlier.results if (one.number, one.solver) not in replaced]
+    results += [replace(one, later=later) for one in run.results]
+    results = [one for one in results if (one.number, one.solver) in order]
+    return earlier._replace(results=sorted(results, key=lambda one: order.index((one.number, one.solver))))
 
 
 # -- pages -------------------------------------------------------------------------------------------------------------
@@ -213,6 +233,7 @@ def main_page(run: Measured, rows: str) -> list[str]:
         *markdown_table(summary(results)),
         "",
         " · ".join([*run.machine.values(), *filter(None, (run.date, run.commit))]),
+        *[part for line in later_lines(results) for part in ("", line)],
         "",
     ]
     lines += [
@@ -223,6 +244,19 @@ def main_page(run: Measured, rows: str) -> list[str]:
     ]
     lines += markdown_table(matrix(results))
     return [*lines, "", "## Why", "", *(f"- {line}" for line in reasons(results))]
+
+
+def later_lines(results: Sequence[Result]) -> list[str]:
+    """Return a line about the rows of each later run."""
+    found: dict[tuple[str, str], list[Result]] = {}
+    for one in results:
+        if one.later is not None:
+            found.setdefault(one.later, []).append(one)
+    return [
+        f"Measured later, {' · '.join(filter(None, when))}: {', '.join(dict.fromkeys(one.number for one in rows))}"
+        f" ({count_noun(len(rows), 'row')})."
+        for when, rows in found.items()
+    ]
 
 
 def rows_page(run: Measured, main: str) -> list[str]:
