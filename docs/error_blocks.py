@@ -11,6 +11,7 @@ from tables import Rows, machine_and_date, runs_line, table, with_runs
 from taichi_cloth.evaluation.bench import gpu_report, scene_error
 from taichi_cloth.evaluation.bench.bench_report import NOT_FINITE
 from taichi_cloth.evaluation.bench.scene_error import SceneErrors, ScenePoint
+from taichi_cloth.scene.schema import FRAME_SECONDS
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
 
@@ -35,14 +36,21 @@ def default_row(solver: str, rows: Rows) -> list[str]:
     return next((row for row in rows if row[0] == f"{solver} {substeps}×{iterations}"), rows[0])
 
 
+def seconds_of_scenes() -> dict[str, str]:
+    """Return how long the errors on each scene are measured, as text."""
+    return {found.scene: f"{found.horizon * FRAME_SECONDS:.2g} s" for found in scenes()}
+
+
 def errors_on_scenes(name: str) -> str:
-    rows = [[f"`{scene}`", *default_row(name, rows)] for scene, rows in scene_rows(name).items()]
+    lengths = seconds_of_scenes()
+    rows = [[f"`{scene}`", lengths[scene], *default_row(name, rows)] for scene, rows in scene_rows(name).items()]
     if not rows:
         return "Errors on the shipped scenes: no run is stored."
-    errors = table(["scene", "setting", "ms per frame", "RMS error", "max error", "max strain"], rows)
+    errors = table(["scene", "over the first", "setting", "ms per frame", "RMS error", "max error", "max strain"], rows)
     return f"""\
 Errors on the shipped scenes relative to the float64 reference solution, in % of the cloth's longer side
-([all settings](../scene_errors_rows.md)):
+([all settings](../scene_errors_rows.md)). They are measured over the first part of the motion, which the table names:
+until two seconds, or until the motion is chaotic and no solution can be compared. Errors grow beyond it.
 
 {errors}"""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import stored
-from error_blocks import default_row, errors_on_scenes, scene_rows
+from error_blocks import default_row, errors_on_scenes, scene_rows, seconds_of_scenes
 from tables import Rows, table, with_runs
 
 from taichi_cloth.evaluation.stress.setup import ROBUST
@@ -13,14 +13,20 @@ from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
 
 def choosing() -> str:
-    shown = ("curtain", "table", "denim")
+    shown, lengths = ("curtain", "table", "denim"), seconds_of_scenes()
     rows = []
     for solver in SOLVER_CATALOG:
         measured = scene_rows(solver)
         cells = [error_at_default(solver, measured[scene]) if scene in measured else "" for scene in shown]
         rows.append([f"[`{solver}`](solvers/{solver}.md)", *cells, falls_short(solver), survives(solver)])
     found = table(
-        ["solver", *(f"`{scene}`" for scene in shown), "references not reached", "stress cases survived"], rows
+        [
+            "solver",
+            *(f"`{scene}`, first {lengths[scene]}" for scene in shown),
+            "references not reached",
+            "stress cases survived",
+        ],
+        rows,
     )
     robust = f"Stress cases survived with the recommended setting `{ROBUST.name}`: {survives(ROBUST.name)}."
     return with_runs(f"{found}\n\n{robust}", "bench --error --scene", "validate", "stress")

@@ -225,7 +225,7 @@ def run_replay(args: argparse.Namespace) -> int:
     except UsageError as error:
         raise UsageError(f"{args.file}: {error}") from None
     print(f"{args.file}: {session.verdict}")
-    return 0 if session.is_equal else 1
+    return 0 if session.was_equal else 1
 
 
 def run_session(recording: Recording, args: argparse.Namespace, obstacle: str | None) -> ReplaySession:

@@ -7,6 +7,7 @@ import importlib.util
 import secrets
 import socket
 import sys
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
@@ -187,6 +188,7 @@ def render_images(
 ) -> int:
     """Render a scene to numbered PNG files in the folder `plan.out`."""
     from ..render import image
+    from ..simulation.convergence import VERLET_MODEL
     from ..simulation.simulation import Simulation
     from ..system.console import frames_progress
 
@@ -198,12 +200,25 @@ def render_images(
         print(summary(simulation, arch), flush=True)
         with frames_progress(plan.frames) as advance:
             report = image.render(simulation, plan, advance)
-    if report.median_error is not None:
-        print(f"error of a frame: median {1e3 * report.median_error:.2g} mm")
+    if line := error_summary(report.median_error):
+        print(line)
+        if scene.solver.name == "verlet":
+            print(VERLET_MODEL)
     elif plan.errors and plan.frames < image.MEASURED_EVERY:
         print(f"no error was measured: --errors measures every {image.MEASURED_EVERY}th frame")
     print(plan.images + (", and contact_sheet.png" if plan.contact_sheet else ""))
     return 0
+
+
+def error_summary(medians: Mapping[str, float | None]) -> str:
+    """Return a line with the medians of the error of frames and its parts [m]; empty if none was measured."""
+    from ..simulation.copies import millimeters, parts_text, share_text
+
+    error, motion, residual, step_error = (medians[name] for name in ("error", "motion", "residual", "step_error"))
+    if error is None or motion is None or step_error is None:
+        return ""
+    share = share_text(error, motion)
+    return f"error of a frame: median {millimeters(error)}{share}; {parts_text(error, residual, step_error)}"
 
 
 def render_video(scene: Scene, plan: RenderPlan, args: argparse.Namespace) -> int:

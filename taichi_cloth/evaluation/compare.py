@@ -232,14 +232,10 @@ def frame_error_cells(run: Run) -> list[str]:
 
 def median_frame_errors(run: Run) -> list[float | None]:
     """Return the median error of a frame, the residual of the iterations and the step error [m]; None if unknown."""
-    import numpy as np
+    from ..simulation.copies import median_parts
 
-    converged = [found.parts for found in run.frame_errors if found.reference_has_converged]
-    columns = [
-        [part for parts in converged if (part := parts[name]) is not None]
-        for name in ("error", "residual", "step_error")
-    ]
-    return [float(np.median(values)) if values else None for values in columns]
+    medians = median_parts(found.parts for found in run.frame_errors)
+    return [medians[name] for name in ("error", "residual", "step_error")]
 
 
 def explanations(frame_errors: list[list[float | None]], rms_errors: list[float | None]) -> list[str]:
@@ -273,6 +269,5 @@ def summary(distances: list[float], reference: np.ndarray | tuple[()]) -> str:
         return f"{line}; no error, as there is no reference solution"
     if len(reference) >= len(distances):
         return line
-    chaos = ", beyond which the motion is chaotic: a tiny change of the start has grown a hundredfold"
-    why = "" if len(reference) == scene_error.FRAMES else chaos
+    why = "" if len(reference) == scene_error.FRAMES else scene_error.CHAOS
     return f"{line}; RMS error: of the first {len(reference)} frames{why}"

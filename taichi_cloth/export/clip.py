@@ -153,19 +153,27 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
     def warnings(self) -> str:
         """One line if substeps, damping or bending differ from the request, cloth is held still, or iterations are few.
 
-        Empty if none of these is true.
+        Also if the solver does not use the springs that the scene sets, and if an error was measured whose reference
+        has not converged. Empty if none of these is true.
 
         The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins, and of `lines`,
         for pins beside which no other particle is pinned. Nothing is estimated for `implicit`, for tethered cloth
         with `lines`, and for cloth that hangs by grabs.
         """
-        iterations = int(self.params["iterations"])
-        return "; ".join(filter(None, [super().warnings, unconverged(self.scene, self.topology, self.h, iterations)]))
+        few = unconverged(self.scene, self.topology, self.h, int(self.params["iterations"]))
+        return "; ".join(filter(None, [super().warnings, few, self._unknown_error()]))
+
+    def _unknown_error(self) -> str:
+        found = self._measured_error
+        if found is None or found.reference_has_converged:
+            return ""
+        return f"the error of frame {found.frame} is not known: its reference has not converged (docs/frame_error.md)"
 
     def step(self, frames: SupportsIndex = 1, *, measure_error: bool = False) -> None:
         """Advance by frames of 1/60 s.
 
-        `measure_error`: measure the error of the last frame, which `frame_error` and `metrics` have then. The first
+        `measure_error`: measure the error of the last frame, which `frame_error` and `metrics` have then, unless its
+        reference has not converged: in folded cloth that touches itself its own error can be as large. The first
         time, and after a change of the scene, it compiles for some seconds. Raises UsageError if the fabric is too
         stiff for the reference; nothing has changed then. Raises ValueError for a number that is not an integer from 0.
 
@@ -195,9 +203,17 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     @property
     def frame_error(self) -> FrameError | None:
-        """Error of the present frame if `step` measured it and nothing has changed since, else None."""
-        found = self._frame_error
-        return found if found and found.frame == self.frame else None
+        """Error of the present frame if `step` measured it and nothing has changed since, else None.
+
+        None too if its reference has not converged: `warnings` says so.
+        """
+        found = self._measured_error
+        return found if found and found.reference_has_converged else None
+
+    @property
+    def _measured_error(self) -> FrameError | None:
+        """The error of the present frame, also if its reference has not converged."""
+        return self._frame_error if self._frame_error and self._frame_error.frame == self.frame else None
 
     def notify(self, event: Event) -> None:
         if event.name != "move_grab":  # a new target changes nothing before the next frame
@@ -218,7 +234,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
     def metrics(self) -> ClothMetrics:
         """Return strain, energy and penetration of the cloth as it is now, and the error of its frame if measured."""
         found, error = super().metrics(), self.frame_error
-        return replace(found, frame_error=error.error) if error and error.reference_has_converged else found
+        return replace(found, frame_error=error.error) if error else found
 
     def close(self) -> None:
         """Release the fields for the next simulation. Closing twice does no harm."""

@@ -13,7 +13,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from statistics import median
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..scene import Camera, scene_to_toml
 from ..scene.reader import check_keys
-from ..simulation.copies import FrameErrorMeter, FrameStart
+from ..simulation.copies import FrameErrorMeter, FrameStart, median_parts
 from ..simulation.parameter_values import check_frames, check_image_size
 from ..simulation.rollback import DivergenceGuard, guarded_frames
 from ..simulation.running_cloth import check_simulation
@@ -163,7 +162,8 @@ def _camera_on(
         camera.include(simulation.positions(), size[0] / size[1])
     error = getattr(simulation, "frame_error", None)  # of `tc.Simulation` only
     if view == "error" and error is None:
-        raise UsageError("the view 'error' needs the error of the last frame: call step(measure_error=True) before")
+        reason = "call step(measure_error=True) before; simulation.warnings says if its reference has not converged"
+        raise UsageError(f"the view 'error' needs the error of the last frame: {reason}")
     raster = Rasterizer(*size)
     draw_list = DrawList(simulation)
     draw_list.show_error(error, is_of_this_frame=True)
@@ -247,11 +247,9 @@ class RenderReport:
     complete: bool = False
 
     @property
-    def median_error(self) -> float | None:
-        """The median error of the frames that were measured with a converged reference [m], or None."""
-        found = [entry["frame_error"] for entry in self.frames if "frame_error" in entry]
-        errors = [parts["error"] for parts in found if parts["reference_has_converged"]]
-        return median(errors) if errors else None
+    def median_error(self) -> dict[str, float | None]:
+        """The medians of the error of frames and its parts [m] (`copies.median_parts`)."""
+        return median_parts(entry["frame_error"] for entry in self.frames if "frame_error" in entry)
 
     def write(self, out: Path) -> None:
         """Write `run.json` to the folder `out`. Raises OSError; a partial file never remains."""

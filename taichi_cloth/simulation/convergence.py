@@ -79,6 +79,9 @@ def sample_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return sampled
 
 
+VERLET_MODEL = "verlet has no stiffness in N/m: with finer settings only the other solvers converge to the fabric"
+
+
 def percent(share: float, before: str = "") -> str:
     """Return a share as text, with two digits below 100 %, and without digits where linear theory does not hold."""
     if share >= MAX_REPORTED:

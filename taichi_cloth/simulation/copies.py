@@ -19,7 +19,7 @@ run the same frame
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from math import ceil
 from statistics import median
@@ -222,6 +222,35 @@ class FrameError:
         """Its distances [m] by name, and whether the reference has converged."""
         names = ("error", "motion", "reference_error", "residual", "step_error", "reference_has_converged")
         return {name: getattr(self, name) for name in names}
+
+
+def median_parts(found: Iterable[Mapping[str, float | None]]) -> dict[str, float | None]:
+    """Return the medians of `FrameError.parts` [m] over frames whose reference has converged; None without any."""
+    converged = [parts for parts in found if parts["reference_has_converged"]]
+    medians: dict[str, float | None] = {}
+    for name in ("error", "motion", "residual", "step_error"):
+        values = [value for parts in converged if (value := parts[name]) is not None]
+        medians[name] = float(np.median(values)) if values else None
+    return medians
+
+
+def share_text(error: float, motion: float) -> str:
+    """Return an error [m] as a share of what the cloth moved [m], as the rest of a line."""
+    if error > motion:
+        return ", more than the cloth moved"  # it rests
+    return f", {100 * error / motion:.2g} % of its motion" if motion > 0 else ""
+
+
+def parts_text(error: float, residual: float | None, step_error: float) -> str:
+    """Return the parts of an error [m] as text."""
+    steps = f"by substeps and model {millimeters(step_error)}"
+    parts = steps if residual is None else f"by iterations {millimeters(residual)}, {steps}"
+    return parts + (", which partly cancel" if max(step_error, residual or 0.0) > 1.5 * error else "")
+
+
+def millimeters(distance: float) -> str:
+    """Return a distance [m] as text, with two significant digits up to 100 mm."""
+    return f"{1e3 * distance:.2g} mm" if distance < 0.0995 else f"{1e3 * distance:.0f} mm"
 
 
 class FrameErrorMeter:

@@ -205,8 +205,7 @@ def apart(comparison: Comparison) -> str:
 def side_statistics(name: str, side: Session) -> list[str]:
     """Return lines of text with the solver, time, strain and error of one side."""
     simulation, metrics = side.simulation, side.metrics
-    error, *parts = error_lines(side.meter, frozen=side.frozen)
-    errors = [error, *parts[1:]]  # the legend shows the largest error of a particle
+    errors = error_lines(side.meter, frozen=side.frozen)
     return [
         *wrap(f"{name}: {simulation.method} · {simulation.scene.fabric.preset or OWN_FABRIC}"),
         f"  {milliseconds(side.physics_ms)} ms, strain {100 * metrics.max_strain:.1f} %",

@@ -19,8 +19,17 @@ from numpy.typing import NDArray
 
 from ..scene import Scene
 from ..scene.schema import FRAME_SECONDS
-from ..simulation.convergence import unconverged
-from ..simulation.copies import HORIZON, MAX_SECONDS, FrameError, FrameErrorMeter, FrameStart
+from ..simulation.convergence import VERLET_MODEL, unconverged
+from ..simulation.copies import (
+    HORIZON,
+    MAX_SECONDS,
+    FrameError,
+    FrameErrorMeter,
+    FrameStart,
+    millimeters,
+    parts_text,
+    share_text,
+)
 from ..simulation.simulation import Simulation
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError
@@ -202,11 +211,8 @@ def error_lines(meter: ErrorProcess | None, *, frozen: bool = False) -> list[str
     found, growth = meter.answer.error, meter.answer.growth
     if found is None or meter.answer.refusal:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]
-    percent = f", {100 * found.error / found.motion:.2g} % of its motion" if found.motion > 0 else ""
-    share = ", more than the cloth moved" if found.error > found.motion else percent  # it rests
-    steps = f"by substeps and model {millimeters(found.step_error)}"
-    parts = steps if found.residual is None else f"by iterations {millimeters(found.residual)}, {steps}"
-    parts += ", which partly cancel" if max(found.step_error, found.residual or 0.0) > 1.5 * found.error else ""
+    error = f"error of frame {found.frame}: {millimeters(found.error)} RMS{share_text(found.error, found.motion)}"
+    parts = parts_text(found.error, found.residual, found.step_error)
     estimate = [] if growth is None else [f"  estimate for 1 s without input: {millimeters(growth)}"]
     if not found.reference_has_converged:
         return [f"error of frame {found.frame}: not measured: the reference has not converged"]
@@ -215,10 +221,7 @@ def error_lines(meter: ErrorProcess | None, *, frozen: bool = False) -> list[str
             f"error of frame {found.frame}: below {millimeters(2 * found.reference_error)}, as exact as the reference"
         ]
     largest = f"  largest error of a particle: {millimeters(found.by_particle.max())}"
-    return [f"error of frame {found.frame}: {millimeters(found.error)} RMS{share}", largest, f"  {parts}", *estimate]
-
-
-VERLET_MODEL = "verlet has no stiffness in N/m: with finer settings only the other solvers converge to the fabric"
+    return [error, largest, f"  {parts}", *estimate]
 
 
 def unfinished(simulation: Simulation) -> str:
@@ -226,11 +229,6 @@ def unfinished(simulation: Simulation) -> str:
     h = FRAME_SECONDS / simulation.substeps
     few = unconverged(simulation.scene, simulation.topology, h, int(simulation.params["iterations"]))
     return "; ".join(filter(None, [few, VERLET_MODEL * (simulation.scene.solver.name == "verlet")]))
-
-
-def millimeters(distance: float) -> str:
-    """Return a distance [m] as text, with two significant digits up to 100 mm."""
-    return f"{1e3 * distance:.2g} mm" if distance < 0.0995 else f"{1e3 * distance:.0f} mm"
 
 
 # -- the process -------------------------------------------------------------------------------------------------------

@@ -92,6 +92,8 @@ class ReplaySession(Session):
         Raises UsageError if the scene does not support a recorded event. So do all methods that simulate.
         """
         self.recording = recording
+        self.was_equal: bool | None = None
+        """`is_equal` of the last replay that reached the end; R may have begun another."""
         super().__init__(recording.scene, recording.layout, out, export)
         try:
             self._begin()
@@ -181,7 +183,7 @@ class ReplaySession(Session):
                 raise UsageError(f"rows[{self._next_row}]: {event.name}: {error}") from None
             self._next_row += 1
         if self.frames_replayed == self.recording.frames:
-            self.is_equal = hash_of(self.simulation) == self.recording.positions_sha256
+            self.is_equal = self.was_equal = hash_of(self.simulation) == self.recording.positions_sha256
             for grab in self.simulation.grab_handles:  # none of them belongs to a dragger, which could release it
                 grab.release()
             self.note, self.hidden = f"{self.verdict}; R replays again", False
@@ -216,10 +218,10 @@ class ReplaySession(Session):
 
     @property
     def verdict(self) -> str:
-        """One line: whether the final positions equal the recorded ones."""
+        """One line: whether the final positions of the last replay that reached them equal the recorded ones."""
         total = self.recording.frames
-        if self.is_equal is None:
+        if self.was_equal is None:
             return f"stopped after {self.frames_replayed} of {total} frames: final positions not compared"
         return f"{total} frames replayed: " + (
-            "final positions are bit-identical" if self.is_equal else "final positions DIFFER from the recording"
+            "final positions are bit-identical" if self.was_equal else "final positions DIFFER from the recording"
         )

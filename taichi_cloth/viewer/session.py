@@ -120,7 +120,7 @@ class Session:
     def forget_measurements(self) -> None:
         """Forget times and errors of frames, which are not those of the cloth that runs now."""
         self.feature_times: FeatureTimes | None = None
-        self.physics_ms = 0.0
+        self.physics_ms, self._compiles = 0.0, True  # the next frame compiles, so it is not timed
         if self.meter is not None:
             self.meter.forget()
 
@@ -349,7 +349,8 @@ class Session:
                 break
             self.rewind_buffer.add()
         ti.sync()
-        self.physics_ms = 1e3 * (time.perf_counter() - start) / frames
+        self.physics_ms = 0.0 if self._compiles else 1e3 * (time.perf_counter() - start) / frames
+        self._compiles = False
         for dragger in self.draggers.values():
             dragger.arrive()
         if self.recorder.is_long and not self.capture.clip_is_on:

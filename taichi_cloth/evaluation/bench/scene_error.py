@@ -44,6 +44,7 @@ from .cases import FRAME_RATES
 Floats = NDArray[np.float64]
 
 FRAMES = 120
+CHAOS = ", beyond which the motion is chaotic: a tiny change of the start has grown a hundredfold"
 RATE_NOTE = (
     f"frames/s: the highest of {', '.join(map(str, FRAME_RATES))} that the 95th percentile of the frame time allows."
 )
@@ -218,6 +219,7 @@ def lines(found: SceneErrors) -> list[list[str]]:
 def heading(found: SceneErrors) -> str:
     """Return the paragraph above the table: frames compared, and uncertainty of the reference."""
     frames = "frame 1" if found.horizon == 1 else f"frames 1 to {found.horizon}"
+    frames += CHAOS if found.horizon < FRAMES else ""
     return (
         f"Errors as shares of the longer side, over {frames}. Uncertainty of the reference:"
         f" {100 * found.rms_uncertainty:.1g}% RMS, {100 * found.max_uncertainty:.1g}% at most."
