@@ -27,13 +27,14 @@ from taichi_cloth.render.image import render_pixels
 from taichi_cloth.render.image_files import contact_sheet, write_png
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.scene import scene_names
-from taichi_cloth.simulation.copies import FrameErrorMeter
+from taichi_cloth.simulation.copies import FrameError, FrameErrorMeter
 from taichi_cloth.viewer.window import STATISTICS_EVERY
 
 HERE = Path(__file__).parent
 STILL_FRAME = {  # frame that the still shows
     "banner": 250,
     "bias": 239,
+    "skirt": 120,
     "cape": 122,
     "drape15": 150,
     "flag": 62,
@@ -116,17 +117,17 @@ def still(name: str, view: str = "shaded", size: tuple[int, int] = (960, 540)) -
     with tc.Simulation(tc.load_scene(name)) as simulation:
         simulation.step(STILL_FRAME.get(name, DEFAULT_STILL_FRAME) - 1)
         with closing(DrawList(simulation)) as draw_list:
-            draw_list.errors = last_step(simulation, measured=view == "error")
+            draw_list.show_error(last_step(simulation, measured=view == "error"), is_of_this_frame=True)
             return render_pixels(Rasterizer(*size), draw_list, OrbitCamera.from_scene(simulation.scene), view)
 
 
-def last_step(simulation: tc.Simulation, *, measured: bool) -> np.ndarray | None:
-    """Run one frame. Return the error of each particle [m], (N,), if it is measured."""
+def last_step(simulation: tc.Simulation, *, measured: bool) -> FrameError | None:
+    """Run one frame. Return its error if it is measured."""
     if not measured:
         simulation.step()
         return None
     with closing(FrameErrorMeter(simulation.scene)) as meter:
-        return meter.measure_frame(simulation).by_particle
+        return meter.measure_frame(simulation)
 
 
 def write_gallery(names: list[str]) -> None:

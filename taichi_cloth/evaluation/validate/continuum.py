@@ -26,7 +26,7 @@ from .exact import GRAVITY, Floats, cantilever
 
 TENSOR = {"c11": 2000.0, "c22": 1500.0, "c12": 300.0, "c66": 400.0}  # [N/m] of cloth that none of its threads ties
 PATCH = (1e-4, 1e-5)  # A9.1
-OLD_GRADIENT = "corrections of a substep follow gradients that they change themselves: up to h²·S/(σ·cell²) of a strain"
+OLD_GRADIENT = "corrections of a substep follow gradients that they change themselves: up to h²·S/m of a strain"
 PULL = (2e-2, 5e-3)  # A9.2: 2 %, 0.5 %
 FRAME = (3e-2, 1e-2)  # A9.3: 3 %, 1 %
 EXTENSION = (2.0, 1.0)  # [°] A9.4
@@ -123,11 +123,12 @@ def patched(whats: list[str], solver: str, gradient: Floats) -> Iterator[Check]:
         flat = simulation.topology.start
         found = green_strains(points, triangles, at_rest(simulation, deformed(gradient, flat)))
         strain, stress = green_strain(gradient), first_piola(gradient, TENSOR)
-        # With `xpbd`: h² times the acceleration of a particle by the stress of one triangle, over a cell.
-        moved = substep(simulation) ** 2 * float(np.abs(stress).max()) / (cloth.area_density / CELLS**2)
-        moved *= solver == "xpbd"
+        # With `xpbd`: how far one triangle moves a particle in a substep, over its side.
+        lightest = float(simulation.topology.mass[~simulation.topology.pinned].min())
+        moved = (solver == "xpbd") * substep(simulation) ** 2 * float(np.abs(stress).max()) / lightest
+        angle = 2 * abs(float(strain[0, 1]))
         row = at_most(whats[0], float(np.abs(found - strain).max()), *PATCH)
-        yield row.by_law(OLD_GRADIENT, moved * float(np.abs(strain).max()))
+        yield row.by_law(OLD_GRADIENT, moved * max(angle, float(np.abs(strain).max())))
         right = np.isclose(flat[:, 0], 0.5)
         force = mean_reactions(simulation)[right].sum(axis=0)[:2]
         traction = stress[:, 0]  # on an edge of one meter
