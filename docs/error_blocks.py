@@ -43,7 +43,9 @@ def seconds_of_scenes() -> dict[str, str]:
 
 def errors_on_scenes(name: str) -> str:
     lengths = seconds_of_scenes()
-    rows = [[f"`{scene}`", lengths[scene], *default_row(name, rows)] for scene, rows in scene_rows(name).items()]
+    rows = [
+        [f"`{scene}`", lengths.get(scene, ""), *default_row(name, rows)] for scene, rows in scene_rows(name).items()
+    ]
     if not rows:
         return "Errors on the shipped scenes: no run is stored."
     errors = table(["scene", "over the first", "setting", "ms per frame", "RMS error", "max error", "max strain"], rows)

@@ -22,7 +22,7 @@ def choosing() -> str:
     found = table(
         [
             "solver",
-            *(f"`{scene}`, first {lengths[scene]}" for scene in shown),
+            *(f"`{scene}`, first {lengths.get(scene, '-')}" for scene in shown),
             "references not reached",
             "stress cases survived",
         ],
