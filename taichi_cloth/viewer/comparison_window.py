@@ -205,7 +205,9 @@ def apart(comparison: Comparison) -> str:
 def side_statistics(name: str, side: Session) -> list[str]:
     """Return lines of text with the solver, time, strain and error of one side."""
     simulation, metrics = side.simulation, side.metrics
-    errors = error_lines(side.meter, frozen=side.frozen)
+    error, *parts = error_lines(side.meter, frozen=side.frozen)
+    # The largest error of a particle belongs to the colors; otherwise there is room for the estimate.
+    errors = [error, *(parts[:2] if side.view == "error" else parts[1:])]
     return [
         *wrap(f"{name}: {simulation.method} · {simulation.scene.fabric.preset or OWN_FABRIC}"),
         f"  {milliseconds(side.physics_ms)} ms, strain {100 * metrics.max_strain:.1f} %",

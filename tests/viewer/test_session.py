@@ -610,6 +610,8 @@ def test_a_frozen_cloth_that_has_changed_shows_no_time_and_error_of_the_one_befo
     """The scenes have other numbers of particles. A frozen scene runs no frame, so nothing new is measured."""
     session.act("errors")
     session.pin(PARTICLE)  # can be undone
+    session.advance(1)  # compiles
+    assert session.physics_ms == 0.0
     session.advance(1)
     assert session.meter is not None
     found = FrameError(1, 0.1, 0.1, 0.0, None, 0.1, np.ones(720), 0.1)
