@@ -135,11 +135,14 @@ def penetration_free_obstacle(scene: Scene, topology: Topology) -> str:
     return f"self_collision.penetration_free: at the start {found}; {hint}" if found else ""
 
 
-def build(scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | None) -> tuple[Solver, BuiltSimulation]:
+def build(
+    scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | None, *, reduces_damping: bool = True
+) -> tuple[Solver, BuiltSimulation]:
     """Build the simulation of a scene at its start. `release_solver` releases the solver.
 
     `layout`: one of `LAYOUTS`; chosen by the cloth if None. `pin_changes`: particles that are pinned although the scene
-    does not pin them, or the reverse, (N,).
+    does not pin them, or the reverse, (N,). `reduces_damping`: whether the solver may shorten the damping time of
+    springs to take fewer substeps.
 
     Raises UsageError for a layout that is not supported, and for springs that need too many substeps.
     """
@@ -162,7 +165,8 @@ def build(scene: Scene, layout: str | None, pin_changes: NDArray[np.bool_] | Non
         attach_attachments(solver.layout, topology, np.where(pin_changes, -1, attachment_ids(scene, topology)), centers)
     repulsion = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
     solver.frequency = hypot(solver.frequency, repulsion)
-    damping_time = solver.damping_time(scene.fabric.damping_time)
+    wanted = scene.fabric.damping_time
+    damping_time = solver.damping_time(wanted) if reduces_damping else wanted
     min_substeps = solver.min_stable_substeps(damping_time)
     if reason := too_many_substeps(solver_type.name, min_substeps):
         release_solver(solver)
@@ -245,7 +249,9 @@ def warnings_of(simulation: RunningCloth) -> list[str]:
         why = "fewer are unstable" + ("" if simulation.params["stiffness"] == 1 else " at stiffness 1")
         lines.append(f"{name} takes {simulation.built.min_stable_substeps} substeps, not {requested}: {why}")
     wanted, used = simulation.scene.fabric.damping_time, simulation.built.damping_time
-    if used < wanted:
+    if used < wanted and used == 0:
+        lines.append(f"{name} leaves out the damping of springs, fabric.damping_time")
+    elif used < wanted:
         lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
     if simulation.scene.tearing is not None and simulation.scene.fabric.preset:
         lines.append(f"tearing leaves out the bending stiffness of {simulation.scene.fabric.preset}")

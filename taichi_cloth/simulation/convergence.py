@@ -53,6 +53,7 @@ MAX_SAMPLES = 2048  # particles, and pins, whose distances are compared
 MIN_REPORTED_STRETCH = 1e-3  # smallest artificial stretch that is reported, as a fraction of the hanging length
 REMEDY = "more iterations or substeps reduce it"
 REMEDY_OF_FORCES = f"{REMEDY}, and `implicit` has none of it"
+HEAVY = 3.0  # times the usual mass of a particle: a weight at a corner
 MAX_REPORTED = 10.0  # largest share that is reported as a number
 MIN_REPORTED_FRACTION = 1e-2  # smallest excess that is reported, as a fraction of the elastic elongation
 
@@ -70,6 +71,13 @@ def rows_below(topology: Topology) -> int:
     for pin in pins:
         squared = np.minimum(squared, ((others - pin) ** 2).sum(axis=1))
     return round(float(np.sqrt(squared.max()) / np.median(rest)))
+
+
+def load_factor(topology: Topology) -> float:
+    """Return by how much weights at corners raise the mean tension of a hanging sheet: a weight acts on all of it."""
+    usual, free = float(np.median(topology.mass)), topology.mass[~topology.pinned]
+    weights = float((free[free > HEAVY * usual] - usual).sum())
+    return 1 + 2 * weights / (float(free.sum()) - weights)
 
 
 def sample_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -131,7 +139,7 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
     factor = STRETCH_WITH_SHEAR if len(topology.family("shear")) else 1.0
     rest = float(np.median(topology.rest[topology.family("structural")]))
     if scene.solver.name == "verlet":
-        stretch = factor * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
+        stretch = factor * load_factor(topology) * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
         line = f"not converged: about {percent(stretch)} artificial stretch at rest; {REMEDY}"
         return line if stretch >= MIN_REPORTED_STRETCH else ""
     if scene.solver.name == "xpbd":
@@ -139,7 +147,9 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
         constant = max(fabric.warp, fabric.weft) if membrane is None else float(membrane.tensor.max())
         damped = constant * (1 + scene.fabric.damping_time / h)  # to a correction a damper is a stiffer spring
         fraction = factor * unconverged_fraction(damped, mass, h, iterations)
-        stretch = fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet
+        stretch = (
+            load_factor(topology) * fraction * 0.5 * rows * mass * gravity / (constant * rest)
+        )  # of the strain of a hanging sheet
         line = f"not converged: forces of pins and grabs are too large, by {percent(fraction, 'up to about ')}"
         return (
             f"{line}, and {percent(stretch)} artificial stretch at rest; {REMEDY_OF_FORCES}"

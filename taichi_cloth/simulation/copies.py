@@ -8,9 +8,10 @@ is another kernel, which is compiled first. Both scenes run on copies of the clo
 Error of a frame (docs/frame_error.md): copies take over the state before the frame, with grabs, wind and colliders, and
 run the same frame
 
-- with `explicit`, which converges to the motion of the fabric's springs as the substeps get shorter. It runs twice, the
-  second time with twice the substeps. The error is the distance between the cloth after its own frame and after the
-  second run; the distance between the two runs estimates the error of the reference;
+- with `explicit`, which converges to the motion of the fabric's springs as the substeps get shorter, with the damping
+  that the solver applies (`Simulation.warnings` says what it leaves out). It runs twice, the second time with twice the
+  substeps. The error is the distance between the cloth after its own frame and after the second run; the distance
+  between the two runs estimates the error of the reference;
 - with the solver of the cloth and many more iterations. The distance of the cloth from this frame is what the
   iterations lack, the residual; the distance of this frame from the reference is the error of substeps and model. The
   solver `verlet` has stiffnesses without unit, so it has an error of its model.
@@ -31,6 +32,7 @@ from ..geometry.tearing import TearState
 from ..scene import Scene
 from ..scene.overrides import removable_sections, scene_without
 from ..solvers import FrameInput
+from ..system.errors import UsageError
 from .frame_contact import Displacement
 from .grabbing import Grab
 from .parameter_values import check_vectors
@@ -128,6 +130,12 @@ class Copy(Simulation):
         return self.positions()
 
 
+class Reference(Copy):
+    """A copy with the whole damping of its springs, however many substeps it takes."""
+
+    reduces_damping = False
+
+
 # -- cost of features --------------------------------------------------------------------------------------------------
 
 FRAMES, SECONDS = 60, 0.5  # limits for one feature: frames of each copy, and wall time [s]
@@ -179,6 +187,7 @@ def feature_cost(full: Simulation, reduced: Simulation, frames: int, seconds: fl
 MAX_REFINEMENT = 16  # of the reference: most substeps, in multiples of the fewest stable ones
 GOAL_SECONDS = 0.05  # time of a reference frame up to which it is refined
 MANY_ITERATIONS = 16  # factor of the iterations that count as converged
+MAX_SUBSTEPS = 5000  # that the reference may need to be stable
 MAX_SECONDS = 1.0  # time of a measurement above which errors are not measured
 HORIZON = 60  # frames of `FrameErrorMeter.growth`
 COARSE = 0.1, 1e-4  # error of a reference that has not converged: share of the motion in the frame, and at least [m]
@@ -257,16 +266,25 @@ class FrameErrorMeter:
     """Measures the error of single frames of a scene on two copies, one with the reference and one with its solver."""
 
     def __init__(self, scene: Scene, layout: str | None = None) -> None:
-        """Compile both. Raises UsageError if the fabric is too stiff for the reference."""
-        solver = replace(scene.solver, name="explicit", substeps=1, iterations=1)
-        self._reference = Copy(replace(scene, solver=solver), layout)
+        """Compile both. Raises UsageError if the fabric is too stiff, or too much damped, for the reference."""
+        self._same = Copy(scene, layout)
         try:
-            self._same = Copy(scene, layout)
+            self._reference = self._open_reference(scene, layout)
         except BaseException:
-            self._reference.close()
+            self._same.close()
             raise
         for copy in (self._reference, self._same):
             copy.end_of_frame(FrameStart.of(copy))
+
+    def _open_reference(self, scene: Scene, layout: str | None) -> Reference:
+        """Return the reference, with as much damping of springs as the solver of the scene has."""
+        solver = replace(scene.solver, name="explicit", substeps=1, iterations=1)
+        damping = self._same.built.damping_time if self._same.solver.info.uses_si_constants else 0.0
+        reference = Reference(replace(scene, solver=solver, fabric=replace(scene.fabric, damping_time=damping)), layout)
+        if (substeps := reference.min_stable_substeps) > MAX_SUBSTEPS:
+            reference.close()
+            raise UsageError(f"its reference would need {substeps:,} substeps, more than {MAX_SUBSTEPS:,}")
+        return reference
 
     def measure(self, start: FrameStart, after: Floats) -> FrameError:
         """Return the error of the frame that led from `start` to the positions `after`, (N, 3) [m]."""

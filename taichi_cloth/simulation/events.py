@@ -311,6 +311,8 @@ RECORD_EVEN_IF_FAILED = {
 class GrabHandle:
     """A grab of a simulation, from `Simulation.grab`."""
 
+    __slots__ = ("_grab", "_simulation", "number")  # `grab.target = ...` is an error: `move_to` moves it
+
     def __init__(self, simulation: Simulation, number: int) -> None:
         self._simulation, self.number = simulation, number
         self._grab = simulation.grabs[number]

@@ -202,4 +202,7 @@ class HasParameters:
         """Set an attribute. Raises AttributeError for the name of a runtime parameter, of this scene or another."""
         if name in self.__dict__.get("_params", ()) or name == WIND or name in parameter_names():
             raise AttributeError(f"{name} is a runtime parameter: set params[{name!r}]")
+        if callable(getattr(type(self), name, None)) and not callable(value):
+            hint = "; set_state moves the cloth" if name in ("positions", "velocities") else ""
+            raise AttributeError(f"{name} is a method, not an attribute to set{hint}")
         super().__setattr__(name, value)

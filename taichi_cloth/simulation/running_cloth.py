@@ -40,11 +40,12 @@ Floats = NDArray[np.float64]
 class RunningCloth(HasParameters):
     """A simulation without events: its changes do not reach listeners."""
 
+    reduces_damping = True  # whether its solver may shorten the damping time of springs
+
     def __init__(self, scene: Scene, layout: str | None, on_set: Callable[[str, float | bool], None]) -> None:
         """`scene` is checked; `on_set` is called when a runtime parameter is to be set."""
         check_thread()
-        self.requested_layout = layout
-        self.original_scene = scene
+        self.requested_layout, self.original_scene = layout, scene
         self._params = Parameters(on_set)
         self.grabs: dict[int, Grab] = {}
         self.displacements: dict[int, Displacement] = {}  # of colliders, by their row
@@ -55,13 +56,12 @@ class RunningCloth(HasParameters):
 
     def _build(self, scene: Scene, pin_changes: NDArray[np.bool_] | None, **values: float) -> None:
         """Build cloth and solver of a scene at its start. `values`: of runtime parameters."""
-        solver, built = build(scene, self.requested_layout, pin_changes)
+        solver, built = build(scene, self.requested_layout, pin_changes, reduces_damping=self.reduces_damping)
         self.params.replace_known(parameters_of(scene), **values)
         self._scene, self.topology, self.built = scene, built.topology, built
         self._inverse_mass = state.inverse_mass(built.topology)
         self._solver: Solver | None = solver
-        self._program = ProgramRef()
-        self._row = StepRow(scene, built.topology, built.damping_time)
+        self._program, self._row = ProgramRef(), StepRow(scene, built.topology, built.damping_time)
         self.depenetration = Depenetration(count := len(colliders_of(scene)))
         self.displacements = {row: one for row, one in self.displacements.items() if row < count}
         self.has_self_contact = False

@@ -341,7 +341,7 @@ def statistics(session: Session, times: dict[str, float], fps: float, view: str 
     slow = "" if SPEEDS[session.speed] == 1 else f" · {session.speed} speed"
     clip = " · recording a clip" if session.capture.clip_is_on else ""
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
-    fabric = simulation.scene.fabric.preset or OWN_FABRIC
+    fabric, links = simulation.scene.fabric.preset or OWN_FABRIC, "springs" if topology.membrane is None else "edges"
     lines = (
         f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
         f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}{slow}{clip}",
@@ -353,7 +353,7 @@ def statistics(session: Session, times: dict[str, float], fps: float, view: str 
         f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
         *intersection_lines(simulation, metrics),
         f"{simulation.method}: {' '.join(simulation.features)}",
-        f"{topology.particle_count} particles, {topology.spring_count} springs, {topology.pinned.sum()} pins",
+        f"{topology.particle_count} particles, {topology.spring_count} {links}, {topology.pinned.sum()} pins",
         *filter(None, [simulation.warnings, unfinished(simulation)]),
     )
     return "\n".join(lines)
@@ -386,7 +386,7 @@ def slow_line(session: Session) -> str:
         for name, info in SOLVER_CATALOG.items()
         # The substeps of explicit solvers depend on the fabric.
         if name != running.name and not info.is_explicit
-        if not (info.grid_only and no_grid) and (info.membrane or not is_membrane)
+        if not (info.grid_only and no_grid) and ((info.membrane and info.uses_si_constants) or not is_membrane)
     ]
     faster = faster_solver(math.sqrt(topology.particle_count) - 1, running, others, ms, limit)
     if not faster:

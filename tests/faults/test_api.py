@@ -18,7 +18,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import Scene, SceneError, parameters_of, scene_to_toml
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, VerletSprings, Wind
+from taichi_cloth.scene.schema import Cloth, Fabric, Solver, VerletSprings, Wind
 from taichi_cloth.simulation.events import GrabHandle
 from taichi_cloth.simulation.parameter_values import MAX_COORDINATE
 from taichi_cloth.simulation.recording import Recorder
@@ -276,6 +276,30 @@ def test_a_parameter_is_no_attribute_also_in_a_scene_without_it(name: str) -> No
         pytest.raises(AttributeError, match=rf"{name} is a runtime parameter: set params\['{name}'\]"),
     ):
         setattr(simulation, name, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"), [("positions", "; set_state moves the cloth"), ("velocities", "; set_state"), ("metrics", "")]
+)
+def test_a_method_is_not_replaced_by_a_value(name: str, hint: str) -> None:
+    with (
+        Simulation(Scene(cloth=Cloth(rows=3, columns=3))) as simulation,
+        pytest.raises(AttributeError, match=f"{name} is a method, not an attribute to set{hint}"),
+    ):
+        setattr(simulation, name, np.zeros((9, 3)))
+
+
+def test_a_grab_has_no_target_to_set() -> None:
+    with Simulation(Scene(cloth=Cloth(rows=3, columns=3))) as simulation:
+        grab = simulation.grab(0)
+        with pytest.raises(AttributeError, match="target"):
+            grab.target = (1.0, 2.0, 3.0)  # type: ignore[attr-defined]
+
+
+def test_damping_that_a_solver_leaves_out_is_a_warning() -> None:
+    scene = Scene(cloth=Cloth(rows=3, columns=3), solver=Solver("implicit"), fabric=Fabric(damping_time=1e-3))
+    with Simulation(scene) as simulation:
+        assert simulation.warnings.startswith("implicit leaves out the damping of springs, fabric.damping_time")
 
 
 def test_a_collider_without_a_name_is_moved_by_its_index() -> None:

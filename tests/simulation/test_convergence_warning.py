@@ -52,6 +52,17 @@ def test_xpbd_reports_its_excess_elongation() -> None:
     )
 
 
+def test_weights_at_the_lower_corners_stretch_all_of_a_sheet() -> None:
+    """Two weights of half the sheet's mass each: its mean tension is that of a sheet of three times the weight."""
+    plain = Scene(cloth=Cloth(rows=33, columns=33, width=1.0, height=1.0), verlet=VerletSprings(shear=0.0))
+    heavy = replace(plain, cloth=replace(plain.cloth, corner_mass=0.1))  # 0.2 kg/m²
+    reported = [
+        float(re.findall(r"about ([\d.]+) %", unconverged(one, build_topology(one, "verlet"), 1 / 600, 1))[0])
+        for one in (plain, heavy)
+    ]
+    assert reported[1] / reported[0] == pytest.approx(3.0, rel=0.1)
+
+
 @pytest.mark.parametrize(("rows", "damping_time", "substeps"), [(16, 0.0, 30), (16, 1e-3, 30), (32, 1e-3, 60)])
 def test_pins_of_a_damped_sheet_carry_as_much_more_than_its_weight_as_is_reported(
     rows: int, damping_time: float, substeps: int
@@ -126,7 +137,8 @@ def test_the_model_of_lines_has_the_stages_of_the_solver() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "shown"), [(0.0123, "1.2 %"), (0.5, "50 %"), (1.583, "158 %"), (9.9, "990 %"), (1e9, "more than 1000 %")]
+    ("share", "shown"),
+    [(0.0123, "1.2 %"), (0.5, "50 %"), (0.996, "100 %"), (1.583, "158 %"), (9.9, "990 %"), (1e9, "more than 1000 %")],
 )
 def test_percentages_that_a_linear_estimate_cannot_give_are_not_shown(share: float, shown: str) -> None:
     assert percent(share) == shown

@@ -16,6 +16,7 @@ from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solve
 from taichi_cloth.simulation import copies
 from taichi_cloth.simulation.copies import Copy, FrameErrorMeter, FrameStart
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.system.errors import UsageError
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
@@ -81,6 +82,28 @@ def test_ten_times_the_substeps_make_a_small_part_of_the_error_of_other_orders()
     assert fine.error < coarse.error / 100
     coarse, fine = error_of("xpbd", 8), error_of("xpbd", 80)
     assert coarse.error / 10 < fine.error < coarse.error / 3  # of first order, once its springs are resolved
+
+
+@pytest.mark.parametrize(("name", "coarse"), [("lines", 3), ("implicit", 3), ("explicit", 20)])
+def test_the_reference_has_the_damping_that_the_solver_applies(name: str, coarse: int) -> None:
+    """`lines` applies all of it, `implicit` none, `explicit` a part: of each the error falls with the substeps."""
+    errors = []
+    for substeps in (coarse, 4 * coarse):
+        damped = scene(name, substeps, 100, wind=None, fabric=replace(FABRIC, damping_time=3e-3))
+        with swinging(damped, 0) as (simulation, meter):
+            x = simulation.positions()
+            simulation.set_state(x + [0, 0.05, 0] * (x - x[0]))
+            errors.append(meter.measure_frame(simulation))
+    assert errors[0].is_resolved
+    assert errors[1].error < errors[0].error / 3
+
+
+def test_a_fabric_with_too_much_damping_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    damped = scene("lines", 10, fabric=replace(FABRIC, warp=1e4, damping_time=0.2))
+    with pytest.raises(UsageError, match=r"its reference would need [\d,]+ substeps, more than 5,000"):
+        FrameErrorMeter(damped)
+    with closing(FrameErrorMeter(replace(damped, solver=Solver("implicit", 10)))):
+        pass
 
 
 def test_the_error_is_that_of_each_particle_and_their_root_mean_square() -> None:
