@@ -197,7 +197,8 @@ def fields_of(cls: type) -> str:
 
 def members(name: str, cls: type) -> list[str]:
     """Return the entries of all public members of a class."""
-    return [entry("####", f"{name}.{key}", value) for key, value in vars(cls).items() if not key.startswith("_")]
+    public = {key: value for key, value in vars(cls).items() if not key.startswith("_")}
+    return [entry("####", f"{name}.{key}", one) for key, one in public.items() if not inspect.ismemberdescriptor(one)]
 
 
 def entry(rank: str, name: str, member: Any) -> str:

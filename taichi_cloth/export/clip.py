@@ -131,7 +131,7 @@ INNER_NAMES = frozenset(
         "has_changed",
     )
     + ("has_self_contact", "is_held_still", "notify", "place", "rebuild", "requested_layout", "restart_guard")
-    + ("scene_colliders", "set_frame", "set_grabs", "set_pins", "set_torn")
+    + ("reduces_damping", "scene_colliders", "set_frame", "set_grabs", "set_pins", "set_torn")
 )
 
 
