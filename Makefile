@@ -19,7 +19,7 @@ RESULTS := benchmarks/results/$(MACHINE)
 
 # The shipped scenes, in the order of the documents.
 SCENES := curtain drape15 table denim net slope fast-ball veil poles responses fold stack towel knot twist tear \
-	sphere flag sail hammock cape banner relief bias skirt
+	sphere flag sail hammock cape banner relief bias
 
 help:
 	@echo "make run          open the window (without a display: render 240 frames to out/run_curtain)"
