@@ -1,6 +1,7 @@
 """`compare` without a window: two runs of one scene, their images and measurements."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from taichi_cloth.evaluation.compare import explanations, overrides
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.image import RenderPlan
 from taichi_cloth.render.split_view import SEAM, nearest_vertex_map, render_both
+from taichi_cloth.scene.look_schema import Camera, Look
+from taichi_cloth.scene.schema import Cloth, Forces, Scene
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("running", "serial_layout")
@@ -111,6 +114,28 @@ def test_without_a_reference_frames_have_no_error(tmp_path: Path, capsys: pytest
     assert "no reference solution: it would take" in capsys.readouterr().out
     assert report["a"]["frame_errors"] == report["b"]["frame_errors"] == []
     assert report["rms_error"] == [None, None]
+
+
+@pytest.mark.parametrize("sets_camera", [False, True])
+def test_the_camera_follows_cloth_that_flies_sideways_unless_the_scene_sets_one(
+    tmp_path: Path, sets_camera: bool
+) -> None:
+    cloth = Cloth(rows=5, columns=5, width=1.0, height=1.0, pins=())
+    scene = Scene(cloth=cloth, forces=Forces(gravity=0.0), look=Look(color="#ff0000", second_color="#ff0000"))
+    if sets_camera:
+        scene = replace(scene, camera=Camera(eye=(0.0, 2.2, 1.6), target=(0.0, 2.2, 0.0)))
+    plan = RenderPlan(tmp_path, 2, 202, 60)
+    with Simulation(scene) as a, Simulation(scene) as b:
+
+        def fly(frame: int) -> None:
+            for simulation in (a, b):
+                simulation.set_state(simulation.positions() + [0.6, 0.0, 0.0])
+
+        render_both(a, b, plan, fly, errors=False)
+    left, _ = image_halves(tmp_path / "frame_00001.png")
+    red = (left[..., 0].astype(int) - left[..., 2] > 60).any(axis=0)
+    assert red.any()
+    assert red[-1] == sets_camera
 
 
 def distances_of(tmp_path: Path, **other: object) -> list[float]:

@@ -15,7 +15,7 @@ import signal
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, Protocol
+from typing import NoReturn, Protocol
 
 from .. import __version__
 from ..scene import Scene, SceneError, parse_override, scene_names
@@ -33,9 +33,6 @@ from ..system.errors import (
     nearest_hint,
     one_line,
 )
-
-if TYPE_CHECKING:
-    pass
 
 PROGRAM = "taichi-cloth"
 COMMAND = "COMMAND"  # in help and messages

@@ -180,7 +180,7 @@ class Fabric(Table):
         param="COMPRESSION",
     )
     damping_time: float = key_field(
-        0.0, "damping coefficient of a spring divided by its stiffness; implicit has none", "s", min=0.0, max=1.0
+        0.0, "damping coefficient of a spring divided by its stiffness; not in implicit", "s", min=0.0, max=1.0
     )
     model: str = key_field(
         "springs",

@@ -243,13 +243,13 @@ class StepRow:
 
 def warnings_of(simulation: RunningCloth) -> list[str]:
     """Return what a running cloth does not do as requested: substeps, damping, springs, bending, contact."""
-    lines = [line for line in (keys_without_effect(simulation.scene),) if line]
+    lines = list(filter(None, [keys_without_effect(simulation.scene)]))
     requested, name = int(simulation.params["substeps"]), simulation.solver.name
     if requested < simulation.built.min_stable_substeps:
         why = "fewer are unstable" + ("" if simulation.params["stiffness"] == 1 else " at stiffness 1")
         lines.append(f"{name} takes {simulation.built.min_stable_substeps} substeps, not {requested}: {why}")
     wanted, used = simulation.scene.fabric.damping_time, simulation.built.damping_time
-    if used < wanted and used == 0:
+    if used == 0 < wanted:
         lines.append(f"{name} leaves out the damping of springs, fabric.damping_time")
     elif used < wanted:
         lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")

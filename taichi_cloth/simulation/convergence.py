@@ -53,7 +53,7 @@ MAX_SAMPLES = 2048  # particles, and pins, whose distances are compared
 MIN_REPORTED_STRETCH = 1e-3  # smallest artificial stretch that is reported, as a fraction of the hanging length
 REMEDY = "more iterations or substeps reduce it"
 REMEDY_OF_FORCES = f"{REMEDY}, and `implicit` has none of it"
-HEAVY = 3.0  # times the usual mass of a particle: a weight at a corner
+VERLET_MODEL = "verlet has no stiffness in N/m: with finer settings only the other solvers converge to the fabric"
 MAX_REPORTED = 10.0  # largest share that is reported as a number
 MIN_REPORTED_FRACTION = 1e-2  # smallest excess that is reported, as a fraction of the elastic elongation
 
@@ -73,10 +73,10 @@ def rows_below(topology: Topology) -> int:
     return round(float(np.sqrt(squared.max()) / np.median(rest)))
 
 
-def load_factor(topology: Topology) -> float:
+def load_factor(cloth: Cloth, topology: Topology) -> float:
     """Return by how much weights at corners raise the mean tension of a hanging sheet: a weight acts on all of it."""
-    usual, free = float(np.median(topology.mass)), topology.mass[~topology.pinned]
-    weights = float((free[free > HEAVY * usual] - usual).sum())
+    free = topology.mass[~topology.pinned]
+    weights = cloth.corner_mass * int((free > cloth.corner_mass).sum()) if cloth.corner_mass else 0.0
     return 1 + 2 * weights / (float(free.sum()) - weights)
 
 
@@ -85,9 +85,6 @@ def sample_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
     indices = np.linspace(0, len(points) - 1, min(len(points), MAX_SAMPLES)).astype(int)
     sampled: NDArray[np.float64] = points[np.unique(indices)]
     return sampled
-
-
-VERLET_MODEL = "verlet has no stiffness in N/m: with finer settings only the other solvers converge to the fabric"
 
 
 def percent(share: float, before: str = "") -> str:
@@ -137,9 +134,9 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
     if not rows or not gravity:
         return ""
     factor = STRETCH_WITH_SHEAR if len(topology.family("shear")) else 1.0
-    rest = float(np.median(topology.rest[topology.family("structural")]))
+    rest, load = float(np.median(topology.rest[topology.family("structural")])), load_factor(scene.cloth, topology)
     if scene.solver.name == "verlet":
-        stretch = factor * load_factor(topology) * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
+        stretch = factor * load * artificial_stretch(rows, h, iterations, gravity) / (rows * rest)
         line = f"not converged: about {percent(stretch)} artificial stretch at rest; {REMEDY}"
         return line if stretch >= MIN_REPORTED_STRETCH else ""
     if scene.solver.name == "xpbd":
@@ -147,9 +144,7 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
         constant = max(fabric.warp, fabric.weft) if membrane is None else float(membrane.tensor.max())
         damped = constant * (1 + scene.fabric.damping_time / h)  # to a correction a damper is a stiffer spring
         fraction = factor * unconverged_fraction(damped, mass, h, iterations)
-        stretch = (
-            load_factor(topology) * fraction * 0.5 * rows * mass * gravity / (constant * rest)
-        )  # of the strain of a hanging sheet
+        stretch = load * fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet
         line = f"not converged: forces of pins and grabs are too large, by {percent(fraction, 'up to about ')}"
         return (
             f"{line}, and {percent(stretch)} artificial stretch at rest; {REMEDY_OF_FORCES}"

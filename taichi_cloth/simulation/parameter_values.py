@@ -200,6 +200,9 @@ class HasParameters:
 
     def __setattr__(self, name: str, value: object) -> None:
         """Set an attribute. Raises AttributeError for the name of a runtime parameter, of this scene or another."""
+        if name.startswith("_"):  # most of those that a frame sets
+            super().__setattr__(name, value)
+            return
         if name in self.__dict__.get("_params", ()) or name == WIND or name in parameter_names():
             raise AttributeError(f"{name} is a runtime parameter: set params[{name!r}]")
         if callable(getattr(type(self), name, None)) and not callable(value):

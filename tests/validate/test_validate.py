@@ -238,6 +238,43 @@ def test_too_slow_rows_are_not_left_out_of_the_stored_results() -> None:
         assert len({count for (number, _), count in rows.items() if number == reference.number}) == 1
 
 
+def test_an_update_replaces_its_references_only_and_names_its_run() -> None:
+    def of(number: str, solver: str, measured: float) -> Result:
+        return Result(number, "test", "nobody", solver, relative("", 1.0, measured, 0.5, 0.1))
+
+    order = [("A1", "xpbd"), ("A1", "rk4"), ("A2", "xpbd"), ("A9", "rk4")]
+    rows = [of("A1", "xpbd", 1.0), of("A1", "rk4", 1.0), of("A2", "xpbd", 1.0), of("A8", "xpbd", 1.0)]
+    earlier = report.Measured({"cpu": "one"}, rows, "2020-01-01 00:00", "old")
+    later = report.Measured({"cpu": "one"}, [of("A9", "rk4", 1.0), of("A1", "rk4", 1.2)], "2020-02-02 00:00", "new")
+    found = report.updated(earlier, later, order)
+    when = ("2020-02-02 00:00", "new")
+    assert [(one.number, one.solver, one.row.measured, one.later) for one in found.results] == [
+        ("A1", "xpbd", 1.0, None),
+        ("A1", "rk4", 1.2, when),
+        ("A2", "xpbd", 1.0, None),
+        ("A9", "rk4", 1.0, when),
+    ]
+    assert (found.date, found.commit) == ("2020-01-01 00:00", "old")
+    line = "Measured later, 2020-02-02 00:00 · new: A1, A9 (2 rows)."
+    assert line in report.main_page(found, "rows.md")
+    assert not any(one.startswith("Measured later") for one in report.main_page(earlier, "rows.md"))
+    with pytest.raises(UsageError, match="of another machine or other versions"):
+        report.updated(earlier, later._replace(machine={"cpu": "two"}), order)
+
+
+def test_later_rows_are_read_as_they_were_written(tmp_path: Path) -> None:
+    row = Result("A1", "test", "nobody", "rk4", relative("", 1.0, 1.0, 0.5, 0.1), ("2020-02-02 00:00", "new"))
+    run = report.Measured({"cpu": "one"}, [row, replace(row, later=None)], "2020-01-01 00:00", "old")
+    report.write_json(tmp_path / "a.json", run)
+    assert report.read_json(tmp_path / "a.json").results == run.results
+
+
+@pytest.mark.parametrize("options", [[], ["--json", "new.json", "--from", "a.json"]])
+def test_an_update_needs_earlier_results(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", "--update", *options]) == 2
+    assert "--update needs --json with earlier results" in capsys.readouterr().err
+
+
 def test_verdicts_follow_the_bounds() -> None:
     rows = [relative("", 2.0, 2.0 + d, 0.1, 0.01) for d in (0.0, 0.019, 0.021, 0.21, float("nan"))]
     assert [row.verdict for row in rows] == [EXCELLENT, EXCELLENT, PASS, FAIL, FAIL]

@@ -90,6 +90,22 @@ def replayed(recording: Recording, then: Callable[[ReplaySession], None] = lambd
     return replay
 
 
+def test_the_result_of_a_replay_stays_while_it_is_replayed_again(session: Session) -> None:
+    play(session)
+    session.act("screenshot")
+    verdicts: list[tuple[str, bool | None]] = []
+
+    def again(replay: ReplaySession) -> None:
+        replay.act("reset")
+        replay.run_deferred()
+        replay.replay_frame()
+        verdicts.append((replay.verdict, replay.is_equal))
+
+    replay = replayed(read_recording(OUT / "shot_001.toml"), again)
+    assert replay.was_equal is True
+    assert verdicts == [(f"{replay.recording.frames} frames replayed: final positions are bit-identical", None)]
+
+
 def pixels(path: Path) -> np.ndarray:
     with Image.open(path) as image:
         return np.asarray(image.convert("RGB"))
