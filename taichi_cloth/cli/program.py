@@ -88,7 +88,7 @@ def with_hint(message: str) -> str:
     if word in RENAMED_COMMANDS:
         return f"{word} was renamed to {RENAMED_COMMANDS[word]}"
     hint = nearest_hint(word, [*choices, *scene_names()])  # `taichi-cloth SCENE` runs a scene
-    if Path(file := f"{word}.toml").is_file():
+    if os.path.isfile(file := f"{word}.toml"):  # false for names that are too long, where Path.is_file raises
         hint = f"; did you mean {file!r}?"
     return f"unknown command {shown}" + (hint or f": {', '.join(choices)}")
 

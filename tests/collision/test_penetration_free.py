@@ -243,6 +243,7 @@ def test_layers_without_a_distance_are_refused() -> None:
 def test_a_thickness_much_greater_than_the_cells_is_refused() -> None:
     """The list of near pairs would be full, and nothing could move."""
     side = 0.3 / 15
+    held_still = "penetration-free contact holds the cloth still: more pairs are near than it can list"
     sheet = replace(SHEETS, cloth=replace(SHEETS.cloth, rows=16, columns=16))
     with pytest.raises(
         UsageError, match=r"thickness must be at most 1\.5 × the median edge of 0\.02 m .* got 0\.03002"
@@ -251,16 +252,14 @@ def test_a_thickness_much_greater_than_the_cells_is_refused() -> None:
     with Simulation(replace(sheet, self_collision=replace(GUARD, thickness=1.499 * side))) as simulation:
         before = simulation.positions()
         simulation.step(2)
-        assert simulation.warnings == ""
+        assert held_still not in simulation.warnings
         assert (simulation.positions() != before).any()
         simulation.params["self_collision_thickness"] = 4 * side
         simulation.step(2)
         held = simulation.positions()
         simulation.step()
         assert (simulation.positions() == held).all()
-        assert simulation.warnings == (
-            "penetration-free contact holds the cloth still: more pairs are near than it can list"
-        )
+        assert held_still in simulation.warnings
 
 
 # -- physics of contact ------------------------------------------------------------------------------------------------

@@ -118,6 +118,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Any:
 @example(["validate", "--only", "two\nlines"])  # renamed to --filter
 @example(["bench", "--csv", "no folder/file.csv"])
 @example(["stress"])
+@example(["9" * 300])  # too long for a name of a file
 @example(["render", "curtain", "--set", "rows=2048", "--set", "columns=2048"])
 def test_no_command_line_prints_a_traceback(folder: Path, words: list[str]) -> None:
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", "backslashreplace") for _ in range(2))
