@@ -4,18 +4,31 @@ from dataclasses import replace
 from functools import partial
 from math import log2
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.bench.error_sweep import Curtain, curtain_solution
-from taichi_cloth.evaluation.validate import check, exact, flight, hanging, membrane, strand, swing, symmetry
+from taichi_cloth.evaluation.validate import (
+    check,
+    elastica,
+    exact,
+    flight,
+    friction,
+    hanging,
+    membrane,
+    strand,
+    swing,
+    symmetry,
+)
 from taichi_cloth.evaluation.validate import validation_report as report
 from taichi_cloth.evaluation.validate.check import FAIL, Check, Result, at_most
 from taichi_cloth.geometry.cloth_builder import build_particles
 from taichi_cloth.scene.schema import FRAME_SECONDS, Forces, Solver
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation import convergence
+from taichi_cloth.simulation.simulation import Simulation
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 AREA_DENSITY = 0.2  # [kg/m²]
@@ -62,6 +75,25 @@ def sail_of_verlet(span: float, drag_only: bool) -> float:
     return flight.excess_sag(soft, span, drag_only)
 
 
+def excess_of_lines() -> float:
+    scene = hanging.base("lines", hanging.HELD_CELLS + 1, hanging.HELD_CELLS + 1, pins=hanging.HELD_BY["two corners"])
+    fabric = replace(scene.fabric, warp=hanging.CONSTANT, weft=hanging.CONSTANT, shear=hanging.CONSTANT)
+    return convergence.lines_excess(scene.cloth, fabric, substep_of("lines"), SOLVER_CATALOG["lines"].iterations)
+
+
+def loss_of_lines() -> float:
+    period = exact.pendulum_period(170, 1.0) / FRAME_SECONDS
+    frames, last = round((swing.HEIGHT_PERIODS + 0.25) * period), round(0.5 * period)
+    with Simulation(swing.rod("lines", 170)) as simulation:
+        return hanging.two_stage_loss(simulation, 170, frames, last)
+
+
+def asymmetry_of_verlet(seconds: float) -> float:
+    scene = friction.sheet_above_ball("verlet")
+    positions = check.swept_in_float64(scene, seconds, contact=friction.project_from_ball)
+    return friction.difference_of_images(positions)
+
+
 PRESSURE, DRAG = "lift and drag: pressure with the cosine [m]", "drag alone: its square, along the wind [m]"
 BOUNDED = [
     *(
@@ -82,7 +114,19 @@ BOUNDED = [
         ("A5.1", "xpbd", f"on the bias, diagonals of {k:g} N/m [N/m]", partial(membrane.unconverged_bias, k))
         for k in (500.0, 1000.0)
     ),
+    ("A2.8", "lines", "angle after ten periods from 170° [°]", loss_of_lines),
+    ("A3.5", "lines", "held by two corners: all forces over the weight", excess_of_lines),
+    ("A3.5", "lines", "force of the grab over the weight", excess_of_lines),
     ("A6.1", "verlet", "way after 0.2 s [m]", way_of_verlet),
+    *(
+        (
+            "A8.8",
+            "verlet",
+            f"difference to its mirror images {t:g} s after it fell on a ball [m]",
+            partial(asymmetry_of_verlet, t),
+        )
+        for t in (0.2, 2.0)
+    ),
     *(("A6.2", "verlet", f"sag at {d:g} m, {PRESSURE}", partial(sail_of_verlet, d, False)) for d in (0.8, 0.9)),
     ("A6.2", "verlet", f"sag at 0.9 m, {DRAG}", partial(sail_of_verlet, 0.9, True)),
     ("B1", "verlet", "16 cells: every row, error of the side after 1 s", partial(every_row, 16)),
@@ -135,7 +179,7 @@ def test_the_curtain_of_the_law_converges_to_the_exact_one() -> None:
     squared = curtain.stiffness / curtain.mass
     exact_positions = curtain_solution(curtain, frames)[-1]
     errors = [
-        float(np.abs(strand.euler_curtain(cells, squared, FRAME_SECONDS / n, frames)[-1] - exact_positions).max())
+        float(np.abs(hanging.euler_curtain(cells, squared, FRAME_SECONDS / n, frames)[-1] - exact_positions).max())
         for n in (40, 80)
     ]
     assert errors[0] / errors[1] == pytest.approx(2, rel=0.15)  # first order
@@ -257,12 +301,13 @@ def heavy_chain() -> strand.Chain:
     return strand.Chain(mass, np.array(pairs), rest, constant, strand.STRAND_GRAVITY)
 
 
-def test_xpbd_in_float64_ends_as_far_from_the_solution_as_the_stored_row() -> None:
+@pytest.mark.parametrize(("solver", "close"), [("xpbd", 1e-4), ("lines", 0.2)])  # of `lines`, of what float32 adds to
+def test_the_strand_in_float64_ends_as_far_from_the_solution_as_the_stored_row(solver: str, close: float) -> None:
     chain = heavy_chain()
     angle = np.radians(strand.START_ANGLE)
     start = strand.LINK * np.arange(strand.LINKS + 1.0)[:, None] * [np.cos(angle), -np.sin(angle)]
-    row = stored("B6.2", "xpbd", "residual of a step, over 10 N")
-    assert strand.xpbd_residual(chain, start) / strand.STRAND_GRAVITY == pytest.approx(row.error, rel=1e-4)
+    row = stored("B6.2", solver, "residual of a step, over 10 N")
+    assert strand.residual_in_float64(solver, chain, start) == pytest.approx(row.error, rel=close)
 
 
 def test_xpbd_in_float64_is_as_long_at_rest_as_the_stored_row() -> None:
@@ -271,32 +316,40 @@ def test_xpbd_in_float64_is_as_long_at_rest_as_the_stored_row() -> None:
     bare = replace(chain, ends=chain.ends[:links], rest=chain.rest[:links], constant=chain.constant[:links])
     start = -strand.LINK * np.arange(links + 1.0)[:, None] * [0.0, 1.0]
     row = stored("B6.1", "xpbd", "longer by [m]")
-    end = strand.xpbd_run(bare, start, round(strand.REST_SECONDS / FRAME_SECONDS), check.REST_DAMPING)[-1].x
+    end = strand.run_in_float64("xpbd", bare, start, round(strand.REST_SECONDS / FRAME_SECONDS), check.REST_DAMPING)[
+        -1
+    ].x
     assert (start - end)[-1, 1] == pytest.approx(row.measured, rel=1e-4)
 
 
-def test_xpbd_in_float64_has_the_strains_of_the_stored_row() -> None:
+@pytest.mark.parametrize(
+    ("solver", "step", "close"),
+    [("xpbd", strand.backward_euler_step, 1e-3), ("lines", strand.sdirk_step, 0.2)],
+)
+def test_the_strand_in_float64_has_the_strains_of_the_stored_row(solver: str, step: Any, close: float) -> None:
     chain, links = heavy_chain(), slice(strand.LINKS)
     angle = np.radians(strand.START_ANGLE)
     x = start = strand.LINK * np.arange(strand.LINKS + 1.0)[:, None] * [np.cos(angle), -np.sin(angle)]
     v, exact_strains = np.zeros_like(x), []
     for _ in range(strand.STRAND_FRAMES):
-        x, v, _ = strand.backward_euler_step(chain, x, v, FRAME_SECONDS)
+        x, v, _ = step(chain, x, v, FRAME_SECONDS)
         exact_strains.append(chain.strains(x)[links])
-    found = [chain.strains(step.x)[links] for step in strand.xpbd_run(chain, start, strand.STRAND_FRAMES)]
-    row = stored("B6.3", "xpbd", "largest error of a strain")
+    run = strand.run_in_float64(solver, chain, start, strand.STRAND_FRAMES)
+    found = [chain.strains(state.x)[links] for state in run[1:]]
+    row = stored("B6.3", solver, "largest error of a strain")
     error = np.abs(np.array(found) - exact_strains).max() / np.abs(exact_strains).max()
-    assert error == pytest.approx(row.error, rel=1e-3)
+    assert error == pytest.approx(row.error, rel=close)
 
 
-def test_xpbd_in_float64_converges_to_the_solution_of_a_step() -> None:
+@pytest.mark.parametrize(("step", "iterations"), [(strand.xpbd_step, 200), (strand.lines_step, 2)])
+def test_iterations_in_float64_converge_to_the_solution_of_a_step(step: Any, iterations: int) -> None:
     """On one line, where the directions of its corrections are exact."""
-    chain = strand.hanging_chain(5, 300.0)
+    chain = hanging.hanging_chain(5, 300.0)
     start = np.stack([np.zeros(6), -np.arange(6) / 4.5], axis=-1)  # stretched
     velocity = 0 * start
     velocity[1:, 1] = -1.0
     solved = strand.backward_euler_step(chain, start, velocity, 0.02)
-    found = strand.xpbd_step(chain, start, velocity, 0.02, 200)
+    found = step(chain, start, velocity, 0.02, iterations)
     for a, b in zip(found, solved, strict=True):
         assert a == pytest.approx(b, abs=1e-9)
 
@@ -304,22 +357,22 @@ def test_xpbd_in_float64_converges_to_the_solution_of_a_step() -> None:
 def test_a_fold_is_as_far_from_its_mirror_images_as_its_largest_displacement() -> None:
     flat = symmetry.base("rk4", 17, 17, rotation=(-90.0, 0.0, 0.0))
     sheet = build_particles(flat).start.copy()
-    assert symmetry.difference_of_images(sheet) == pytest.approx(0.0, abs=1e-7)
+    assert friction.difference_of_images(sheet) == pytest.approx(0.0, abs=1e-7)
     sheet[3, 1] += 0.02
-    assert symmetry.difference_of_images(sheet) == pytest.approx(0.02, abs=1e-7)
+    assert friction.difference_of_images(sheet) == pytest.approx(0.02, abs=1e-7)
 
 
 @pytest.mark.parametrize("solver", check.ALL)
 def test_the_folds_on_a_ball_are_unsymmetric_in_float64_too(solver: str) -> None:
     """docs/accuracy.md says so: no solver can pass this row. Rounding to 1e-16 is enough."""
-    difference = symmetry.exact_difference()
-    assert 100 * symmetry.ON_A_BALL[0] < difference < 0.5
+    difference = friction.exact_difference()
+    assert 100 * friction.ON_A_BALL[0] < difference < 0.5
     row = stored("A8.8", solver, "difference to its mirror images 2 s after it fell on a ball [m]")
-    unfolded = at_most("", 0.9e-3, *symmetry.ON_A_BALL)
-    assert symmetry.explain_folds(row, unfolded).explained
-    assert symmetry.explain_folds(at_most("", 2.01 * difference, *symmetry.ON_A_BALL), unfolded).broken
-    assert symmetry.explain_folds(at_most("", 1e-4, *symmetry.ON_A_BALL), unfolded).limit is None
-    assert symmetry.explain_folds(row, at_most("", 1.1e-3, *symmetry.ON_A_BALL)).limit is None
+    unfolded = at_most("", 0.9e-3, *friction.ON_A_BALL)
+    assert friction.explain_folds(row, unfolded).explained
+    assert friction.explain_folds(at_most("", 2.01 * difference, *friction.ON_A_BALL), unfolded).broken
+    assert friction.explain_folds(at_most("", 1e-4, *friction.ON_A_BALL), unfolded).limit is None
+    assert friction.explain_folds(row, at_most("", 1.1e-3, *friction.ON_A_BALL)).limit is None
 
 
 @pytest.mark.parametrize("solver", ["verlet", "xpbd"])
@@ -401,7 +454,31 @@ def test_rounding_and_the_exact_bottoms_explain_a_finer_curtain(solver: str) -> 
         row.what, row.tolerance + symmetry.exact_change(solver, 64, 128) + 1.01 * rounding, *check.FINER[64, 128]
     )
     assert symmetry.explain_finer(far, solver, 64, 128, lambda: rounding).broken
-    assert symmetry.explain_finer(row, "xpbd", 64, 128, lambda: rounding).limit is None
+
+
+def test_iterations_of_xpbd_explain_a_finer_curtain() -> None:
+    row = stored("A8.9", "xpbd", "bottom row of 128 cells after 1 s, against 64, of the side")
+    assert symmetry.explain_finer(row, "xpbd", 64, 128, lambda: 0.0).explained
+    change = float(np.linalg.norm(symmetry.swept_bottom(128) - symmetry.swept_bottom(64)))
+    far = at_most(row.what, change + 1.01 * row.tolerance, *check.FINER[64, 128])
+    assert symmetry.explain_finer(far, "xpbd", 64, 128, lambda: 0.0).broken
+
+
+def test_a_scarf_slips_as_early_in_the_iterations_of_verlet_in_float64() -> None:
+    """In both at about the same ratio of its ends, far below the exact one."""
+    found = friction.scarf_threshold("verlet", 0.3, friction.scarf_after)
+    assert friction.early_slip(0.3) == pytest.approx(1 - found / exact.scarf_ratio(0.3, 0.1), abs=0.05)
+
+
+def test_few_conjugate_gradients_explain_an_order_only_as_far_as_one_percent_of_the_weight(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lighter = exact.cantilever(10.0)[0] - exact.cantilever(9.9)[0]
+    for wrong, explained in ((0.9 * lighter, True), (1.5 * lighter, False)):
+        drops = (0.70, 0.72, 0.725, 0.725 + 0.00125 + wrong)
+        columns = (np.array([[0.0, 0.0], [0.0, 0.0], [0.0, -drop]]) for drop in drops)
+        monkeypatch.setattr(elastica, "rest_column", partial(lambda given, *_: next(given), columns))
+        assert elastica.order_of_drop("", "implicit").explained == explained
 
 
 def test_rounding_of_the_curtain_grows_with_the_root_of_the_steps() -> None:

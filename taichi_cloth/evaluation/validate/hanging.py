@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
+from ...geometry.cloth_builder import spring_stiffness
 from ...scene.schema import FRAME_SECONDS, Forces, Scene, Solver, VerletSprings
-from ...simulation.convergence import artificial_stretch, unconverged_fraction
+from ...simulation.convergence import artificial_stretch, lines_excess, unconverged_fraction
 from ...simulation.simulation import Simulation
+from ..bench.error_sweep import Curtain
 from .check import (
     FINER,
     GRIDS,
@@ -36,7 +38,7 @@ from .check import (
 )
 from .exact import GRAVITY, Floats, hanging_drop
 from .exact import hammock as exact_hammock
-from .strand import Chain, xpbd_step
+from .strand import Chain, backward_euler_step, sdirk_step, xpbd_step
 
 ELONGATION = (2e-2, 1e-3)  # A3: 2 %, 0.1 % of the elongation
 CELLS = (16, 32, 64, 128)
@@ -72,6 +74,9 @@ HELD_CELLS = 32
 HELD = (1e-2, 1e-3)  # of the weight, as other forces: 1 %, 0.1 %
 GRABBED = "one corner and a grab"
 HELD_BY = {"its top edge": ("top",), "two corners": ("top-left", "top-right"), GRABBED: ("top-left",)}
+LINES_UNFINISHED = (
+    "iterations end before lines in different directions agree: (I − Mⁱ)·λ carries the weight, by linear theory"
+)
 UNFINISHED = "iterations end before a substep is solved: κ·(1 − ρ)·ρ^(i−1)/(1 − ρ^i), κ = kh²/m, ρ = 1/(1 + m/(2kh²))²"
 
 
@@ -116,7 +121,7 @@ def held(solver: str) -> Iterator[Check]:
         yield from rows_with_limit(whats, *HELD, partial(measure_forces, whats, solver, pins))
 
 
-def measure_forces(whats: Sequence[str], solver: str, pins: tuple[str, ...]) -> Iterator[Check]:
+def measure_forces(whats: Sequence[str], solver: str, pins: tuple[str, ...]) -> list[Check]:
     """Measure all reaction forces, and with a second row that of a grab which holds the top right corner."""
     scene = base(solver, HELD_CELLS + 1, HELD_CELLS + 1, pins=pins)
     fabric = replace(scene.fabric, warp=CONSTANT, weft=CONSTANT, shear=CONSTANT)
@@ -125,9 +130,13 @@ def measure_forces(whats: Sequence[str], solver: str, pins: tuple[str, ...]) -> 
         advance(simulation, 10.0)
         weight = float(simulation.topology.mass.sum()) * GRAVITY
         up = float(simulation.reaction_forces()[:, 1].sum())
-        yield relative(whats[0], 1.0, up / weight, *HELD)
+        rows = [relative(whats[0], 1.0, up / weight, *HELD)]
         for what, grab in zip(whats[1:], grabs, strict=True):
-            yield relative(what, 0.5, float(grab.force[1]) / weight, *HELD)
+            rows.append(relative(what, 0.5, float(grab.force[1]) / weight, *HELD))
+        if solver != "lines":
+            return rows
+        h, iterations = substep(simulation), simulation.scene.solver.iterations
+        return [row.by_law(LINES_UNFINISHED, partial(lines_excess, scene.cloth, fabric, h, iterations)) for row in rows]
 
 
 def independence(solver: str) -> Iterator[Check]:
@@ -343,3 +352,49 @@ def measure_hammock(solver: str, span: float, links: int) -> tuple[Hammock, Hamm
         lengths = np.linalg.norm(np.diff(x.reshape(links + 1, 3, 3), axis=0)[[0, -1]], axis=2)
         measured_tension = constant * (float(lengths.mean()) - 1.0 / links)
         return Hammock(sag, tension / weight), Hammock(-float(x[:, 1].min()), measured_tension / weight)
+
+
+# -- hanging chains, for the laws of iterations that end too early (`check.py`) ----------------------------------------
+
+
+def hanging_chain(links: int, squared: float) -> Chain:
+    """Return a chain of one meter with equal masses and springs, k/m = `squared` [1/s²]."""
+    ends = np.stack([np.arange(links), np.arange(1, links + 1)], axis=-1)
+    return Chain(np.ones(links + 1), ends, np.full(links, 1 / links), np.full(links, squared))
+
+
+def euler_run(links: int, squared: float, start: Floats, h: float, frames: int) -> Floats:
+    """Return the positions after each frame, (frames, links + 1, 2), in exactly solved backward Euler steps."""
+    chain, x, v = hanging_chain(links, squared), start, np.zeros_like(start)
+    positions = []
+    for _ in range(frames):
+        for _ in range(round(FRAME_SECONDS / h)):
+            x, v, _ = backward_euler_step(chain, x, v, h)
+        positions.append(x)
+    return np.array(positions)
+
+
+@cache
+def euler_curtain(cells: int, squared: float, h: float, frames: int = 60) -> Floats:
+    """Return the swinging curtain in such steps, (frames, cells + 1, 2)."""
+    return euler_run(cells, squared, Curtain(cells).start, h, frames)
+
+
+def two_stage_loss(simulation: Simulation, degrees: float, frames: int, last: int) -> float:
+    """Return the share of its amplitude that a pendulum loses in exactly solved steps of `lines` and `implicit`.
+
+    It is the largest angle before the `last` of some frames, over the angle at the start. The pendulum is the cell of
+    `swing.rod`: the springs from one of its free particles to the pins act as one.
+    """
+    topology, h = simulation.topology, substep(simulation)
+    stiffness = spring_stiffness(simulation.scene, simulation.solver.info.stiffness_section, topology)
+    upward = (topology.ends[:, 0] < 2) & (topology.ends[:, 1] == 2)
+    squared = float((stiffness[upward] / topology.rest[upward] ** 2).sum() / topology.mass[2])
+    chain, angle = hanging_chain(1, squared), np.radians(degrees)
+    x, angles = np.array([[0.0, 0.0], [np.sin(angle), -np.cos(angle)]]), []
+    v = np.zeros_like(x)
+    for _ in range(frames):
+        angles.append(abs(np.degrees(np.arctan2(x[1, 0], -x[1, 1]))))
+        for _ in range(simulation.substeps):
+            x, v, _ = sdirk_step(chain, x, v, h)
+    return 1 - float(max(angles[-last:])) / degrees

@@ -123,7 +123,7 @@ REFERENCES = (
         ELASTIC,
     ),
     Reference("A8.7", "mesh, hammock", "-", hanging.finer_hammock, ALL),
-    Reference("A8.8", "on a ball", "-", symmetry.on_a_ball, ALL),
+    Reference("A8.8", "on a ball", "-", friction.on_a_ball, ALL),
     Reference("A8.9", "mesh, swinging curtain", "-", symmetry.finer_curtain, ALL),
     Reference("A8.10", "transposition", "-", symmetry.transposed, ALL),
     Reference("A9.1", "patch test", "affine deformation; C of the fabric", continuum.patch, CONTINUUM),

@@ -5,9 +5,10 @@ The exact steps of a chain are in NumPy, float64.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import partial
+from itertools import pairwise
 from math import cos, radians, sqrt
 from typing import NamedTuple
 
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 from ...geometry.cloth_builder import spring_stiffness
 from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Scene, Solver, VerletSprings
 from ...simulation.simulation import Simulation
-from ..bench.error_sweep import Curtain
 from .check import REST_DAMPING, SAME_ITERATIONS, Check, Timed, advance, at_most, base, relative
 from .exact import GRAVITY, TWO_STAGE, Floats
 
@@ -118,7 +118,7 @@ def _jacobian(chain: Chain, unit: Floats) -> Floats:
     jacobian = np.zeros((len(unit), len(chain.mass), 2))
     jacobian[springs, chain.ends[:, 0]] = -unit
     jacobian[springs, chain.ends[:, 1]] = unit
-    return jacobian.reshape(len(unit), -1)
+    return jacobian.reshape(len(unit), 2 * len(chain.mass))
 
 
 def _system_matrix(chain: Chain, unit: Floats, weight: Floats) -> Floats:
@@ -156,39 +156,36 @@ def xpbd_step(chain: Chain, x: Floats, v: Floats, h: float, iterations: int) -> 
     return Step(y, (y - x) / h, -multiplier / h**2)
 
 
-def sdirk_step(chain: Chain, x: Floats, v: Floats, h: float) -> Step:
+def lines_step(chain: Chain, x: Floats, v: Floats, h: float, iterations: int) -> Step:
+    """Return the result of a backward Euler step of `lines` in float64.
+
+    As in `kernels/line_solver.py`, all links are solved at once, linearized at the positions of the iteration; then
+    the springs to the particle after the next, those that share no particle at once.
+    """
+    y, inverse_mass = inertial_target(chain, x, v, h), 1 / chain.mass
+    inverse_mass[0] = 0.0
+    multiplier, compliance = np.zeros(len(chain.rest)), 1 / (chain.constant * h * h)
+    first, span = chain.ends[:, 0], chain.ends[:, 1] - chain.ends[:, 0]
+    groups = [np.flatnonzero(span == 1), *(np.flatnonzero((span == 2) & (first // 2 % 2 == half)) for half in (0, 1))]
+    for group in groups * iterations:
+        part = replace(chain, ends=chain.ends[group], rest=chain.rest[group], constant=chain.constant[group])
+        unit, length = part.gaps(y)
+        jacobian = _jacobian(part, unit)
+        move = np.repeat(inverse_mass, 2)[:, None] * jacobian.T
+        error = length - part.rest + compliance[group] * multiplier[group]
+        change = -np.linalg.solve(jacobian @ move + np.diag(compliance[group]), error)
+        multiplier[group] += change
+        y += (move @ change).reshape(-1, 2)
+    return Step(y, (y - x) / h, -multiplier / h**2)
+
+
+def sdirk_step(chain: Chain, x: Floats, v: Floats, h: float, step: Callable[..., Step] = backward_euler_step) -> Step:
     """Return the result of a substep of `lines` or `implicit` (`solvers/two_stage.py`).
 
-    It consists of two backward Euler steps of γh and a jump between them.
+    It consists of two backward Euler steps of γh and a jump between them. `step` takes one: exactly, or as a solver.
     """
-    first = backward_euler_step(chain, x, v, GAMMA * h)
-    return backward_euler_step(chain, x + (1 - GAMMA) * h * first.v, v + (first.v - v) * (1 - GAMMA) / GAMMA, GAMMA * h)
-
-
-# -- hanging chains, for the laws of iterations that end too early (`check.py`) ----------------------------------------
-
-
-def hanging_chain(links: int, squared: float) -> Chain:
-    """Return a chain of one meter with equal masses and springs, k/m = `squared` [1/s²]."""
-    ends = np.stack([np.arange(links), np.arange(1, links + 1)], axis=-1)
-    return Chain(np.ones(links + 1), ends, np.full(links, 1 / links), np.full(links, squared))
-
-
-def euler_run(links: int, squared: float, start: Floats, h: float, frames: int) -> Floats:
-    """Return the positions after each frame, (frames, links + 1, 2), in exactly solved backward Euler steps."""
-    chain, x, v = hanging_chain(links, squared), start, np.zeros_like(start)
-    positions = []
-    for _ in range(frames):
-        for _ in range(round(FRAME_SECONDS / h)):
-            x, v, _ = backward_euler_step(chain, x, v, h)
-        positions.append(x)
-    return np.array(positions)
-
-
-@cache
-def euler_curtain(cells: int, squared: float, h: float, frames: int = 60) -> Floats:
-    """Return the swinging curtain in such steps, (frames, cells + 1, 2)."""
-    return euler_run(cells, squared, Curtain(cells).start, h, frames)
+    first = step(chain, x, v, GAMMA * h)
+    return step(chain, x + (1 - GAMMA) * h * first.v, v + (first.v - v) * (1 - GAMMA) / GAMMA, GAMMA * h)
 
 
 # -- strands -----------------------------------------------------------------------------------------------------------
@@ -208,7 +205,10 @@ START_ANGLE = 30.0  # [degrees] below level at the start; above level it is comp
 STRAND_FRAMES = 60
 STRAND = (2e-2, 1e-3)
 REST_SECONDS = 10.0
-IN_FLOAT64 = f"iterations end too early: {SAME_ITERATIONS} end as far from the solution"
+IN_FLOAT64 = {
+    "xpbd": f"iterations end too early: {SAME_ITERATIONS} end as far from the solution",
+    "lines": f"corrections keep the directions of their iterations: {SAME_ITERATIONS} end as far from the solution",
+}
 RESIDUAL = (10.0, 2.0)  # weights of a particle
 
 
@@ -290,14 +290,18 @@ def force(solver: str) -> Iterator[Check]:
         yield relative(name, exact[k], forces[k], tolerance, tolerance / 10)
 
 
-def xpbd_run(chain: Chain, x: Floats, frames: int, damping: float = 0.0) -> list[Step]:
-    """Return the state after each frame of the strand in float64, from rest, with velocities damped at a rate [1/s]."""
+def run_in_float64(solver: str, chain: Chain, x: Floats, frames: int, damping: float = 0.0) -> list[Step]:
+    """Return the states of the strand at its start, at rest, and after each frame of `xpbd` or `lines` in float64.
+
+    `damping` is a rate [1/s].
+    """
+    step = partial(lines_step if solver in TWO_STAGE else xpbd_step, iterations=STRAND_ITERATIONS)
+    if solver in TWO_STAGE:
+        step = partial(sdirk_step, step=step)
     steps = [Step(x, np.zeros_like(x), np.zeros(len(chain.rest)))]
     for _ in range(frames):
-        before = steps[-1]
-        kept = before.v / (1 + damping * FRAME_SECONDS)
-        steps.append(xpbd_step(chain, before.x, kept, FRAME_SECONDS, STRAND_ITERATIONS))
-    return steps[1:]
+        steps.append(step(chain, steps[-1].x, steps[-1].v / (1 + damping * FRAME_SECONDS), FRAME_SECONDS))
+    return steps
 
 
 def at_rest(solver: str) -> Iterator[Check]:
@@ -312,8 +316,8 @@ def at_rest(solver: str) -> Iterator[Check]:
         measured = float((start - left_strand(simulation.positions()))[-1, 1])
         row = relative("longer by [m]", exact, measured, *STRAND)
         if solver == "xpbd":
-            steps = xpbd_run(chain, start, round(REST_SECONDS / FRAME_SECONDS), REST_DAMPING)
-            row = row.by_law(IN_FLOAT64, float((start - steps[-1].x)[-1, 1]) / exact - 1)
+            steps = run_in_float64(solver, chain, start, round(REST_SECONDS / FRAME_SECONDS), REST_DAMPING)
+            row = row.by_law(IN_FLOAT64[solver], float((start - steps[-1].x)[-1, 1]) / exact - 1)
         yield row
 
 
@@ -324,28 +328,31 @@ def residual(solver: str) -> Iterator[Check]:
     """
     with Timed(heavy_strand(solver, START_ANGLE, SKIP)) as simulation:
         chain = chain_of(simulation)
-        start = x = left_strand(simulation.positions())
-        v, residuals = left_strand(simulation.velocities()), []
+        states = [(left_strand(simulation.positions()), left_strand(simulation.velocities()))]
         for _ in range(STRAND_FRAMES):
             simulation.step()
-            x_new, v_new = left_strand(simulation.positions()), left_strand(simulation.velocities())
-            h, y = FRAME_SECONDS, inertial_target(chain, x, v, FRAME_SECONDS)
-            if solver in TWO_STAGE:
-                h, y = second_stage(chain, x, v, x_new, v_new)
-            residuals.append(float(step_residual(chain, y, x_new, h).max()))
-            x, v = x_new, v_new
-        row = at_most(f"residual of a step, over {STRAND_GRAVITY:g} N", max(residuals) / STRAND_GRAVITY, *RESIDUAL)
-        yield row.by_law(IN_FLOAT64, xpbd_residual(chain, start) / STRAND_GRAVITY) if solver == "xpbd" else row
+            states.append((left_strand(simulation.positions()), left_strand(simulation.velocities())))
+        found = largest_residual(solver, chain, states)
+        row = at_most(f"residual of a step, over {STRAND_GRAVITY:g} N", found / STRAND_GRAVITY, *RESIDUAL)
+        if solver in IN_FLOAT64:
+            row = row.by_law(IN_FLOAT64[solver], partial(residual_in_float64, solver, chain, states[0][0]))
+        yield row
 
 
-def xpbd_residual(chain: Chain, x: Floats) -> float:
-    """Return the largest residual of the strand's steps by `xpbd` in float64 [N]."""
-    v, residuals = np.zeros_like(x), []
-    for step in xpbd_run(chain, x, STRAND_FRAMES):
-        residuals.append(
-            float(step_residual(chain, inertial_target(chain, x, v, FRAME_SECONDS), step.x, FRAME_SECONDS).max())
-        )
-        x, v, _ = step
+def residual_in_float64(solver: str, chain: Chain, x: Floats) -> float:
+    """Return the largest residual of the strand's steps by the solver in float64, in weights of a particle."""
+    steps = run_in_float64(solver, chain, x, STRAND_FRAMES)
+    return largest_residual(solver, chain, [(step.x, step.v) for step in steps]) / STRAND_GRAVITY
+
+
+def largest_residual(solver: str, chain: Chain, states: Sequence[tuple[Floats, Floats]]) -> float:
+    """Return the largest residual [N] of the steps from state to state, each (positions [m], velocities [m/s])."""
+    residuals = []
+    for (x, v), (x_new, v_new) in pairwise(states):
+        h, y = FRAME_SECONDS, inertial_target(chain, x, v, FRAME_SECONDS)
+        if solver in TWO_STAGE:
+            h, y = second_stage(chain, x, v, x_new, v_new)
+        residuals.append(float(step_residual(chain, y, x_new, h).max()))
     return max(residuals)
 
 
@@ -374,7 +381,7 @@ def strains(solver: str) -> Iterator[Check]:
             errors.append(np.abs(chain.strains(left_strand(simulation.positions()))[links] - exact[-1]).max())
         largest = float(np.abs(exact).max())
         row = Check("largest error of a strain", largest, largest + max(errors), max(errors) / largest, *STRAND)
-        if solver == "xpbd":
-            strains = [chain.strains(step.x)[links] for step in xpbd_run(chain, start, STRAND_FRAMES)]
-            row = row.by_law(IN_FLOAT64, float(np.abs(np.array(strains) - exact).max()) / largest)
+        if solver in IN_FLOAT64:
+            strains = [chain.strains(step.x)[links] for step in run_in_float64(solver, chain, start, STRAND_FRAMES)[1:]]
+            row = row.by_law(IN_FLOAT64[solver], float(np.abs(np.array(strains) - exact).max()) / largest)
         yield row
