@@ -7,12 +7,15 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench import pinned_sheet, subprocess_runner
 from taichi_cloth.evaluation.bench.pinned_sheet import SheetCase
 from taichi_cloth.evaluation.bench.subprocess_runner import ChildFailed
+
+from .conftest import off_once
 
 SMALL = SheetCase("small", 8, "explicit", 1, 6)
 
@@ -26,6 +29,19 @@ def test_the_error_of_a_solver_is_larger_than_that_of_the_reference() -> None:
     assert euler.rms_error > 100 * max(found.rms_error, found.uncertainty)
     assert found.max_strain > 0
     assert 0 < found.median_ms <= found.p95_ms
+
+
+@pytest.mark.usefixtures("serial_layout")
+@pytest.mark.parametrize("frame", [0, 2, 4])
+def test_error_and_uncertainty_are_of_all_frames_and_particles(frame: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One particle is off in one frame, at the start, in the middle or at the end."""
+    case, error, uncertainty = replace(SMALL, frames=5), 0.01, 0.003
+    truth = off_once(pinned_sheet.scene_of(case), case.frames, frame, error, uncertainty, pinned_sheet.SIDE)
+    monkeypatch.setattr(pinned_sheet, "solution", lambda case, scene: truth)
+    found = pinned_sheet.measure(case)
+    rms = 1 / np.sqrt(case.frames * found.particles)
+    assert found.max_error == pytest.approx(error)
+    assert (found.rms_error, found.uncertainty) == pytest.approx((rms * error, rms * uncertainty))
 
 
 @pytest.mark.usefixtures("serial_layout")

@@ -16,6 +16,8 @@ from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
+from .conftest import off_once
+
 pytestmark = pytest.mark.usefixtures("running", "serial_layout")
 
 HANGING = Scene(
@@ -57,6 +59,16 @@ def test_more_accurate_settings_have_smaller_errors() -> None:
         scene_error.measure(HANGING, *s, truth).rms_error for s in (("xpbd", 5, 12), ("xpbd", 20, 12), ("rk4", 1, 1))
     ]
     assert rms[0] > 2 * rms[1] > 100 * rms[2] > 0
+
+
+@pytest.mark.parametrize("frame", [0, 2, 4])
+def test_errors_are_of_all_frames_and_particles(frame: int) -> None:
+    """One particle is off in one frame, at the start, in the middle or at the end."""
+    frames, error, side = 5, 0.01, 2.0
+    truth = off_once(HANGING, frames, frame, error, 0.0, side)
+    point = scene_error.measure(HANGING, "xpbd", 5, 12, truth)
+    assert point.max_error == pytest.approx(error)
+    assert point.rms_error == pytest.approx(error / np.sqrt(truth.positions[:, :, 0].size))
 
 
 def test_the_largest_penetration_of_all_frames_is_measured() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mutation import Mutation
 
+SETUP = "stress/test_setup.py::"
 WATCH = "stress/test_invariants.py::"
 TRIAL = "stress/test_trial.py::"
 BOUNDS = "stress/test_case_bounds.py::"
@@ -12,6 +13,9 @@ UNIT = "stress/test_unit.py::"
 CAUSES = "stress/test_causes.py::"
 REPORT = "stress/test_report.py::"
 VALIDATED = "validate/test_validate.py::"
+LAWS = "validate/test_bounds.py::"
+GOALS = "evaluation/test_goals.py::"
+SOLUTION = "reference/test_solution.py::"
 TRIANGLES = "reference/test_triangle_contact.py::"
 
 EVALUATION = [
@@ -28,6 +32,34 @@ EVALUATION = [
         "1e6 * median(ms) / (substeps * case.iterations * springs)",
         "1e6 * median(ms) / (substeps * springs)",
         ("bench/test_bench.py::test_ratios_are_the_medians_of_the_ratios_of_all_rounds",),
+    ),
+    Mutation(
+        "scene-error-of-the-last-frame",
+        "evaluation/bench/scene_error.py",
+        "max_error=float(error.max())",
+        "max_error=float(error[-1].max())",
+        ("evaluation/test_scene_errors.py::test_errors_are_of_all_frames_and_particles",),
+    ),
+    Mutation(
+        "sheet-error-halved",
+        "evaluation/bench/pinned_sheet.py",
+        "rms_error=float(np.sqrt((error**2).mean()))",
+        "rms_error=0.5 * float(np.sqrt((error**2).mean()))",
+        (GOALS + "test_error_and_uncertainty_are_of_all_frames_and_particles",),
+    ),
+    Mutation(
+        "sheet-uncertainty-of-a-tenth",
+        "evaluation/bench/pinned_sheet.py",
+        "uncertainty=truth.uncertainty[0]",
+        "uncertainty=0.1 * truth.uncertainty[0]",
+        (GOALS + "test_error_and_uncertainty_are_of_all_frames_and_particles",),
+    ),
+    Mutation(
+        "robust-with-another-material",
+        "evaluation/stress/setup.py",
+        '    Solver("xpbd", 60, 8, damping=0.0),\n',
+        '    Solver("xpbd", 60, 8, damping=4.0),\n    compression=0.0,\n',
+        (SETUP + "test_robust_keeps_the_cloth_and_robust_slack_takes_another",),
     ),
     Mutation(
         "layer-distance-always-large",
@@ -254,6 +286,27 @@ EVALUATION = [
         (BOUNDS + "test_the_fast_ball_is_checked_in_every_frame",),
     ),
     Mutation(
+        "fast-cloth-speed-unbounded",
+        "evaluation/stress/contact.py",
+        "run_past(trial, 5.0, thrown * (1 + 4 * ROUNDING))",
+        "run_past(trial, 5.0, 1e9)",
+        (BOUNDS + "test_no_particle_may_be_faster_than_at_the_start",),
+    ),
+    Mutation(
+        "recorded-speed-unbounded",
+        "evaluation/stress/contact.py",
+        'trial.record("speed [m/s]", trial.watch.speed, max_speed)',
+        'trial.record("speed [m/s]", trial.watch.speed, 1e9)',
+        (BOUNDS + "test_no_particle_may_be_faster_than_at_the_start",),
+    ),
+    Mutation(
+        "starts-without-translation",
+        "evaluation/stress/trial.py",
+        "SHIFT = 0.01 ",
+        "SHIFT = 0.0 ",
+        (TRIAL + "test_no_two_starts_are_equal",),
+    ),
+    Mutation(
         "frames-of-a-tenth-of-a-second",
         "evaluation/stress/trial.py",
         "SLOW_MS = 1000 / 30 ",
@@ -341,6 +394,20 @@ EVALUATION = [
         (WATCH + "test_added_kinetic_energy_is_a_violation",),
     ),
     Mutation(
+        "no-bending-energy",
+        "evaluation/stress/invariants.py",
+        "self._elastic += 0.5 * float(topology.bending_links.stiffness @",
+        "self._elastic += 0.0 * float(topology.bending_links.stiffness @",
+        (WATCH + "test_a_bent_sheet_stores_bending_energy",),
+    ),
+    Mutation(
+        "distant-colliders-touch",
+        "evaluation/stress/invariants.py",
+        "NEAR = 1e-3 ",
+        "NEAR = 0.1 ",
+        (WATCH + "test_wind_and_colliders_excuse_no_more_than_the_work_that_they_can_do",),
+    ),
+    Mutation(
         "too-slow-counts-as-passed",
         "evaluation/stress/unit.py",
         "return FAILED if self.failure else ALIVE if self.slow_ms is None else SLOW",
@@ -404,6 +471,34 @@ EVALUATION = [
         (CAUSES + "test_a_strain_that_relaxes_in_float64_is_no_equilibrium",),
     ),
     Mutation(
+        "strain-at-rest-may-halve",
+        "evaluation/stress/causes.py",
+        "STAYS = 0.05 ",
+        "STAYS = 0.5 ",
+        (CAUSES + "test_the_strain_of_an_equilibrium_changes_by_at_most_a_twentieth",),
+    ),
+    Mutation(
+        "both-flattened-starts-in-line",
+        "evaluation/stress/case_catalog.py",
+        '{"in line": "in line", "mirrored": "mirrored"}',
+        '{"in line": "in line", "mirrored": "in line"}',
+        (VARIANTS + "test_a_flattened_sheet_is_flat",),
+    ),
+    Mutation(
+        "random-start-near-rest",
+        "evaluation/stress/loads.py",
+        "trial.random.uniform(-0.5, 0.5, x.shape), x)",
+        "x + 0.01 * trial.random.uniform(-0.5, 0.5, x.shape), x)",
+        (VARIANTS + "test_a_random_start_depends_on_the_seed",),
+    ),
+    Mutation(
+        "same-random-start-for-every-seed",
+        "evaluation/stress/loads.py",
+        "trial.random.uniform(-0.5, 0.5, x.shape), x)",
+        "np.random.default_rng(0).uniform(-0.5, 0.5, x.shape), x)",
+        (VARIANTS + "test_a_random_start_depends_on_the_seed",),
+    ),
+    Mutation(
         "same-stiffness-in-all-variants",
         "evaluation/stress/case_catalog.py",
         'variants(extremes.stiffness_sweep, {f"1e{k} N/m": 10.0**k for k in range(10)})',
@@ -439,7 +534,21 @@ EVALUATION = [
         "evaluation/validate/check.py",
         "KnownLimit(law, error + (self.tolerance",
         "KnownLimit(law, 10 * error + (self.tolerance",
-        ("validate/test_bounds.py::test_a_law_explains_its_error_and_the_tolerance",),
+        (LAWS + "test_a_law_explains_its_error_and_the_tolerance",),
+    ),
+    Mutation(
+        "law-explains-any-sag",
+        "evaluation/validate/membrane.py",
+        "partial(unconverged_sag, cells, pull, CONSTANT, mass, h, iterations))",
+        "partial(unconverged_sag, cells, pull, CONSTANT, mass, h, iterations), 1e9)",
+        (LAWS + "test_no_other_row_may_deviate_from_its_law_by_more_than_the_tolerance",),
+    ),
+    Mutation(
+        "curtain-tolerance-a-hundred-times-larger",
+        "evaluation/validate/swing.py",
+        "CURTAIN_ERROR = (1e-2, 1e-3)",
+        "CURTAIN_ERROR = (1.0, 1e-3)",
+        (LAWS + "test_bounds_and_setups_are_those_typed_again",),
     ),
     Mutation(
         "broken-law-not-reported",
@@ -463,6 +572,13 @@ EVALUATION = [
         "evaluation/validate/swing.py",
         ".max(axis=(1, 2))",
         ".min(axis=(1, 2))",
+        (VALIDATED + "test_every_row_of_the_curtain_is_checked",),
+    ),
+    Mutation(
+        "curtain-without-error",
+        "evaluation/validate/swing.py",
+        "float(errors[k])",
+        "0.0 * float(errors[k])",
         (VALIDATED + "test_every_row_of_the_curtain_is_checked",),
     ),
     Mutation(
@@ -512,7 +628,14 @@ EVALUATION = [
         "evaluation/reference/solution.py",
         "for one in (scene.strain_limit, scene.tearing)",
         "for one in (scene.strain_limit,)",
-        ("reference/test_solution.py::test_the_horizon_ends_before_a_strain_limit_acts_or_a_spring_tears",),
+        (SOLUTION + "test_the_horizon_ends_before_a_strain_limit_acts_or_a_spring_tears",),
+    ),
+    Mutation(
+        "horizon-at-a-twentyfold-growth",
+        "evaluation/reference/solution.py",
+        "MAX_GROWTH = 100.0 ",
+        "MAX_GROWTH = 20.0 ",
+        (SOLUTION + "test_the_horizon_is_the_last_frame_before_a_disturbance_has_grown_a_hundredfold",),
     ),
     Mutation(
         "workers-outlive-their-parent",

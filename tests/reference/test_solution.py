@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_cloth import load_scene
+from taichi_cloth.evaluation.reference import solution as module
 from taichi_cloth.evaluation.reference.solution import (
     Motion,
     Solution,
@@ -50,6 +51,34 @@ def test_the_horizon_ends_where_a_disturbance_has_grown() -> None:
     )
     assert len(run_to_horizon(pushed, 60, 60, 1.0)) < 40
     assert len(run_to_horizon(SMALL, 40, 30, 1.0)) == 30
+
+
+def test_the_horizon_is_the_last_frame_before_a_disturbance_has_grown_a_hundredfold(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From 1e-9 of the side to 1e-7, here by 2 % in each frame."""
+    growth, side = 1.02, 3.0
+    first: list[float] = []
+
+    class Growing:
+        """A motion without strain, whose start grows."""
+
+        strain = 0.0
+
+        def __init__(self, scene: Scene, steps: int, shake: np.ndarray | float = 0.0) -> None:
+            self.x = np.zeros((3, 25)) + shake
+            first.append(float(np.sqrt((self.x**2).sum(axis=0).mean())))
+
+        def step_frame(self) -> np.ndarray:
+            self.x = growth * self.x
+            return self.x.T
+
+    monkeypatch.setattr(module, "Motion", Growing)
+    horizon = len(run_to_horizon(SMALL, 1, 10_000, side))
+    undisturbed, disturbed = first
+    assert undisturbed == 0
+    assert disturbed / side == pytest.approx(np.sqrt(3) * 1e-9, rel=0.2)  # 1e-9 along each axis
+    assert disturbed * growth**horizon <= 1e-7 * side < disturbed * growth ** (horizon + 1)
 
 
 @pytest.mark.parametrize("end", [{"strain_limit": StrainLimit(strain=0.05)}, {"tearing": Tearing(strain=0.05)}])

@@ -14,6 +14,7 @@ from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.store import Store, load
 from taichi_cloth.evaluation.stress.trial import TIMED_FRAMES, TooSlow, Trial, UntimedTrial
 from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit
+from taichi_cloth.geometry.spring_model import SpringModel
 from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import Solver
 
@@ -185,6 +186,27 @@ def test_a_strain_that_remains_in_float64_is_an_equilibrium(monkeypatch: pytest.
     assert (
         "equilibrium" not in explained(unit_of(requires(lambda trial: False, "strain 5 s after"))).shown
     )  # a collider
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.955, True), (1.045, True), (0.945, False), (1.055, False)])
+def test_the_strain_of_an_equilibrium_changes_by_at_most_a_twentieth(
+    share: float, found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cloth that relaxes farther was not at rest, so its failure stays unexplained."""
+    strain = 0.3
+    unit = unit_of(folded(strain))
+    failure = run_unit(unit, unit.starts(1), None).failure
+    assert failure is not None
+    end = end_of(unit, failure)
+    assert end is not None
+
+    def relaxed(model: SpringModel) -> np.ndarray:
+        x = model.start.copy()
+        x[1, -5:] -= (share - 1) * strain / 4
+        return x
+
+    monkeypatch.setattr(causes, "rest_positions", relaxed)
+    assert another_rest(end).endswith(f", strain {share * strain:.3g}") == found
 
 
 def test_a_collapsed_sheet_comes_to_rest_in_another_equilibrium() -> None:

@@ -11,9 +11,9 @@ import pytest
 from taichi_cloth.evaluation.stress.invariants import Extremes, InvariantMonitor, Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.trial import Trial, close
-from taichi_cloth.scene.collider_schema import Sphere
+from taichi_cloth.scene.collider_schema import Plane, Sphere
 from taichi_cloth.scene.keys import Keyframes
-from taichi_cloth.scene.schema import Forces, Solver, Wind
+from taichi_cloth.scene.schema import Fabric, Forces, Solver, Wind
 from taichi_cloth.simulation.events import GrabHandle
 
 SETTING = Setting("xpbd", Solver("xpbd", 20, 4, damping=0.0))
@@ -90,6 +90,12 @@ def slow_ball() -> Sphere:
     return Sphere(center=(0.0, 0.0, -0.31), radius=0.3, margin=0.01, keyframes=slow, friction=0.0)
 
 
+def plane_alongside() -> Plane:
+    """Return a plane 8 cm behind the sheet, which slides along itself by 2 cm in each frame."""
+    sliding: Keyframes = ((0.0, 0, 0, 0), (1.0, 60 * 0.02, 0, 0))
+    return Plane(center=(0.0, 0.0, -0.09), rotation=(90.0, 0.0, 0.0), margin=0.01, keyframes=sliding, friction=0.0)
+
+
 def ball_around_a_part() -> Sphere:
     return Sphere(center=(0.0, -0.2, 0.2), radius=0.25, margin=0.01, friction=0.0)
 
@@ -101,8 +107,9 @@ def ball_around_a_part() -> Sphere:
         {"spheres": (far_ball(),)},
         {"spheres": (slow_ball(),)},
         {"spheres": (ball_around_a_part(),)},
+        {"planes": (plane_alongside(),)},
     ],
-    ids=["wind", "a distant ball", "a touching ball", "a ball around a part"],
+    ids=["wind", "a distant ball", "a touching ball", "a ball around a part", "a plane alongside"],
 )
 def test_wind_and_colliders_excuse_no_more_than_the_work_that_they_can_do(sections: dict[str, Any]) -> None:
     trial = running(**sections)
@@ -190,6 +197,18 @@ def test_elastic_energy_is_computed_from_the_fabric() -> None:
         assert trial.energy() == pytest.approx(expected, rel=2e-3)
         trial.skip_rest_check("not run")
         close()
+
+
+def test_a_bent_sheet_stores_bending_energy() -> None:
+    """A parabola of curvature κ stores ½·B·κ² per area: all but half a cell at each of the edges that it raises."""
+    bending, curvature = 1e-2, 0.5  # [N·m], [1/m]
+    fabric = Fabric(warp=0.0, weft=0.0, shear=0.0, bend_spring=0.0, bending_stiffness=bending)
+    trial = Trial(SETTING, 0)
+    x = trial.open(sheet(8, fabric=fabric, forces=Forces(gravity=0.0)), rest_strain=0.1)
+    x[:, 2] = curvature * x[:, 0] ** 2 / 2
+    trial.start(x, shake=0.0)
+    assert trial.energy() == pytest.approx(bending * curvature**2 / 2 * 7 / 8, rel=1e-4)
+    trial.skip_rest_check("not run")
 
 
 def test_an_implicit_solver_releases_less_energy_of_very_stiff_springs() -> None:

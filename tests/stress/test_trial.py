@@ -171,6 +171,24 @@ def test_a_seed_repeats_its_run_bit_for_bit() -> None:
     assert ends(3, before=False) != ends(4, before=False)
 
 
+@pytest.mark.parametrize(("pins", "shift"), [((), 0.01), (("top",), 0.0)])
+def test_no_two_starts_are_equal(pins: tuple[str, ...], shift: float) -> None:
+    """Cloth without pins is translated by up to `shift` [m] along each axis; all get a random velocity."""
+    translations, velocities = [], []
+    for seed in range(20):
+        trial = Trial(SMALL, seed)
+        start = trial.open(sheet(4, pins=pins), rest_strain=0.1)
+        trial.start()
+        moved = trial.simulation.positions() - start
+        assert moved == pytest.approx(np.broadcast_to(moved[-1], moved.shape), abs=1e-6)
+        translations.append(np.abs(moved).max(axis=0))
+        velocities.append(np.abs(trial.simulation.velocities()).max())
+        trial.skip_rest_check("not run")
+    for found, most in ((translations, shift), (velocities, 0.02)):
+        assert 0.9 * most <= np.max(found) <= most + 1e-6
+        assert len(np.unique(found, axis=0)) == (len(found) if most else 1)
+
+
 class Clock:
     """A clock that advances by the given seconds in each frame."""
 

@@ -172,6 +172,13 @@ BY_LAW = {
     ("strand", "residual"),
     ("strand", "strains"),
 }
+# By how much a row may deviate from its law, by function; elsewhere by its tolerance.
+DEVIATIONS = {
+    "spin": "0.001",
+    "explain_finer": "row.tolerance + rounding()",
+    "explain_folds": "exact_difference()",
+    "explain_order": "row.tolerance + rounding_of_sheet(scene)",
+}
 
 
 def constant_of(name: str) -> Any:
@@ -215,6 +222,16 @@ def test_rows_have_no_bounds_of_their_own() -> None:
 
 def test_only_these_rows_may_fall_short_because_of_a_law() -> None:
     assert {(module, function) for module, function, _ in calls("by_law")} == BY_LAW
+
+
+def test_no_other_row_may_deviate_from_its_law_by_more_than_the_tolerance() -> None:
+    """A larger deviation would explain any error. A starred argument may be one too."""
+    found = []
+    for _, function, call in calls("by_law"):
+        given = [argument for k, argument in enumerate(call.args) if k > 1 or isinstance(argument, ast.Starred)]
+        given += [keyword.value for keyword in call.keywords if keyword.arg in ("deviation", None)]
+        found += [(function, ast.unparse(argument)) for argument in given]
+    assert sorted(found) == sorted(DEVIATIONS.items())
 
 
 def test_a_law_explains_its_error_and_the_tolerance() -> None:
