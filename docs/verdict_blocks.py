@@ -183,8 +183,8 @@ def stability_summary() -> str:
     found = stored.survival(words)
     states = [stored.ALIVE, stored.FAILED, stored.SLOW, stored.NOT_RUN]
     order = sorted(found, key=lambda name: not name.startswith("robust"))
-    rows = [[f"`{name}`", *(f"{found[name][state]}" for state in states)] for name in order]
-    return with_runs(table(["setting", *states], rows), "stress")
+    rows = [[f"`{name}`", f"{found[name].total()}", *(f"{found[name][state]}" for state in states)] for name in order]
+    return with_runs(table(["setting", "cases", *states], rows), "stress")
 
 
 def validation_summary() -> str:
@@ -226,8 +226,7 @@ def unfinished(words: stored.Words) -> str:
             shares = [row["measured"] / row["exact"] - 1 for row in missed]
             worst += [f"{signed(max(shares))} in {number}"] if max(shares, default=0.0) > 0 else []
         parts += [f"`{solver}` ({', '.join(worst)})"] if worst else []
-    remedy = "more iterations or substeps mend it"
-    return f"Defaults that leave fine grids too soft: {', '.join(parts)}; {remedy}." if parts else ""
+    return f"Defaults that leave fine grids too soft: {', '.join(parts)}." if parts else ""
 
 
 BLOCKS = (choosing, unconverged, solver, validation_line, validation_summary, bar_friction, nobody, stability_summary)

@@ -30,7 +30,7 @@ Refuse = Callable[..., SceneError]
 
 # Warp, weft and diagonal constants [N/m], computed by another program.
 CONSTANTS = {
-    "silk": (4280.7, 1580.5, 19.57),
+    "silk": (2580.62, 940.363, 19.7872),
     "cotton": (8544.7, 6344.5, 55.83),
     "denim": (14891.8, 9291.3, 109.52),
     "leather": (43500.0, 43500.0, 21750.0),

@@ -187,7 +187,7 @@ def test_no_time_is_shown_if_none_was_measured() -> None:
 
 def test_the_page_names_dates_hours_starts_and_versions() -> None:
     assert report.origin_lines(store_of(result(seconds=1800.0))) == [
-        "10 starts per variant; run 2026-01-02; 0.5 hours of CPU time."
+        "10 starts per variant; run 2026-01-02; 0.5 hours of CPU time, 0.2 hours on two cores (goal: 4)."
     ]
     older = result(2, date="2026-01-01 00:00", starts=1, seconds=1800.0)
     assert report.origin_lines(replace(store_of(result(seconds=1800.0), older, missing=2), older=1)) == [

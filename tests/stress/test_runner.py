@@ -4,13 +4,14 @@ import importlib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.stress.runner import dearest_first, run_all
 from taichi_cloth.evaluation.stress.setup import SETTINGS
 from taichi_cloth.evaluation.stress.unit import Case, Result, Unit, Variant
 
-from .conftest import BREAKS, SMALL, SWINGS
+from .conftest import SMALL, SWINGS
 
 
 def test_the_most_expensive_units_run_first() -> None:
@@ -69,7 +70,25 @@ def test_a_unit_that_is_too_slow_beside_others_runs_again_alone(
     ]
 
 
-def test_one_unit_runs_in_this_process() -> None:
-    found: list[Result] = []
-    run_all([BREAKS], lambda unit: [(0, 5)], None, found.append)
-    assert [(one.state, one.failure and one.failure.seed) for one in found] == [("failed", 5)]
+def test_every_processor_gets_the_same_kernels_of_linear_algebra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a worker process: the variables act only before NumPy is imported."""
+    (tmp_path / "kernels.py").write_text(
+        "import os\n\ndef shows(trial):\n"
+        "    trial.note(f\"{os.environ['OPENBLAS_NUM_THREADS']} {os.environ.get('OPENBLAS_CORETYPE')}\")\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("OPENBLAS_NUM_THREADS", "OPENBLAS_CORETYPE"):
+        monkeypatch.delenv(name, raising=False)
+    way = importlib.import_module("kernels").shows
+    case = Case(1, "kernels", "", (Variant("one", way),))
+    for found, shown in ((["AVX2"], "1 Haswell"), (["X86_V3", "X86_V4"], "1 Haswell"), (["NEON"], "1 None")):
+        monkeypatch.delenv("OPENBLAS_CORETYPE", raising=False)
+        monkeypatch.setattr(
+            np, "show_config", lambda mode, found=found: {"SIMD Extensions": {"baseline": [], "found": found}}
+        )
+        results: list[Result] = []
+        run_all([Unit(case, case.variants[0], SMALL)], lambda unit: [(0, 5)], None, results.append)
+        assert [one.notes for one in results] == [[shown]]

@@ -174,6 +174,7 @@ BY_LAW = {
 }
 # By how much a row may deviate from its law, by function; elsewhere by its tolerance.
 DEVIATIONS = {
+    "momentum": "rounded",
     "spin": "0.001",
     "explain_finer": "row.tolerance + rounding()",
     "explain_folds": "exact_difference()",

@@ -10,6 +10,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from ...solvers import SOLVERS
 from ...system import taichi_runtime as runtime
 from ...system.errors import UsageError, nearest_hint
@@ -84,9 +86,16 @@ Starts = Sequence[tuple[int, int]]  # number and seed of each start
 begin = partial(runtime.start, "cpu", cpu_max_num_threads=1)
 
 
-def one_thread_each() -> None:
-    """Limit NumPy to one thread per process, so that processes do not compete for cores."""
+def fix_linear_algebra() -> None:
+    """Give worker processes one thread of NumPy each, and the same sums on every processor.
+
+    OpenBLAS has other kernels for processors with AVX-512. They add in another order, and the last bits of a result,
+    which a repeated run compares, would depend on the processor.
+    """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    simd = np.show_config(mode="dicts")["SIMD Extensions"]
+    if not {"AVX2", "X86_V3"}.isdisjoint([*simd["baseline"], *simd["found"]]):  # its name depends on NumPy's version
+        os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
 
 
 def dearest_first(units: Sequence[Unit], seconds: Mapping[Key, float]) -> list[Unit]:
@@ -114,11 +123,7 @@ def run_all(
     If a worker process dies, finished results are kept. Units that may have killed it run again, each in a process of
     its own; a unit whose own process dies too has failed.
     """
-    one_thread_each()
-    if len(units) == 1:
-        begin()
-        on_result(run_unit(units[0], starts(units[0]), pictures, kind))
-        return
+    fix_linear_algebra()
     found: set[int] = set()
     slow: set[int] = set()  # while others ran
 
@@ -155,7 +160,7 @@ def explain_all(failed: Sequence[tuple[Unit, Failure]], on_cause: Callable[[Unit
 
     If a worker process dies, all experiments end, and the remaining failures stay unexplained.
     """
-    one_thread_each()
+    fix_linear_algebra()
     with suppress(BrokenProcessPool), closing(run_parallel(cause_of, dict(enumerate(failed)), CORES, begin)) as causes:
         for k, cause in causes:
             on_cause(failed[k][0], cause)

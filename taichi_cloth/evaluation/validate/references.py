@@ -79,7 +79,7 @@ REFERENCES = (
     Reference(
         "A4.6",
         "drape coefficient",
-        "published measurements, by which the bending of silk, cotton and denim was chosen",
+        "published measurements, by which the bending of all four fabrics was chosen",
         drape.drape,
         MESHES,
     ),
