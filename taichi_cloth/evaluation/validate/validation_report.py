@@ -225,10 +225,16 @@ def main_page(run: Measured, rows: str) -> list[str]:
     """Return the lines of the main page."""
     results = run.results
     n = tally(results)
+    pairs = dict.fromkeys((one.number, one.solver) for one in results)
+    missed = {(one.number, one.solver) for one in results if one.verdict in (FAIL, TOO_SLOW)}
+    complete = [pair not in missed for pair in pairs]
     lines = ["# Validation", "", f"{summary_line(results)}. [{rows}]({rows}) has them all.", ""]
     lines += [
         f"{n['pass or excellent [%]']:.1f} % pass (goal: {GOAL[0]:g} %), {n['excellent [%]']:.1f} % are excellent"
         f" (goal: {GOAL[1]:g} %).",
+        "",
+        f"Some references have many rows: {sum(complete)} of {len(complete)} pairs of reference and solver pass in"
+        " all of theirs.",
         "",
         *markdown_table(summary(results)),
         "",
