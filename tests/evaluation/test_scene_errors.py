@@ -1,6 +1,7 @@
 """Errors on scenes: the reference and the simulation agree, errors are detected, and the page matches the run."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -200,6 +201,14 @@ def test_the_page_matches_the_stored_run() -> None:
     assert {one["scene"] for one in run["scenes"]} == set(list_scenes()) - set(run["left_out"])
     digests = {one["scene"]: scene_error.digest_of(load_scene(one["scene"])) for one in run["scenes"]}
     assert {one["scene"]: one["digest"] for one in run["scenes"]} == digests, "a scene was changed; run: make errors"
+
+
+def test_make_errors_measures_every_scene_with_a_reference() -> None:
+    text = (Path(__file__).parents[2] / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
+    scenes, left_out = (
+        set(re.search(rf"^{name} := (.*)$", text, re.M)[1].split()) for name in ("SCENES", "NO_REFERENCE")
+    )
+    assert (scenes | {"round"}) - left_out == set(list_scenes()) - set(scene_error.scenes_without_reference())
 
 
 def test_a_digest_changes_with_what_moves_the_cloth_only() -> None:
