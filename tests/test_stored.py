@@ -110,10 +110,10 @@ def test_documents_state_that_no_run_is_stored(errors: ModuleType, verdicts: Mod
 def test_a_case_fails_with_one_variant_and_counts_only_if_it_ran(results: Path, verdicts: ModuleType) -> None:
     write(results, "stability", STABILITY)
     assert verdicts.stability_summary().splitlines() == [
-        "| setting | alive | failed | too slow | not run |",
-        "| --- | --- | --- | --- | --- |",
-        "| `robust` | 1 | 0 | 0 | 1 |",
-        "| `xpbd` | 0 | 1 | 1 | 0 |",
+        "| setting | cases | alive | failed | too slow | not run |",
+        "| --- | --- | --- | --- | --- | --- |",
+        "| `robust` | 2 | 1 | 0 | 0 | 1 |",
+        "| `xpbd` | 2 | 0 | 1 | 1 | 0 |",
         "| `explicit` | 0 | 0 | 0 | 1 |",
         "",
         "Runs: `stress`: a machine · date not stored.",
