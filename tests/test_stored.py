@@ -114,7 +114,7 @@ def test_a_case_fails_with_one_variant_and_counts_only_if_it_ran(results: Path, 
         "| --- | --- | --- | --- | --- | --- |",
         "| `robust` | 2 | 1 | 0 | 0 | 1 |",
         "| `xpbd` | 2 | 0 | 1 | 1 | 0 |",
-        "| `explicit` | 0 | 0 | 0 | 1 |",
+        "| `explicit` | 1 | 0 | 0 | 0 | 1 |",
         "",
         "Runs: `stress`: a machine · date not stored.",
     ]
