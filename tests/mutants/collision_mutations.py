@@ -228,7 +228,7 @@ COLLISION = [
         "collision/static_friction.py",
         "    push_sums[i], friction_sums[i] = push_sum, friction_sum + correction\n",
         "    friction_sums[i] = friction_sum + correction\n",
-        (STATIC_FRICTION + "test_cloth_on_a_ball_does_not_creep[particles-serial]",),
+        (STATIC_FRICTION + "test_cloth_on_a_ball_does_not_creep[particles-simd]",),
     ),
     Mutation(
         "friction-of-triangles-bounded-by-one-iteration",
