@@ -216,7 +216,7 @@ def validation_line() -> str:
 
 
 def unfinished(words: stored.Words) -> str:
-    """Return which default settings leave a hanging sheet or a taut square too soft, and by how much."""
+    """Return with which default settings a hanging sheet stretches or a taut square sags too far, and by how much."""
     parts = []
     for solver in SOLVER_CATALOG:
         worst = []
@@ -226,7 +226,7 @@ def unfinished(words: stored.Words) -> str:
             shares = [row["measured"] / row["exact"] - 1 for row in missed]
             worst += [f"{signed(max(shares))} in {number}"] if max(shares, default=0.0) > 0 else []
         parts += [f"`{solver}` ({', '.join(worst)})"] if worst else []
-    return f"Defaults that leave fine grids too soft: {', '.join(parts)}." if parts else ""
+    return f"Defaults with which fine grids stretch or sag too far: {', '.join(parts)}." if parts else ""
 
 
 BLOCKS = (choosing, unconverged, solver, validation_line, validation_summary, bar_friction, nobody, stability_summary)

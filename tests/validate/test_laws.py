@@ -464,6 +464,22 @@ def test_iterations_of_xpbd_explain_a_finer_curtain() -> None:
     assert symmetry.explain_finer(far, "xpbd", 64, 128, lambda: 0.0).broken
 
 
+def test_rounding_of_momentum_grows_with_the_root_of_the_corrections() -> None:
+    """Each of four corners at 0.5 m has three springs, and 12 corrections by each in a substep."""
+    scene = replace(check.base("verlet", 2, 2, mass_lumping="uniform"), forces=Forces(gravity=0.0))
+    with Simulation(scene) as simulation:
+        assert simulation.topology.spring_count == 6
+        found = []
+        for frames in (1, 3):
+            simulation.step(frames)
+            found.append(flight.rounded_momentum(simulation))
+        ulp, corrections = 2.0**-24, simulation.substeps * (12 * 3 + 1)
+        coordinates = 2  # z is zero
+        expected = float(simulation.topology.mass[0]) * ulp * np.sqrt(4 * coordinates * corrections / 12)
+        assert found[0] == pytest.approx(expected * simulation.substeps / FRAME_SECONDS)
+        assert found[1] == pytest.approx(2 * found[0])
+
+
 def test_a_scarf_slips_as_early_in_the_iterations_of_verlet_in_float64() -> None:
     """In both at about the same ratio of its ends, far below the exact one."""
     found = friction.scarf_threshold("verlet", 0.3, friction.scarf_after)

@@ -385,7 +385,7 @@ def test_the_pages_are_made_from_the_rows(tmp_path: Path) -> None:
     text = "\n".join([*report.main_page(run, "rows.md"), *report.rows_page(run, "main.md")])
     assert f"# Validation\n\n{LAST}. [rows.md](rows.md) has them all.\n" in text
     assert "\n50.0 % pass (goal: 90 %), 25.0 % are excellent (goal: 60 %).\n" in text
-    assert "0 of 3 pairs of reference and solver pass in all of theirs." in text
+    assert "Of the 3 pairs of a reference and a solver, 0 pass in every row." in text
     assert "| xpbd | 3 | 1 | 1 | 1 | 0 | 66.7 % | 33.3 % |" in text
     assert "| A0 test | **1.0e+00** | **1.0e+00** |\n| A9 other |  | **1.0e+00** |\n" in text
     assert "| A0 test | rk4 | wait [s] | - | - | - | too slow: over 20 s | 0.1 | 0.01 | nobody |" in text

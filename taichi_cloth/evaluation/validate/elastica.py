@@ -28,7 +28,10 @@ from .exact import GRAVITY, Floats, buckled, cantilever, pear_loop
 
 LINKS = 32
 CUBIC = "springs to the particle after the next bend with the cube of the angle: 2^⅓"
-LIGHTER = "conjugate gradients end at 1 % of a step's first residual, at rest the weight: the drop with 1 % less of it"
+LIGHTER = (
+    f"conjugate gradients end at {100 * TOLERANCE:g} % of a step's first residual, at rest the weight: the drop with"
+    f" {100 * TOLERANCE:g} % less of it"
+)
 DROOP = (5e-2, 1e-2)  # A4: 5 %, 1 %
 DENSITY = 0.2  # [kg/m²] of `base`
 DOUBLED = 0.1  # Γ from which the weight is doubled

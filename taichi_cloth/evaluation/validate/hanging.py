@@ -354,7 +354,7 @@ def measure_hammock(solver: str, span: float, links: int) -> tuple[Hammock, Hamm
         return Hammock(sag, tension / weight), Hammock(-float(x[:, 1].min()), measured_tension / weight)
 
 
-# -- hanging chains, for the laws of iterations that end too early (`check.py`) ----------------------------------------
+# -- chains in exactly solved steps, for the laws of `check.py` and `swing.py` -----------------------------------------
 
 
 def hanging_chain(links: int, squared: float) -> Chain:

@@ -233,8 +233,8 @@ def main_page(run: Measured, rows: str) -> list[str]:
         f"{n['pass or excellent [%]']:.1f} % pass (goal: {GOAL[0]:g} %), {n['excellent [%]']:.1f} % are excellent"
         f" (goal: {GOAL[1]:g} %).",
         "",
-        f"Some references have many rows: {sum(complete)} of {len(complete)} pairs of reference and solver pass in"
-        " all of theirs.",
+        f"Some references have many rows. Of the {len(complete)} pairs of a reference and a solver, {sum(complete)}"
+        " pass in every row.",
         "",
         *markdown_table(summary(results)),
         "",
