@@ -187,7 +187,7 @@ def solve_lines_simd(
         layout = lines.layouts[untransposed]
         if layout[START] < layout[END]:
             to_line_layout(cloth, layout, untransposed, cloth.x, lines.x, 0)
-            for packet in range(layout[ROWS] * layout[ROW_STRIDE]):
+            for packet in range(ti.static(lines.moved.shape[0])):  # of lanes without a particle too, which are read
                 lines.moved[packet] = broadcast(tm.vec3(0.0), lines.moved[packet])
             if ti.static(features.spring_damping):
                 to_line_layout(cloth, layout, untransposed, cloth.x_prev, lines.x_prev, 0)

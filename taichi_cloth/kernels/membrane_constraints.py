@@ -9,11 +9,12 @@ corners: of w·s₁², w·s₂² and w·s₁·s₂, where w is the inverse mass.
 import taichi as ti
 import taichi.math as tm
 
+from ..geometry.simd_layout import LANES
 from .integration import apply_correction
 from .membrane_forces import gradient, share_of, strain_change, strain_of, stress_of
 from .simd_sweep import moved_fields
 from .step_params import CELL_AREA, CELL_COLUMNS, CELL_ROWS, DAMPING_TIME
-from .vec import insert_shifted, neg, scale, shift_left_clamped
+from .vec import dot, insert_shifted, neg, scale, shift_left_clamped
 
 CELL_MULTIPLIERS = 12  # of a cell of a grid: three for each of its triangles
 
@@ -53,7 +54,7 @@ def multiplier_changes(
     r1, r2, r3 = stress_of(features, params, share1, share2, error1, error2, error12)
     r1, r2, r3 = neg(r1 * factor + multiplier1), neg(r2 * factor + multiplier2), neg(r3 * factor + multiplier12)
     p1, p2, p3 = b2 * c3 - b3 * c2, b3 * c1 - b1 * c3, b1 * c2 - b2 * c1
-    inverse = 1.0 / (a1 * p1 + a2 * p2 + a3 * p3)
+    inverse = 1.0 / ti.max(a1 * p1 + a2 * p2 + a3 * p3, 1.0)  # smaller by rounding only
     x1 = (r1 * p1 + r2 * p2 + r3 * p3) * inverse
     x2 = (a1 * (r2 * c3 - r3 * c2) + a2 * (r3 * c1 - r1 * c3) + a3 * (r1 * c2 - r2 * c1)) * inverse
     x3 = (a1 * (b2 * r3 - b3 * r2) + a2 * (b3 * r1 - b1 * r3) + a3 * (b1 * r2 - b2 * r1)) * inverse
@@ -61,10 +62,25 @@ def multiplier_changes(
 
 
 @ti.func
+def limited(f1, f2, x1, x2, x12, weights: ti.template()):
+    """Return changes Δλ, and on_1 and on_2, their sums along f₁ and f₂, by which corners move.
+
+    They are scaled so that f₁ and f₂ change by no more than the longer of both, or 1, their length at rest. Newton's
+    step from a length f to 1 is (1/f − f)/2: it would throw a triangle that is pressed to almost nothing far away.
+    """
+    w11, w22, w12 = ti.static(weights)
+    on_1, on_2 = scale(f1, x1) + scale(f2, x12), scale(f1, x12) + scale(f2, x2)
+    change1, change2 = scale(on_1, w11) + scale(on_2, w12), scale(on_1, w12) + scale(on_2, w22)
+    size = ti.max(ti.max(dot(f1, f1), dot(f2, f2)), 1.0)
+    share = ti.sqrt(size / ti.max(ti.max(dot(change1, change1), dot(change2, change2)), size))
+    return x1 * share, x2 * share, x12 * share, scale(on_1, share), scale(on_2, share)
+
+
+@ti.func
 def clear_membrane_multipliers(cloth: ti.template()):
-    """Set λ = 0, once a substep."""
+    """Set λ = 0, once a substep. 0 times λ would keep a NaN."""
     for n in range(cloth.membrane.count[None]):
-        cloth.membrane.multiplier[n] = cloth.membrane.multiplier[n] * 0.0
+        cloth.membrane.multiplier[n] = ti.Vector.zero(ti.f32, LANES if ti.static(cloth.is_simd) else 3)
 
 
 @ti.func
@@ -90,18 +106,19 @@ def solve_triangle(cloth: ti.template(), features: ti.template(), n: int, params
         d1, d2, d12 = strain_change(f1, f2, f1 - start1, f2 - start2)
     slopes1, slopes2 = tm.vec3(-b[0] - b[2], b[0], b[2]), tm.vec3(-b[1] - b[3], b[1], b[3])
     w = tm.vec3([cloth.inverse_mass[corners[k]] for k in ti.static(range(3))])
+    w11, w22, w12 = (w * slopes1).dot(slopes1), (w * slopes2).dot(slopes2), (w * slopes1).dot(slopes2)
     x1, x2, x12 = multiplier_changes(
         features,
         params,
         (e1, e2, e12),
         (e1 + damping_steps * d1, e2 + damping_steps * d2, e12 + damping_steps * d12),
         (multiplier[0], multiplier[1], multiplier[2]),
-        ((w * slopes1).dot(slopes1), (w * slopes2).dot(slopes2), (w * slopes1).dot(slopes2)),
+        (w11, w22, w12),
         h * h * cloth.membrane.area[n],
         damping_steps,
     )
+    x1, x2, x12, on_1, on_2 = limited(f1, f2, x1, x2, x12, (w11, w22, w12))
     cloth.membrane.multiplier[n] = multiplier + tm.vec3(x1, x2, x12)
-    on_1, on_2 = f1 * x1 + f2 * x12, f1 * x12 + f2 * x2
     for k in ti.static(range(3)):
         apply_correction(cloth, features, corners[k], (on_1 * slopes1[k] + on_2 * slopes2[k]) * w[k], h)
 
@@ -182,23 +199,21 @@ def solve_cell(
         n = CELL_MULTIPLIERS * a + 3 * k
         multiplier = ti.static(cloth.membrane.multiplier)
         old1, old2, old12 = multiplier[n], multiplier[n + 1], multiplier[n + 2]
+        w11, w22 = (w_upper + w_lower) * (down * down), (w_first + w_last) * (along * along)
+        w12 = w_corner * (down * along * sign)
         x1, x2, x12 = multiplier_changes(
             features,
             params,
             (e1, e2, e12),
             (error1, error2, error12),
             (old1, old2, old12),
-            (
-                (w_upper + w_lower) * (down * down),
-                (w_first + w_last) * (along * along),
-                w_corner * (down * along * sign),
-            ),
+            (w11, w22, w12),
             factor,
             damping_steps,
         )
+        x1, x2, x12, on_1, on_2 = limited(f1, f2, x1, x2, x12, (w11, w22, w12))
         multiplier[n], multiplier[n + 1], multiplier[n + 2] = old1 + x1, old2 + x2, old12 + x12
-        on_1 = (scale(f1, x1) + scale(f2, x12)) * down
-        on_2 = (scale(f1, x12) + scale(f2, x2)) * along
+        on_1, on_2 = on_1 * down, on_2 * along
         if ti.static(left):
             move_a, move_c = move_a - scale(on_1, w_a), move_c + scale(on_1, w_c)
         else:

@@ -77,6 +77,18 @@ def test_pins_do_not_move(solver: str, layout: str) -> None:
         assert (run(simulation, 30)[pins] == before[pins]).all()
 
 
+def test_after_a_reset_the_cloth_moves_as_if_no_number_had_been_lost(solver: str, layout: str) -> None:
+    """No field keeps a NaN that the next frame does not write before it reads it."""
+    with Simulation(busy(solver), layout) as simulation:
+        expected = run(simulation, 3)
+        x = simulation.positions()
+        x[40] = np.nan
+        simulation.place(x)  # `set_state` refuses it
+        assert not np.isfinite(run(simulation, 1)).all()
+        simulation.reset()
+        assert (run(simulation, 3) == expected).all()
+
+
 @pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.0), (-37.0, 20.0, 5.0)])
 def test_a_sheet_without_forces_does_not_move(solver: str, layout: str, rotation: tuple[float, float, float]) -> None:
     cloth = replace(SHEET, rotation=rotation)

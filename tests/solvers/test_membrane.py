@@ -236,6 +236,41 @@ def test_xpbd_converges_to_the_same_substep_in_both_layouts(keys: dict[str, floa
     assert found[1] == pytest.approx(found[0], abs=3e-5)
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_xpbd_recovers_from_grabs_that_jump_by_meters_every_frame(seed: int) -> None:
+    """Triangles are pressed to almost nothing, and pulled until rounding makes a determinant negative."""
+    scene, random = load_scene("bias"), np.random.default_rng(seed)
+    with Simulation(replace(scene, wind=None, solver=replace(scene.solver, name="xpbd")), "serial") as simulation:
+        free = np.flatnonzero(~simulation.topology.pinned)
+        for _ in range(6):
+            grab = simulation.grab(int(random.choice(free)), radius=float(random.choice([0.02, 0.1, 0.3])))
+            for _ in range(12):
+                grab.move_to(random.uniform(-3, 3, 3))
+                simulation.step()
+            grab.release()
+            simulation.step(8)
+        simulation.step(300)
+        sides = np.diff(simulation.positions()[simulation.topology.ends], axis=1)
+        lengths = np.linalg.norm(sides[:, 0], axis=1) / simulation.topology.rest
+        assert lengths.max() < 4.0  # at rest 2.6, at the pins
+
+
+@pytest.mark.parametrize("layout", ["serial", "simd"])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_after_a_reset_the_cloth_moves_as_if_no_number_had_been_lost(solver: str, layout: str) -> None:
+    with Simulation(hung(solver), layout) as simulation:
+        simulation.step(3)
+        expected = simulation.positions()
+        x = simulation.positions()
+        x[40] = np.nan
+        simulation.place(x)  # `set_state` refuses it
+        simulation.step()
+        assert not np.isfinite(simulation.positions()).all()
+        simulation.reset()
+        simulation.step(3)
+        assert (simulation.positions() == expected).all()
+
+
 def test_free_fall_and_rotation_keep_the_shape() -> None:
     scene = hung("explicit", damping_time=0.001)
     scene = replace(scene, cloth=replace(scene.cloth, pins=()), solver=replace(scene.solver, damping=0.0))

@@ -194,7 +194,9 @@ def origin_lines(store: Store) -> list[str]:
         days = sorted({result.date[:10] for result in results})
         when = " to ".join(dict.fromkeys((days[0], days[-1])))
         hours = sum(result.seconds for result in results) / 3600
-        time = f"{hours:.1f} hours of CPU time, {hours / 2:.1f} hours on two cores (goal: {GOAL_HOURS:g})"
+        time = f"{hours:.1f} hours of CPU time"
+        if not missing:
+            time += f", {hours / 2:.1f} hours on two cores (goal: {GOAL_HOURS:g})"
         lines.append(f"{starts} starts per variant; run {when}; {time}.")
     lines += [f"Run on {name}." for name in dict.fromkeys(result.machine for result in results if result.machine)]
     return lines
