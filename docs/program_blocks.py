@@ -148,7 +148,16 @@ def bindings() -> str:
 
 def api() -> str:
     """Return every public name with its signature and docstring."""
-    functions = ("init", "list_scenes", "load_scene", "render_image", "render_video", "export_mesh", "replay")
+    functions = (
+        "init",
+        "list_scenes",
+        "load_scene",
+        "save_scene",
+        "render_image",
+        "render_video",
+        "export_mesh",
+        "replay",
+    )
     blocks = [entry("###", f"tc.{name}", getattr(tc, name)) for name in functions]
     blocks += [
         f"### tc.Simulation\n\n{described(tc.Simulation)}\n\n{signature('tc.Simulation', tc.Simulation)}",

@@ -41,7 +41,7 @@ from .system.taichi_runtime import start as init
 if TYPE_CHECKING:
     from .collision.colliders import PosedCollider
     from .export.clip import Simulation, export_mesh, replay
-    from .geometry.scene_loader import load_scene
+    from .geometry.scene_loader import load_scene, save_scene
     from .geometry.topology import ClothMetrics
     from .render.image import Image, render_image, render_video
     from .simulation.copies import FrameError
@@ -92,10 +92,15 @@ __all__ = [
     "render_image",
     "render_video",
     "replay",
+    "save_scene",
 ]
 
 # Public names that are imported on first use: their modules need NumPy, or Taichi to run.
-_NUMPY = {"ClothMetrics": "geometry.topology", "load_scene": "geometry.scene_loader"}
+_NUMPY = {
+    "ClothMetrics": "geometry.topology",
+    "load_scene": "geometry.scene_loader",
+    "save_scene": "geometry.scene_loader",
+}
 _TAICHI = {
     "Event": "simulation.events",
     "FrameError": "simulation.copies",

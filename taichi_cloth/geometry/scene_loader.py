@@ -1,15 +1,19 @@
-"""Loads scenes, and checks what needs the files that they name: meshes, maps, and pins on them. NumPy only."""
+"""Loads and saves scenes, and checks what needs the files that they name: meshes, maps, pins on them. NumPy only."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..scene.collider_schema import Mesh
 from ..scene.keys import GROUP, REGION, keys_of
-from ..scene.reader import check_keys, pins_by_key, read_scene, read_with_mistakes, with_folders
+from ..scene.presets import is_file_name, is_map_name
+from ..scene.reader import check_keys, pins_by_key, read_scene, read_with_mistakes, scene_to_toml, with_folders
 from ..scene.schema import MAP_NAMES, Cloth, Scene
-from ..system.errors import Mistakes
+from ..system.errors import Mistakes, UsageError
+from ..system.files import atomic_file
 from .cloth_builder import attached_particles, build_particles, check_mesh, weight_map
 from .signed_distance import check_solid
 
@@ -59,6 +63,43 @@ def check_scene(scene: Scene | str | Path | dict[str, Any]) -> Scene:
     check_keys(scene)
     check_geometry(scene, scene.name)
     return with_folders(scene)
+
+
+def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
+    """Write a scene as a TOML file, from which `load_scene` reads an equal scene. A missing folder is made.
+
+    Names of mesh and map files become relative to the folder of the new file; the files themselves are not copied.
+
+    Raises SceneError for a scene with a mistake, UsageError for a name that does not end in .toml, and OSError; a
+    partial file never remains.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".toml":
+        raise UsageError(f"{path}: scenes are saved as TOML files: the name must end in .toml")
+    scene = check_scene(scene)
+    folder = path.absolute().parent
+
+    def near(file: str, old_folder: str) -> str:
+        try:
+            found = Path(os.path.relpath(Path(old_folder) / file, folder)).as_posix()
+        except ValueError:  # on another drive of Windows
+            found = (Path(old_folder) / file).as_posix()
+        return found
+
+    def moved(part: Cloth | Mesh) -> str:
+        return near(part.file, part.folder) if is_file_name(part.file) else part.file
+
+    meshes = tuple(replace(mesh, file=moved(mesh)) for mesh in scene.meshes)
+    scene = replace(scene, cloth=replace(scene.cloth, file=moved(scene.cloth)), meshes=meshes)
+    if scene.maps:
+        files = {name: str(getattr(scene.maps, name)) for name in MAP_NAMES}
+        own: dict[str, Any] = {
+            name: near(file, scene.maps.folder) for name, file in files.items() if file and not is_map_name(file)
+        }
+        scene = replace(scene, maps=replace(scene.maps, **own))
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_file(path) as file:
+        file.write(scene_to_toml(scene).encode())
 
 
 def check_geometry(scene: Scene, file: str) -> None:

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+import taichi_cloth as tc
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene import Scene, key_table, scene_names, scene_to_toml
+from taichi_cloth.scene import Scene, SceneError, key_table, scene_names, scene_to_toml
 from taichi_cloth.scene.collider_schema import Mesh, RoundCollider
 from taichi_cloth.scene.keys import Key, Keyframes, Section, Vec3, keys_of, toml_value
 from taichi_cloth.scene.schema import (
@@ -211,3 +212,40 @@ def test_a_scene_with_numbers_of_numpy_is_read_back(write: Write) -> None:
     again = load_scene(write(scene_to_toml(scene)))
     assert again.wind == Wind(z=6.0)
     assert again.cloth == scene.cloth
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_a_saved_scene_is_the_same_scene(tmp_path: Path, name: str) -> None:
+    scene = load_scene(name)
+    tc.save_scene(scene, tmp_path / "new" / "my scene.toml")
+    again = load_scene(tmp_path / "new" / "my scene.toml")
+    assert replace(again, name=name) == scene
+
+
+def test_files_of_a_scene_that_is_saved_elsewhere_are_found(tmp_path: Path) -> None:
+    old, new = tmp_path / "old", tmp_path / "new" / "deeper"
+    old.mkdir()
+    (old / "flag.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
+    solid = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (old / "solid.obj").write_text(solid)
+    (old / "soft.csv").write_text("0.5\n1\n1\n1\n")
+    keys = "[cloth]\nfile = 'flag.obj'\n[[meshes]]\nfile = 'solid.obj'\n[maps]\nstiffness = 'soft.csv'\n"
+    (old / "scene.toml").write_text(keys)
+    scene = load_scene(old / "scene.toml")
+    tc.save_scene(scene, new / "scene.toml")
+    again = load_scene(new / "scene.toml")
+    assert again.maps is not None
+    assert again.cloth.file == "../../old/flag.obj"
+    for part, file in ((again.cloth, "flag.obj"), (again.meshes[0], "solid.obj")):
+        assert (Path(part.folder) / part.file).resolve() == (old / file).resolve()
+    assert (Path(again.maps.folder) / again.maps.stiffness).resolve() == (old / "soft.csv").resolve()
+    tc.save_scene(again, old / "again.toml")
+    assert replace(load_scene(old / "again.toml"), name=scene.name) == scene
+
+
+def test_a_scene_that_cannot_be_saved_is_one_line_and_no_file(tmp_path: Path) -> None:
+    with pytest.raises(tc.UsageError, match=r"scenes are saved as TOML files: the name must end in \.toml"):
+        tc.save_scene(load_scene("curtain"), tmp_path / "curtain.json")
+    with pytest.raises(SceneError, match=r"cloth\.rows"):
+        tc.save_scene(Scene(cloth=Cloth(rows=1)), tmp_path / "curtain.toml")
+    assert not list(tmp_path.iterdir())
