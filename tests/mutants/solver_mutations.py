@@ -5,6 +5,7 @@ from __future__ import annotations
 from mutation import Mutation
 
 MEMBRANE = "solvers/test_membrane.py::"
+CONTRACT = "solvers/test_contract.py::"
 
 SOLVERS = [
     Mutation(
@@ -20,6 +21,34 @@ SOLVERS = [
         "    solve_elastic_constraints(cloth",
         "    clear_elastic_multipliers(cloth, features)\n    solve_elastic_constraints(cloth",
         ("solvers/test_xpbd.py::test_a_spring_has_the_amplitude_and_phase_of_backward_euler[240-8]",),
+    ),
+    Mutation(
+        "membrane-multipliers-stay-nan",
+        "kernels/membrane_constraints.py",
+        "ti.Vector.zero(ti.f32, LANES if ti.static(cloth.is_simd) else 3)",
+        "cloth.membrane.multiplier[n] * 0.0",
+        (MEMBRANE + "test_after_a_reset_the_cloth_moves_as_if_no_number_had_been_lost[xpbd-serial]",),
+    ),
+    Mutation(
+        "membrane-steps-without-limit",
+        "kernels/membrane_constraints.py",
+        "    share = ti.sqrt(size / ",
+        "    share = 1.0 + 0.0 * ti.sqrt(size / ",
+        (MEMBRANE + "test_xpbd_recovers_from_grabs_that_jump_by_meters_every_frame",),
+    ),
+    Mutation(
+        "membrane-negative-determinant",
+        "kernels/membrane_constraints.py",
+        "1.0 / ti.max(a1 * p1 + a2 * p2 + a3 * p3, 1.0)",
+        "1.0 / (a1 * p1 + a2 * p2 + a3 * p3)",
+        (MEMBRANE + "test_xpbd_recovers_from_grabs_that_jump_by_meters_every_frame",),
+    ),
+    Mutation(
+        "lines-keep-moves-of-empty-lanes",
+        "kernels/line_solver.py",
+        "range(ti.static(lines.moved.shape[0]))",
+        "range(layout[ROWS] * layout[ROW_STRIDE])",
+        (CONTRACT + "test_after_a_reset_the_cloth_moves_as_if_no_number_had_been_lost[lines-simd]",),
     ),
     Mutation(
         "membrane-without-poissons-effect",
