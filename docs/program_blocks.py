@@ -82,6 +82,7 @@ MESHES = {
     "round": "a round sheet",
     "knot": "a ribbon with a loose knot",
     "walker_clothes": "a skirt and a cape for `walker`",
+    "skirt": "a circle skirt, cut flat",
     "disc": "a round plate, such as a table top",
     "bust": "a head on its shoulders",
     "walker": "a figure; its walk is the clip `walker.pc2`",

@@ -34,6 +34,7 @@ HERE = Path(__file__).parent
 STILL_FRAME = {  # frame that the still shows
     "banner": 250,
     "bias": 239,
+    "skirt": 120,
     "cape": 122,
     "drape15": 150,
     "flag": 62,

@@ -13,6 +13,7 @@ HERE = Path(__file__).parent
 RINGS, SPOKES = 46, 44
 SHEET_RINGS = 22  # 1519 points
 DISC_SPOKES = 96
+SKIRT_CELL, SKIRT_RINGS = 0.028, (4, 20)  # [m]; rings of the waist and of the hem
 
 # Sections of a head on its shoulders and a foot: height, half width, half depth, and how far forward its middle is [m].
 SECTIONS = """
@@ -75,6 +76,14 @@ def round_sheet() -> tuple[NDArray[np.float64], list[list[int]]]:
     return points, faces.tolist()
 
 
+def circle_skirt() -> tuple[NDArray[np.float64], list[list[int]]]:
+    """A circle skirt, cut flat [m]: the rings of a disc from the waist, which stands up by a centimeter, to the hem."""
+    points, faces = rings(SKIRT_CELL * np.arange(1, SKIRT_RINGS[1] + 1))
+    points[np.hypot(points[:, 0], points[:, 2]) < SKIRT_CELL * (SKIRT_RINGS[0] + 0.5), 1] = 0.01
+    inside = 1 + 3 * SKIRT_RINGS[0] * (SKIRT_RINGS[0] - 1)  # points of the rings within the waist
+    return points[inside:], (faces[(faces >= inside).all(axis=1)] - inside).tolist()
+
+
 def disc() -> tuple[NDArray[np.float64], list[list[int]]]:
     """A solid round plate of radius 1 and thickness 0.1: quads around, and a fan above and below."""
     angle = np.linspace(0, 2 * np.pi, DISC_SPOKES, endpoint=False)
@@ -129,6 +138,7 @@ def knot() -> tuple[NDArray[np.float64], list[list[int]]]:
 MESHES = {
     "bust": (bust, "A head on its shoulders"),
     "round": (round_sheet, "A round sheet of radius 1"),
+    "skirt": (circle_skirt, "A circle skirt, cut flat: waist of 11 cm, hem of 56 cm"),
     "disc": (disc, "A round plate of radius 1"),
     "knot": (knot, "A ribbon with a loose overhand knot"),
 }

@@ -314,6 +314,22 @@ def test_the_factor_on_the_stiffness_scales_the_membrane() -> None:
     assert found[0][1] == pytest.approx(found[1][1], abs=1e-2)
 
 
+def test_the_skirt_swings_in_folds() -> None:
+    """A circle skirt hangs in folds, whose number changes as it turns, and stretches by a few percent."""
+    with Simulation(load_scene("skirt")) as simulation:
+        across = simulation.topology.flat[:, [0, 2]]
+        hem = np.linalg.norm(across, axis=1) > 0.999 * np.linalg.norm(across, axis=1).max()  # in order around it
+        folds = []
+        for _ in range(3):
+            simulation.step(60)
+            distance = np.linalg.norm(simulation.positions()[hem][:, [0, 2]], axis=1)
+            outside = distance > distance.mean()
+            folds.append(int((outside & ~np.roll(outside, 1)).sum()))
+        assert min(folds) >= 4
+        assert max(folds) <= 14
+        assert simulation.metrics().max_strain < 0.1
+
+
 # -- refusals ----------------------------------------------------------------------------------------------------------
 
 
