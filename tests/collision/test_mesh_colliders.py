@@ -153,8 +153,8 @@ def test_mesh_files_are_relative_to_the_scene_file(tmp_path: Path) -> None:
         ("sphere.obj", "sphere.obj: cannot be read: No such file or directory"),
         (
             "boost",
-            "'boost' is not a shipped mesh; use bust, disc, knot, round, skirt, walker, walker_clothes, or the path of an"
-            " OBJ file (did you mean 'bust'?)",
+            "'boost' is not a shipped mesh; use bust, disc, knot, round, skirt, walker, walker_clothes, or the path of"
+            " an OBJ file (did you mean 'bust'?)",
         ),
         (
             "solids/open.obj",
