@@ -177,7 +177,7 @@ def measured_ms(scene: Scene) -> float:
     """Run frames of a scene for up to two seconds after the first, which compiles. Return their median time [ms]."""
     from statistics import median
 
-    from ..simulation.running_cloth import time_frames
+    from ..simulation.copies import time_frames
     from ..simulation.simulation import Simulation
     from ..system.console import spinner
 

@@ -245,8 +245,11 @@ def _static_row(collider: Motion | Ground, origin: Vec3) -> Floats32:
     """Return the row of a collider at its initial pose."""
     row = np.zeros(c.COLLIDER_COLUMNS, np.float32)
     center, axes = pose(collider, 0.0)
+    center = center - origin
+    if isinstance(collider, Collider | Ground):
+        center = shape_of(collider).nearest_center(center, axes)
     for column in (c.COLLIDER_START, c.COLLIDER_END):
-        row[column : column + 3] = np.subtract(center, origin)
+        row[column : column + 3] = center
     row[c.COLLIDER_AXES : c.COLLIDER_AXES + 9] = axes.ravel()
     if isinstance(collider, Collider | Ground):
         row[c.COLLIDER_SIZE : c.COLLIDER_SIZE + 3] = shape_of(collider).size(collider)

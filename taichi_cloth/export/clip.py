@@ -130,8 +130,8 @@ INNER_NAMES = frozenset(
         "h",
         "has_changed",
     )
-    + ("has_self_contact", "is_held_still", "notify", "place", "rebuild", "requested_layout", "restart_guard")
-    + ("reduces_damping", "scene_colliders", "set_frame", "set_grabs", "set_pins", "set_torn")
+    + ("has_self_contact", "is_held_still", "notify", "origin", "place", "rebuild", "requested_layout", "restart_guard")
+    + ("reduces_damping", "scene_colliders", "set_frame", "set_origin", "set_grabs", "set_pins", "set_torn")
 )
 
 

@@ -20,6 +20,7 @@ from .grid import NO_GRID
 from .membrane_model import Membrane
 
 ORIGINS = 0.5  # [m] spacing of the local origins
+FAR = 4.0  # [m] from the origin, where positions in float32 have steps of half a micrometer
 STIFFNESS_KEYS = ("weft", "warp", "shear", "bend_spring")  # [N/m] in section `fabric`; a spring has a factor of each
 
 
@@ -42,7 +43,8 @@ class Topology:
     """The constant description of one cloth: N particles, E springs, T triangles."""
 
     origin: NDArray[np.float64]
-    """Local origin of the cloth [m], (3,). Kernel positions are relative to it: float32 rounds coarsely far from 0."""
+    """Local origin of the cloth at its start [m], (3,). Kernel positions are relative to a local origin: float32 rounds
+    coarsely far from 0."""
     start: NDArray[np.float64]
     """World position of every particle before the first frame [m], (N, 3)."""
     flat: NDArray[np.float64]
@@ -246,6 +248,19 @@ def local_origin(center: tuple[float, float, float]) -> NDArray[np.float64]:
     center itself: colliders at such points, such as a ground at height 0, are then at exact distances from it.
     """
     return ORIGINS * np.round(np.asarray(center) / ORIGINS)
+
+
+def origin_shift(positions: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Return how far the local origin should move to follow the cloth [m], (3,); zero while the cloth is near.
+
+    `positions`: relative to the present origin [m], (N, 3). The origin moves along each axis as far as all particles
+    are away from it, so every coordinate becomes smaller: its difference to the shift is exact in float32.
+    """
+    nearest = np.maximum(positions.min(axis=0), 0.0) + np.minimum(positions.max(axis=0), 0.0)
+    if not FAR <= np.abs(nearest).max() < np.inf:
+        return np.zeros(3)
+    shift: NDArray[np.float64] = ORIGINS * np.trunc(nearest.astype(np.float64) / ORIGINS)
+    return shift
 
 
 def place_sheet(

@@ -194,10 +194,9 @@ class StepRow:
 
     def __init__(self, scene: Scene, topology: Topology, damping_time: float) -> None:
         """`damping_time` [s]: of the springs."""
-        origin, membrane = topology.origin, topology.membrane
+        membrane = topology.membrane
         self._scene = scene
         self._gust_phase = np.random.default_rng(scene.seed).random(3).tolist()  # [turns]
-        self._gust_shift = (np.asarray(c.GUST_WAVEVECTORS) @ origin).tolist()  # [turns]
         self._constants = np.zeros(c.PARAM_COUNT, np.float32)
         self._constants[c.DAMPING_TIME] = damping_time
         if scene.wind is not None:
@@ -216,11 +215,19 @@ class StepRow:
         self._names, self._columns = list(columns), np.array(list(columns.values()), int)
 
     def at(
-        self, values: Mapping[str, float], *, wind_on: bool, grabs: Mapping[int, Grab], seconds: float, h: float
+        self,
+        values: Mapping[str, float],
+        *,
+        wind_on: bool,
+        grabs: Mapping[int, Grab],
+        origin: Floats,
+        seconds: float,
+        h: float,
     ) -> NDArray[np.float32]:
         """Return the row of the frame that begins at `seconds` [s], in substeps of `h` [s], (PARAM_COUNT,).
 
-        `values`: of the runtime parameters by name. With `wind_on` False the air is at rest, and still slows the cloth.
+        `values`: of the runtime parameters by name. `origin`: what positions are relative to [m], (3,). With `wind_on`
+        False the air is at rest, and still slows the cloth.
         """
         row = self._constants.copy()
         row[self._columns] = [values[name] for name in self._names]
@@ -231,7 +238,8 @@ class StepRow:
             row[c.WIND_X], row[c.WIND_Z] = x, z
             row[c.GUST_SPEED] = wind.turbulence * hypot(x, z)
             # Reduced to one turn in float64: float32 would lose the phase in a long run.
-            waves = zip(self._gust_phase, c.GUST_FREQUENCIES, self._gust_shift, strict=True)
+            shifts = (np.asarray(c.GUST_WAVEVECTORS) @ origin).tolist()  # [turns]
+            waves = zip(self._gust_phase, c.GUST_FREQUENCIES, shifts, strict=True)
             phases = [(phase + frequency * seconds - shift) % 1 for phase, frequency, shift in waves]
             row[c.GUST_PHASE : c.GUST_PHASE + 3] = phases
         for number, grab in grabs.items():

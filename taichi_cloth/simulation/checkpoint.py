@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, NDArray[Any]]
 
-MOVED = "displacements"  # of colliders; older checkpoints have none
+MOVED = "displacements"  # of colliders
 VARYING = (MOVED, "grabbed", "grabbed_at", "grabs", "grab_paths")  # in length
 MAX_BYTES = 1 << 24  # of what may vary: a scene's text, four bytes a character, and the grabs
 
@@ -59,6 +59,7 @@ def state_arrays(simulation: Simulation) -> Arrays:
         "params": np.array(list(simulation.params.values_by_name.values()), np.float64),
         "wind_on": np.array(simulation.params.wind_on),
         "pinned": simulation.topology.pinned,
+        "origin": simulation.origin,
         MOVED: displacement_array(simulation.displacements),
         **grab_arrays(simulation.grabs),
     }
@@ -70,7 +71,8 @@ def read_checkpoint(simulation: Simulation, source: str | PathLike[str] | bytes)
     Raises OSError if it cannot be read, and ValueError if it is not a checkpoint of this scene; nothing changes then.
     """
     name = "checkpoint" if isinstance(source, bytes) else str(source)
-    arrays = _read(name, source, scene_to_toml(simulation.scene), state_arrays(simulation))
+    older = {MOVED: np.zeros((0, 7)), "origin": simulation.topology.origin}
+    arrays = _read(name, source, scene_to_toml(simulation.scene), state_arrays(simulation), older)
     try:
         restore(simulation, arrays)
     except ValueError as error:
@@ -90,7 +92,7 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
     }
     grabs = grabs_from_arrays(arrays, simulation.topology.particle_count)
     displacements = displacements_from_array(arrays[MOVED], len(simulation.depenetration.reduction))
-    for key in ("x", "x_prev", "velocity", "grabbed_at", "grab_paths", MOVED):
+    for key in ("x", "x_prev", "velocity", "grabbed_at", "grab_paths", "origin", MOVED):
         check_vectors(arrays[key], key, arrays[key].shape)
     if arrays["frame"] < 0:
         raise ValueError(f"frame is {arrays['frame']}")
@@ -101,13 +103,16 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
     simulation.displacements = displacements
     simulation.set_torn(arrays["torn"])
     simulation.set_frame(int(arrays["frame"]))
+    simulation.set_origin(arrays["origin"])
     upload_all(*((getattr(simulation.cloth, key), arrays[key]) for key in ("x", "x_prev", "velocity")))
     simulation.restart_guard()
     simulation.set_grabs({number: restored_grab(grab, simulation.grabs.get(number)) for number, grab in grabs.items()})
 
 
-def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like: Arrays) -> Arrays:
-    """Return the arrays of a checkpoint of the same scene; `like` are those of the present state.
+def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like: Arrays, older: Arrays) -> Arrays:
+    """Return the arrays of a checkpoint of the same scene.
+
+    `like`: those of the present state. `older`: values of those that older checkpoints do not have.
 
     Raises ValueError naming the first line in which the scenes differ. Allocates nothing for what is too large.
     """
@@ -123,9 +128,9 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             theirs = str(_entry(archive, "scene", np.array("")))
             if theirs == scene_text:
-                arrays = {key: _entry(archive, key, array) for key, array in like.items() if key != MOVED}
-                is_older = f"{MOVED}.npy" not in archive.namelist()
-                arrays[MOVED] = np.zeros((0, 7)) if is_older else _entry(archive, MOVED, like[MOVED])
+                stored = {name.removesuffix(".npy") for name in archive.namelist()}
+                arrays = {key: _entry(archive, key, like[key]) for key in like if key in stored or key not in older}
+                arrays = older | arrays
     except OSError:
         raise
     except Exception as error:  # the readers of zip, deflate and NumPy headers raise a dozen kinds

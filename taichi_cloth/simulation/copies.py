@@ -20,12 +20,13 @@ run the same frame
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil
 from statistics import median
 
 import numpy as np
+import taichi as ti
 from numpy.typing import NDArray
 
 from ..geometry.tearing import TearState
@@ -36,7 +37,7 @@ from ..system.errors import UsageError
 from .frame_contact import Displacement
 from .grabbing import Grab
 from .parameter_values import check_vectors
-from .running_cloth import RunningCloth, time_frames
+from .running_cloth import RunningCloth
 from .simulation import Simulation
 
 Floats = NDArray[np.float64]
@@ -180,6 +181,24 @@ def feature_cost(full: Simulation, reduced: Simulation, frames: int, seconds: fl
     """
     with_feature, without = (median(times) for times in time_frames([full, reduced], frames, seconds))
     return with_feature, with_feature - without
+
+
+def timed_frame(simulation: RunningCloth) -> float:
+    """Run one frame and return its time [ms]."""
+    start = time.perf_counter()
+    simulation.step()
+    ti.sync()
+    return 1e3 * (time.perf_counter() - start)
+
+
+def time_frames(simulations: Sequence[RunningCloth], count: int, seconds: float) -> list[list[float]]:
+    """Run up to `count` frames of each, at least one, in turns, for about `seconds` [s]. Return their times [ms]."""
+    ms: list[list[float]] = [[] for _ in simulations]
+    end = time.perf_counter() + seconds
+    while len(ms[0]) < count and (not ms[0] or time.perf_counter() < end):
+        for simulation, times in zip(simulations, ms, strict=True):
+            times.append(timed_frame(simulation))
+    return ms
 
 
 # -- error of a frame --------------------------------------------------------------------------------------------------

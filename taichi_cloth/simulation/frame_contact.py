@@ -107,7 +107,7 @@ def move_colliders(simulation: RunningCloth, start: float, end: float) -> NDArra
     deforms = np.array([is_deforming(collider) for collider in colliders], bool)
     _move_surfaces(simulation, start, end, (before[deforms], after[deforms]))
     moving = [*(collider for collider in colliders if not is_deforming(collider)), *scene.attachments]
-    origin = tuple(simulation.topology.origin)
+    origin = tuple(simulation.origin)
     return collider_table(moving, start, end, (before[~deforms], after[~deforms]), origin)
 
 
@@ -146,7 +146,7 @@ def _move_surfaces(simulation: RunningCloth, start: float, end: float, margin_re
     if surfaces is not None:
         meshes = [mesh for mesh in simulation.scene_colliders() if isinstance(mesh, Mesh) and is_deforming(mesh)]
         is_parallel = simulation.solver.layout.is_parallel
-        span, origin = (start, end), simulation.topology.origin
+        span, origin = (start, end), simulation.origin
         upload_frame(surfaces, meshes, span, margin_reduction, origin, is_parallel=is_parallel)
 
 
@@ -185,11 +185,15 @@ class IntersectionGuard:
     def change_topology(self, topology: Topology) -> None:
         """Continue with triangles that remain after tearing, at the same positions: none can intersect that did not."""
         self._topology = topology
+        self.resume()
+
+    def resume(self) -> None:
+        """Continue after the fields of positions changed and the cloth did not move."""
         start_from(self._solver.cloth, self._solver.layout)
 
     def restart(self, frame: int) -> None:
         """Continue from the present positions, which were not reached by a step."""
-        start_from(self._solver.cloth, self._solver.layout)
+        self.resume()
         self.clean_since = None
         self.begin_frame(frame)
 

@@ -59,6 +59,15 @@ def check_frames(frames: SupportsIndex, name: str = "frames", least: int = 0) ->
     return int(frames)
 
 
+def check_particle(particle: SupportsIndex, count: int) -> int:
+    """Return the index of one of `count` particles. Raises ValueError if there is none."""
+    if isinstance(particle, bool) or not isinstance(particle, (int, np.integer)):
+        raise ValueError(f"particle index must be an integer, not {short_repr(particle)}")
+    if not 0 <= particle < count:
+        raise ValueError(f"particle index must be in 0..{count - 1}, not {particle}")
+    return int(particle)
+
+
 MAX_SIDE = 8192  # [pixels] of an image
 
 

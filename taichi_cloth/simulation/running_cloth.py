@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, SupportsIndex
 
 import numpy as np
-import taichi as ti
 from numpy.typing import NDArray
 
 from .. import state
@@ -18,7 +16,7 @@ from ..collision.response import Depenetration
 from ..geometry.cloth_builder import attachment_ids, spring_stiffness
 from ..geometry.spring_model import spring_model, wind_of
 from ..geometry.tearing import TearState
-from ..geometry.topology import spring_strains
+from ..geometry.topology import origin_shift, spring_strains
 from ..kernels.integration import any_longer_than
 from ..scene import Scene, parameters_of
 from ..scene.collider_schema import Collider, Ground
@@ -26,21 +24,24 @@ from ..scene.schema import COLLIDERS, FRAME_SECONDS
 from ..solvers import FrameInput, Solver
 from ..state.constraint_data import upload_grabbed
 from ..state.field_pool import upload, upload_all
-from ..system.errors import UsageError, short_repr
+from ..system.errors import UsageError
 from ..system.taichi_compat import ProgramRef
 from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
 from .frame_contact import Displacement, IntersectionGuard, move_colliders, present_colliders
 from .grabbing import Grab, all_grabbed
-from .parameter_values import HasParameters, Parameters, check_frames
+from .parameter_values import HasParameters, Parameters, check_frames, check_particle
 
 Floats = NDArray[np.float64]
+
+FOLLOW_FRAMES = 10  # between two looks whether the cloth has moved far from its origin
 
 
 class RunningCloth(HasParameters):
     """A simulation without events: its changes do not reach listeners."""
 
     reduces_damping = True  # whether its solver may shorten the damping time of springs
+    origin: Floats  # what positions in the fields are relative to [m], (3,): it follows a cloth that moves far away
 
     def __init__(self, scene: Scene, layout: str | None, on_set: Callable[[str, float | bool], None]) -> None:
         """`scene` is checked; `on_set` is called when a runtime parameter is to be set."""
@@ -59,7 +60,7 @@ class RunningCloth(HasParameters):
         solver, built = build(scene, self.requested_layout, pin_changes, reduces_damping=self.reduces_damping)
         self.params.replace_known(parameters_of(scene), **values)
         self._scene, self.topology, self.built = scene, built.topology, built
-        self._inverse_mass = state.inverse_mass(built.topology)
+        self._inverse_mass, self.origin = state.inverse_mass(built.topology), built.topology.origin
         self._solver: Solver | None = solver
         self._program, self._row = ProgramRef(), StepRow(scene, built.topology, built.damping_time)
         self.depenetration = Depenetration(count := len(colliders_of(scene)))
@@ -196,13 +197,14 @@ class RunningCloth(HasParameters):
         start, end = self.seconds, self.seconds + FRAME_SECONDS
         if self._guard is not None:
             self._guard.begin_frame(self.frame)
-        values = self.params.values_by_name
+        values, wind_on, h = self.params.values_by_name, self.params.wind_on, self.h
+        params = self._row.at(values, wind_on=wind_on, grabs=self.grabs, origin=self.origin, seconds=start, h=h)
         return FrameInput(
             substeps=self.substeps,
             iterations=int(values["iterations"]),
-            h=self.h,
+            h=h,
             grabbed_count=sum(len(grab.particles) for grab in self.grabs.values()),
-            params=self._row.at(values, wind_on=self.params.wind_on, grabs=self.grabs, seconds=start, h=self.h),
+            params=params,
             colliders=move_colliders(self, start, end),
         )
 
@@ -214,6 +216,23 @@ class RunningCloth(HasParameters):
         self.frames_stepped += 1
         if self._tear is not None:
             self._tear_overstretched(self._tear)
+        if self._frame % FOLLOW_FRAMES == 0 and self.topology.max_distance is None:
+            self._follow_cloth()
+
+    def _follow_cloth(self) -> None:
+        """Move the origin if the cloth is far from it. The cloth does not move by a bit."""
+        x = self.cloth.to_numpy(self.cloth.x)
+        if (shift := origin_shift(x)).any():
+            self.set_origin(self.origin + shift)
+            upload_all((self.cloth.x, x - shift), (self.cloth.x_prev, self.cloth.to_numpy(self.cloth.x_prev) - shift))
+            self.set_grabs(self.grabs)
+            if self._guard is not None:
+                self._guard.resume()
+
+    def set_origin(self, origin: Floats) -> None:
+        """Set what positions in the fields are relative to [m], (3,), which does not change the fields."""
+        self.origin = origin
+        self.cloth.origin[None] = origin
 
     def scene_colliders(self) -> list[Collider | Ground]:
         return present_colliders(self)
@@ -222,7 +241,7 @@ class RunningCloth(HasParameters):
 
     def positions(self) -> NDArray[np.float64]:
         """Return the position of every particle [m], (N, 3)."""
-        return self.cloth.to_numpy(self.cloth.x).astype(np.float64) + self.topology.origin
+        return self.cloth.to_numpy(self.cloth.x).astype(np.float64) + self.origin
 
     def velocities(self) -> NDArray[np.float64]:
         """Return the velocity of every particle [m/s], (N, 3)."""
@@ -234,7 +253,9 @@ class RunningCloth(HasParameters):
 
     def place(self, x: Floats) -> None:
         """Set all positions [m], (N, 3), at rest; grabbed particles stay grabbed."""
-        upload_all(*((field, x - self.topology.origin) for field in (self.cloth.x, self.cloth.x_prev)))
+        start = self.topology.origin
+        self.set_origin(start + origin_shift(x - start) if self.topology.max_distance is None else start)
+        upload_all(*((field, x - self.origin) for field in (self.cloth.x, self.cloth.x_prev)))
         self.restart_guard()
         self.set_grabs(self.grabs)
 
@@ -266,7 +287,7 @@ class RunningCloth(HasParameters):
         if grabs:
             particles, rest, numbers = all_grabbed(grabs)
             inverse_mass[particles] = 0.0
-            upload_grabbed(self.solver.layout, self.topology, particles, rest, numbers)
+            upload_grabbed(self.solver.layout, self.topology, particles, rest - self.origin, numbers)
         upload(self.cloth.inverse_mass, inverse_mass)
 
     def set_pins(self, pinned: NDArray[np.bool_]) -> None:
@@ -281,11 +302,7 @@ class RunningCloth(HasParameters):
 
     def check_particle(self, particle: SupportsIndex) -> int:
         """Return a particle's index. Raises ValueError if there is none."""
-        if isinstance(particle, bool) or not isinstance(particle, (int, np.integer)):
-            raise ValueError(f"particle index must be an integer, not {short_repr(particle)}")
-        if not 0 <= particle < self.topology.particle_count:
-            raise ValueError(f"particle index must be in 0..{self.topology.particle_count - 1}, not {particle}")
-        return int(particle)
+        return check_particle(particle, self.topology.particle_count)
 
     # -- forces --------------------------------------------------------------------------------------------------------
 
@@ -380,21 +397,3 @@ def check_simulation(value: object) -> None:
     if not isinstance(value, RunningCloth):
         hint = ": use tc.Simulation(scene)" if isinstance(value, (Scene, str, dict)) else ""
         raise TypeError(f"a simulation is needed, not a {type(value).__name__}{hint}")
-
-
-def timed_frame(simulation: RunningCloth) -> float:
-    """Run one frame and return its time [ms]."""
-    start = time.perf_counter()
-    simulation.step()
-    ti.sync()
-    return 1e3 * (time.perf_counter() - start)
-
-
-def time_frames(simulations: Sequence[RunningCloth], count: int, seconds: float) -> list[list[float]]:
-    """Run up to `count` frames of each, at least one, in turns, for about `seconds` [s]. Return their times [ms]."""
-    ms: list[list[float]] = [[] for _ in simulations]
-    end = time.perf_counter() + seconds
-    while len(ms[0]) < count and (not ms[0] or time.perf_counter() < end):
-        for simulation, times in zip(simulations, ms, strict=True):
-            times.append(timed_frame(simulation))
-    return ms

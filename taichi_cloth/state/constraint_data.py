@@ -286,10 +286,13 @@ def upload_grabbed(
     rest_positions: NDArray[np.float64],
     grabs: NDArray[np.int64],
 ) -> None:
-    """Set the grabbed particles, (M,), where each was grabbed [m], (M, 3), and the number of its grab, (M,)."""
+    """Set the grabbed particles, (M,), and the number of the grab of each, (M,).
+
+    `rest_positions`: where each was grabbed, relative to the origin [m], (M, 3).
+    """
     fields.upload_all(
         (layout.grabbed.index, layout_index(layout, topology, particles)),
-        (layout.grabbed.rest_position, rest_positions - topology.origin),
+        (layout.grabbed.rest_position, rest_positions),
         (layout.grabbed.grab, grabs),
     )
 

@@ -438,7 +438,7 @@ EVALUATION = [
     Mutation(
         "rounding-error-of-world-coordinates",
         "evaluation/stress/invariants.py",
-        "np.abs(x - topology.origin).max(initial=0.0)",
+        "np.abs(x - simulation.origin).max(initial=0.0)",
         "np.abs(x).max(initial=0.0)",
         (WATCH + "test_added_kinetic_energy_is_a_violation_ten_kilometers_away",),
     ),

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichi_cloth.geometry.topology import FAR
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
 from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, VerletSprings, Wind
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
@@ -115,6 +116,25 @@ def test_free_fall_follows_its_discrete_closed_form(solver: str, layout: str) ->
         farthest = np.abs(simulation.positions() - simulation.topology.origin).max()
         rounding = np.spacing(np.float32(farthest)) / step  # [m/s]
         assert np.ptp(simulation.velocities()[:, 1]) < (20 * rounding if euler else 0.02)
+
+
+def test_the_origin_follows_a_cloth_that_flies_away_and_moves_no_particle(solver: str, layout: str) -> None:
+    with Simulation(scene(solver), layout) as simulation:
+        start = simulation.positions()
+        simulation.set_state(start, (20.0, 0.0, 0.0))
+        moves = 0
+        for _ in range(40):
+            simulation.step()
+            x, v, origin = simulation.positions(), simulation.velocities(), simulation.origin
+            simulation._follow_cloth()
+            moves += not np.array_equal(simulation.origin, origin)
+            assert (simulation.positions() == x).all()
+            assert (simulation.velocities() == v).all()
+        assert moves >= 2
+        assert np.abs(simulation.positions() - simulation.origin).max() < FAR + 1.5
+        assert simulation.positions().mean(axis=0)[0] == pytest.approx(20.0 * 40 / 60, rel=1e-4)
+        simulation.set_state(start)
+        assert (simulation.origin == simulation.topology.origin).all()
 
 
 def test_a_dropped_sheet_does_not_bounce(solver: str, layout: str) -> None:

@@ -48,7 +48,7 @@ def frame_params(simulation: Simulation) -> np.ndarray:
     """Return the parameter row of a frame with the membrane's constants."""
     row = StepRow(simulation.scene, simulation.topology, simulation.scene.fabric.damping_time)
     values = {name: simulation.params[name] for name in simulation.params}
-    return row.at(values, wind_on=False, grabs={}, seconds=0.0, h=1e-3)
+    return row.at(values, wind_on=False, grabs={}, origin=simulation.origin, seconds=0.0, h=1e-3)
 
 
 @ti.func

@@ -2,21 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.stress import causes
-from taichi_cloth.evaluation.stress.causes import EXPERIMENTS, FAR, Cause, alive, another_rest, cause_of, end_of
+from taichi_cloth.evaluation.stress.causes import EXPERIMENTS, Cause, alive, another_rest, cause_of, end_of
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.store import Store, load
 from taichi_cloth.evaluation.stress.trial import TIMED_FRAMES, TooSlow, Trial, UntimedTrial
 from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit
 from taichi_cloth.geometry.spring_model import SpringModel
-from taichi_cloth.scene.collider_schema import Plane, Sphere
+from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import Solver
 
 from .conftest import SMALL, failed, moves_late, result
@@ -104,39 +103,6 @@ def test_an_experiment_ends_once_its_frames_will_take_too_long() -> None:
     with pytest.raises(TooSlow):
         trial.run(1.0)
     assert trial.frame == 1 + TIMED_FRAMES  # the first is not timed
-
-
-def slides_far(trial: Trial, planes: int = 1) -> None:
-    """Fail if the cloth is more than `FAR` from its origin after two seconds, on planes of 45° without friction."""
-    plane = Plane(rotation=(0.0, 0.0, -45.0), margin=0.01, friction=0.0)
-    trial.open(sheet(4, pins=(), rotation=(-90.0, 0.0, -45.0), damping=0.0, planes=(plane,) * planes), rest_strain=1.0)
-    trial.simulation.set_state(trial.simulation.topology.start + [0.02, 0.02, 0.0])
-    trial.watch.begin()
-    trial.run(2.0)
-    trial.skip_rest_check("a test")
-    away = np.linalg.norm(trial.simulation.positions().mean(axis=0) - trial.simulation.topology.origin)
-    trial.record("distance [m]", float(away), FAR)
-
-
-def test_a_failure_far_from_the_origin_is_explained_by_a_cloth_that_is_moved_back() -> None:
-    ran = run_unit(unit_of(slides_far), [(0, 0)], None)
-    assert ran.failure is not None
-    assert ran.failure.value == pytest.approx(0.5 * 9.81 * np.sqrt(0.5) * 2.0**2, rel=0.02)
-    assert (
-        explained(unit_of(slides_far)).shown == "rounding 14 m from the origin: alive if moved back every half second"
-    )
-
-
-@pytest.mark.parametrize("change", ["two planes", "near", "still far"])
-def test_rounding_explains_no_failure_that_stays_or_that_is_not_far(
-    change: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if change == "near":
-        monkeypatch.setattr(causes, "FAR", 20.0)
-    if change == "still far":
-        monkeypatch.setattr(causes, "RETURN_FRAMES", 1000)
-    unit = unit_of(partial(slides_far, planes=2 if change == "two planes" else 1))
-    assert not explained(unit).shown
 
 
 def test_a_failure_that_does_not_repeat_has_no_cause() -> None:

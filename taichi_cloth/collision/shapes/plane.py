@@ -6,6 +6,7 @@ import taichi.math as tm
 from numpy.typing import NDArray
 
 from ...geometry.closed_surface import box_triangles
+from ...geometry.topology import FAR
 from ...kernels.constraint_math import TINY
 from ...kernels.vec import broadcast, component, dot, neg, scale
 from ...scene.collider_schema import Ground, Plane
@@ -17,6 +18,13 @@ SQUARE = np.array([[-0.5, 0.0, -0.5], [-0.5, 0.0, 0.5], [0.5, 0.0, 0.5], [0.5, 0
 
 def signed_distance(plane: Plane | Ground, points: Floats) -> Floats:
     return points[:, 1]
+
+
+def nearest_center(center: Floats, axes: Floats) -> Floats:
+    """The point of the plane nearest to the origin, but for cloth near the center: a plane has no middle."""
+    up = axes[:, 1]
+    foot: Floats = (center @ up) * up
+    return foot if np.linalg.norm(center - foot) >= FAR else center
 
 
 def triangles(plane: Plane) -> Corners:
@@ -51,6 +59,7 @@ PLANE = Shape(
     signed_distance=signed_distance,
     push_out=push_out,
     time_of_impact=time_of_impact,
+    nearest_center=nearest_center,
     triangles=triangles,
     color=(0.70, 0.72, 0.70),
     polygons=polygons,

@@ -54,6 +54,9 @@ class Shape(NamedTuple):
     collider, and the vector from the core to it. None for a shape that collides with particles only."""
     core: Function | None = None
     """ti.func(size): half the length of that core along y, and the radius around it [m]."""
+    nearest_center: Callable[[Floats, Floats], Floats] = lambda center, axes: center
+    """Return a center that means the same for a shape at rest, and is nearest to the cloth's origin, from the center
+    relative to that origin [m], (3,), and the axes, (3, 3): float32 rounds coarsely far from it."""
     triangles: Callable[[object], Corners] | None = None
     """Return the local triangles that are drawn for a scene class; None for a shape that is drawn by other means."""
     color: Color = (0.66, 0.52, 0.38)

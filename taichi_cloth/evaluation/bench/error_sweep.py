@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, VerletSprings
-from ...simulation.running_cloth import timed_frame
+from ...simulation.copies import timed_frame
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
 from ...system.console import machine, new_file, printed_table, wide_console

@@ -25,7 +25,7 @@ from ...scene import Scene
 from ...scene.collider_schema import Ground
 from ...scene.schema import Cloth, SelfCollision, Solver, Wind
 from ...scene.solver_catalog import SOLVER_CATALOG
-from ...simulation.running_cloth import time_frames, timed_frame
+from ...simulation.copies import time_frames, timed_frame
 from ...simulation.simulation import Simulation
 from ...system import taichi_runtime as runtime
 from ...system.console import steps_progress

@@ -29,8 +29,8 @@ from ...scene.look_schema import Camera, Look
 from ...scene.schema import Scene, sections
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.builder import unsupported_by
+from ...simulation.copies import timed_frame
 from ...simulation.frame_contact import penetration
-from ...simulation.running_cloth import timed_frame
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
 from ...system.console import machine, markdown_table, new_file, printed_table, wide_console

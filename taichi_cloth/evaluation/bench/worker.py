@@ -18,8 +18,7 @@ import sys
 from contextlib import closing
 from math import prod
 
-from ...simulation.copies import FrameErrorMeter
-from ...simulation.running_cloth import time_frames, timed_frame
+from ...simulation.copies import FrameErrorMeter, time_frames, timed_frame
 from ...simulation.simulation import Simulation
 from ...system import taichi_runtime as runtime
 from ...system.errors import UsageError

@@ -10,7 +10,6 @@ from math import inf
 
 import numpy as np
 
-from ...geometry.grid import rotation_matrix
 from ...geometry.spring_model import spring_model
 from ...scene import Scene
 from ...scene.schema import COLLIDERS, FRAME_SECONDS, Solver
@@ -23,8 +22,6 @@ from .setup import Setting
 from .trial import CALM_SECONDS, Trial, UntimedTrial, close
 from .unit import Failure, Result, Unit
 
-RETURN_FRAMES = 30  # between two returns of a sliding cloth
-FAR = 8.0  # [m] from the origin, where positions in float32 have steps of 1 µm
 FINER = 4  # factor on the number of iterations or substeps; 8 takes four times as long for both together
 SLACK = 0.01  # relative margin: a failure of another run that is worse by no more has the same cause
 AT_REST = "speed 5 s after"  # the bound on the speed at rest, of `Trial.settle`
@@ -68,8 +65,6 @@ class FailedState:
     """Positions [m], (N, 3)."""
     velocities: Floats
     """Velocities [m/s], (N, 3)."""
-    origin: Floats
-    """Origin of the cloth [m], (3,): float32 rounds positions relative to it."""
     substeps: int
     """Substeps per frame that were run: the solver may need more than were requested."""
     later: float
@@ -99,8 +94,7 @@ def end_of(unit: Unit, failure: Failure) -> FailedState | None:
         simulation = trial.simulation
         x, v = simulation.positions(), simulation.velocities()
         later = speed_later(trial) if AT_REST in failure.what else inf
-        origin = simulation.topology.origin
-        return FailedState(unit, failure, simulation.scene, x, v, origin, simulation.substeps, later)
+        return FailedState(unit, failure, simulation.scene, x, v, simulation.substeps, later)
     except Exception:  # an error of the program: no experiment explains it
         return None
     finally:
@@ -163,33 +157,6 @@ def float32_rounding(end: FailedState) -> str:
     return ""
 
 
-class NearOriginTrial(UntimedTrial):
-    """A trial of cloth on one plane, which moves it back along the plane by whole meters every `RETURN_FRAMES`."""
-
-    def _timed_step(self) -> None:
-        super()._timed_step()
-        simulation = self.simulation
-        if self.frame % RETURN_FRAMES:
-            return
-        x, v = simulation.positions(), simulation.velocities()
-        normal = rotation_matrix(simulation.scene.planes[0].rotation)[:, 1]
-        away = x.mean(axis=0) - simulation.topology.origin
-        along = away - (away @ normal) * normal
-        distance = float(np.linalg.norm(along))
-        if distance >= 1:
-            self.change(lambda: simulation.set_state(x - along * round(distance) / distance, v))
-
-
-def far_from_origin(end: FailedState) -> str:
-    """Test cloth that slid far from its origin, where float32 is coarser: on one plane it can be moved back."""
-    others = [name for name in OUTSIDE if name != "planes" and getattr(end.scene, name)]
-    away = float(np.linalg.norm(end.positions.mean(axis=0) - end.origin))
-    if others or len(end.scene.planes) != 1 or end.scene.cloth.pins or away < FAR:
-        return ""
-    found = alive(end, end.unit.setting, NearOriginTrial)
-    return f"rounding {away:.0f} m from the origin: alive if moved back every half second" if found else ""
-
-
 def too_few_iterations(end: FailedState) -> str:
     """Test with `FINER` times the iterations."""
     solver = end.unit.setting.solver
@@ -230,7 +197,6 @@ EXPERIMENTS = (
     another_rest,
     rests_later,
     float32_rounding,
-    far_from_origin,
     not_continuous,
     too_few_iterations,
     too_few_substeps,
@@ -249,19 +215,19 @@ def alive_with(end: FailedState, solver: Solver, why: str) -> str:
     return explanation if alive(end, replace(end.unit.setting, solver=solver)) else ""
 
 
-def alive(end: FailedState, setting: Setting, kind: type[UntimedTrial] = UntimedTrial) -> bool:
-    """Return whether the failed start survives with a setting in trials of a kind, and two other starts do.
+def alive(end: FailedState, setting: Setting) -> bool:
+    """Return whether the failed start survives with another setting, and two other starts do.
 
     One start alone may survive by chance.
     """
     others = [seed for _, seed in end.unit.starts(STARTS) if seed != end.failure.seed]
     frames = end.failure.frame
-    return all(survives(end.unit, setting, seed, frames, kind) for seed in (end.failure.seed, *others[: STARTS - 1]))
+    return all(survives(end.unit, setting, seed, frames) for seed in (end.failure.seed, *others[: STARTS - 1]))
 
 
-def survives(unit: Unit, setting: Setting, seed: int, least_frames: int, kind: type[UntimedTrial]) -> bool:
+def survives(unit: Unit, setting: Setting, seed: int, least_frames: int) -> bool:
     """Return whether the start of a seed survives with a setting. It has at least `least_frames` frames."""
-    trial = kind(setting, seed, seconds=EXPERIMENT_SECONDS, least_frames=least_frames)
+    trial = UntimedTrial(setting, seed, seconds=EXPERIMENT_SECONDS, least_frames=least_frames)
     try:
         unit.variant.run(trial)
         trial.finish()

@@ -164,7 +164,7 @@ class InvariantMonitor:
         constants = self._constants() * np.where(errors < 0, self._compression, 1.0)
         self._elastic = 0.5 * float(constants @ errors**2)
         self._elastic += 0.5 * float(topology.bending_links.stiffness @ np.einsum("ij,ij->i", bent, bent))
-        near = float(np.abs(x - topology.origin).max(initial=0.0))
+        near = float(np.abs(x - simulation.origin).max(initial=0.0))
         self._rounding = 2 * float(constants.sum()) * (ROUNDING * near) ** 2
         return self._kinetic + height + self._elastic
 

@@ -385,11 +385,10 @@ not timed. A variant that is too slow counts neither as alive nor as failed.
 **Causes** are looked for by experiments on the start that failed, with `--explain`. Three continue from the state in
 which it failed: Newton's method in float64, five more seconds of the same run, and the same substeps in float64. The
 others repeat this start and two more with one change: continuous collision detection, {finer} times the iterations,
-{finer} times the substeps, or both; and of cloth that slid far down a plane, where float32 rounds its positions more,
-moving it back along the plane every half second. The first experiment that succeeds gives the cause. An experiment
-whose frames take more than {experiment:g} s for one start, or will do so by the time of the failure, is stopped and
-gives none. A failure that no experiment explains is unexplained. A failure without experiments is not examined. So is a
-failure that later violates another bound, or the same bound by more.
+{finer} times the substeps, or both. The first experiment that succeeds gives the cause. An experiment whose frames take
+more than {experiment:g} s for one start, or will do so by the time of the failure, is stopped and gives none. A failure
+that no experiment explains is unexplained. A failure without experiments is not examined. So is a failure that later
+violates another bound, or the same bound by more.
 
 `taichi-cloth stress --tear 0.5` runs the cases with cloth that tears at that strain. It has no bending stiffness, which
 does not support tearing, and omits `lines`, which needs complete grid rows. The criteria are the same, but torn cloth
