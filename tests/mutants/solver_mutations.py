@@ -32,16 +32,23 @@ SOLVERS = [
     Mutation(
         "membrane-steps-without-limit",
         "kernels/membrane_constraints.py",
-        "    share = ti.sqrt(size / ",
-        "    share = 1.0 + 0.0 * ti.sqrt(size / ",
-        (MEMBRANE + "test_xpbd_recovers_from_grabs_that_jump_by_meters_every_frame",),
+        "ti.min(ti.max(area, 0.0), trace)",
+        "trace",
+        (MEMBRANE + "test_a_flattened_triangle_opens_to_its_shape_and_not_beyond",),
     ),
     Mutation(
         "membrane-negative-determinant",
         "kernels/membrane_constraints.py",
-        "1.0 / ti.max(a1 * p1 + a2 * p2 + a3 * p3, 1.0)",
-        "1.0 / (a1 * p1 + a2 * p2 + a3 * p3)",
+        "ti.max(a11 * p11 + a12 * p12 + a13 * p13, LEAST_DETERMINANT * (a11 * a22) * a33)",
+        "a11 * p11 + a12 * p12 + a13 * p13",
         (MEMBRANE + "test_xpbd_recovers_from_grabs_that_jump_by_meters_every_frame",),
+    ),
+    Mutation(
+        "membrane-solved-without-two-entries",
+        "kernels/membrane_constraints.py",
+        "k11 * lambda1 + k12 * lambda2",
+        "k11 * lambda1",
+        (MEMBRANE + "test_one_projection_is_that_of_a_float64_solution",),
     ),
     Mutation(
         "lines-keep-moves-of-empty-lanes",

@@ -114,12 +114,13 @@ def membrane_constraints(cloth: ti.template(), features: ti.template(), ctx: ti.
 
 
 @pytest.mark.parametrize("damping_time", [0.0, 0.1])
-def test_one_projection_is_that_of_a_float64_solution(tmp_path: Path, damping_time: float) -> None:
+@pytest.mark.parametrize("compression", [0.5, 0.0])
+def test_one_projection_is_that_of_a_float64_solution(tmp_path: Path, compression: float, damping_time: float) -> None:
     """Of a single triangle, with another mass at every corner and multipliers from an earlier iteration."""
     flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.2, 0.0], [0.3, 0.9, 0.0]])
     write_obj(tmp_path / "one.obj", flat, [[0, 1, 2]])
     h, damping_steps, multiplier = 0.1, damping_time / 0.1, np.array([0.02, -0.01, 0.03])
-    keys = {"model": "membrane", **TENSOR, "compression": 0.5, "damping_time": damping_time}
+    keys = {"model": "membrane", **TENSOR, "compression": compression, "damping_time": damping_time}
     scene = Scene(cloth=Cloth(file="one.obj", folder=str(tmp_path)), fabric=Fabric(**keys), solver=Solver("xpbd"))
     with Simulation(scene, "serial") as simulation:
         membrane, layout = simulation.topology.membrane, simulation.solver.layout
@@ -141,7 +142,7 @@ def test_one_projection_is_that_of_a_float64_solution(tmp_path: Path, damping_ti
         shift[k] = step
         ends = [membrane.strain(x.T + sign * shift.reshape(3, 3).T)[:, 0] for sign in (1, -1)]
         slopes[:, k] = (ends[0] - ends[1]) / (2 * step)
-    root = np.diag(np.where(strain < 0, np.sqrt(0.5), 1.0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 1.0])
+    root = np.diag(np.where(strain < 0, np.sqrt(compression), 1.0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 1.0])
     k = h**2 * membrane.area[0] * root @ membrane.tensor @ root
     g = slopes * np.repeat(w, 3) @ slopes.T
     growth = slopes @ (x - before).reshape(-1)
@@ -150,6 +151,29 @@ def test_one_projection_is_that_of_a_float64_solution(tmp_path: Path, damping_ti
     expected = x + (np.repeat(w, 3) * (slopes.T @ change)).reshape(3, 3)
     assert np.abs(expected - x).max() > 1e-3
     assert found == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_flattened_triangle_opens_to_its_shape_and_not_beyond(tmp_path: Path) -> None:
+    """Newton's step from a height of 1 % would make it 50 times as high."""
+    write_obj(tmp_path / "one.obj", np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), [[0, 1, 2]])
+    scene = Scene(
+        cloth=Cloth(file="one.obj", folder=str(tmp_path)),
+        fabric=Fabric(model="membrane", **TENSOR),
+        solver=Solver("xpbd"),
+    )
+    with Simulation(scene, "serial") as simulation:
+        layout, heights = simulation.solver.layout, [0.01]
+        x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.01, 0.0]])
+        simulation.solver.cloth.upload_positions(x, x, np.ones(3))
+        layout.membrane.multiplier.fill(0.0)
+        for _ in range(12):
+            params = frame_params(simulation)
+            run_serially(membrane_constraints, layout, simulation.solver.features, 0, 1, 10.0, 0, params, NO_COLLIDER)
+            corners = simulation.solver.cloth.to_numpy(layout.x)
+            heights.append(float(np.linalg.norm(corners[2] - corners[0])))
+        assert (np.diff(heights)[:4] > 0).all()
+        assert max(heights) < 1.2
+        assert heights[-1] == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
