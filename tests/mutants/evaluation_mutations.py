@@ -538,7 +538,7 @@ EVALUATION = [
     ),
     Mutation(
         "law-explains-any-sag",
-        "evaluation/validate/membrane.py",
+        "evaluation/validate/elasticity.py",
         "partial(unconverged_sag, cells, pull, CONSTANT, mass, h, iterations))",
         "partial(unconverged_sag, cells, pull, CONSTANT, mass, h, iterations), 1e9)",
         (LAWS + "test_no_other_row_may_deviate_from_its_law_by_more_than_the_tolerance",),

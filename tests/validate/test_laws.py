@@ -8,16 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from taichi_cloth.evaluation.bench.error_sweep import Curtain, curtain_solution
 from taichi_cloth.evaluation.validate import (
     check,
-    elastica,
+    elasticity,
     exact,
     flight,
+    float64_steps,
     friction,
     hanging,
-    membrane,
     strand,
     swing,
     symmetry,
@@ -48,10 +51,10 @@ def stored(number: str, solver: str, what: str) -> Check:
 
 
 def sag_of_square(cells: int) -> float:
-    mass = AREA_DENSITY * membrane.SLACK**2 / (cells + 1) ** 2
-    pull = membrane.tension(cells, membrane.CONSTANT)
+    mass = AREA_DENSITY * elasticity.SLACK**2 / (cells + 1) ** 2
+    pull = elasticity.tension(cells, elasticity.CONSTANT)
     iterations = SOLVER_CATALOG["xpbd"].iterations
-    return check.unconverged_sag(cells, pull, membrane.CONSTANT, mass, substep_of("xpbd"), iterations)
+    return check.unconverged_sag(cells, pull, elasticity.CONSTANT, mass, substep_of("xpbd"), iterations)
 
 
 def every_row(cells: int) -> float:
@@ -88,10 +91,27 @@ def loss_of_lines() -> float:
         return hanging.two_stage_loss(simulation, 170, frames, last)
 
 
-def asymmetry_of_verlet(seconds: float) -> float:
-    scene = friction.sheet_above_ball("verlet")
-    positions = check.swept_in_float64(scene, seconds, contact=friction.project_from_ball)
-    return friction.difference_of_images(positions)
+def asymmetry(solver: str, seconds: float) -> float:
+    return friction.difference_of_images(friction.fallen_in_float64(solver, seconds))
+
+
+def flutter(cells: int) -> float:
+    with Simulation(check.damped(elasticity.drum_scene("lines", cells, elasticity.CONSTANT))) as simulation:
+        simulation.set_state(simulation.topology.start / elasticity.SLACK)
+        pull, mass = elasticity.tension(cells, elasticity.CONSTANT), float(simulation.topology.mass[0])
+        exact_sag = exact.drum_sag(cells, pull, mass)
+        return 3 * float64_steps.sag_noise(simulation, simulation.topology.particle_count // 2, exact_sag)
+
+
+def angular_momentum_of_lines() -> float:
+    scene = replace(check.base("lines"), forces=Forces(gravity=0.0))
+    with Simulation(scene) as simulation:
+        start, mass = simulation.topology.start, simulation.topology.mass
+        v = np.random.default_rng(5).normal(0.0, 0.2, start.shape)
+        simulation.set_state(start, v)
+        size = float((mass * np.linalg.norm(simulation.velocities(), axis=1)).sum())
+        radius = float(np.sqrt((start**2).sum(axis=1).mean()))
+        return flight.most_lost(simulation, 1000, size * radius)
 
 
 PRESSURE, DRAG = "lift and drag: pressure with the cosine [m]", "drag alone: its square, along the wind [m]"
@@ -111,7 +131,7 @@ BOUNDED = [
     ),
     ("A8.7", "xpbd", "sag with 128 links, against 64 [m]", partial(hanging.exact_sag_change, "xpbd", 64, 128)),
     *(
-        ("A5.1", "xpbd", f"on the bias, diagonals of {k:g} N/m [N/m]", partial(membrane.unconverged_bias, k))
+        ("A5.1", "xpbd", f"on the bias, diagonals of {k:g} N/m [N/m]", partial(elasticity.unconverged_bias, k))
         for k in (500.0, 1000.0)
     ),
     ("A2.8", "lines", "angle after ten periods from 170° [°]", loss_of_lines),
@@ -121,18 +141,24 @@ BOUNDED = [
     *(
         (
             "A8.8",
-            "verlet",
+            solver,
             f"difference to its mirror images {t:g} s after it fell on a ball [m]",
-            partial(asymmetry_of_verlet, t),
+            partial(asymmetry, solver, t),
         )
+        for solver in ("verlet", "lines")
         for t in (0.2, 2.0)
     ),
+    ("A1.6", "lines", "angular momentum lost in 1000 substeps, of all that moves", angular_momentum_of_lines),
     *(("A6.2", "verlet", f"sag at {d:g} m, {PRESSURE}", partial(sail_of_verlet, d, False)) for d in (0.8, 0.9)),
     ("A6.2", "verlet", f"sag at 0.9 m, {DRAG}", partial(sail_of_verlet, 0.9, True)),
     ("B1", "verlet", "16 cells: every row, error of the side after 1 s", partial(every_row, 16)),
     ("B1", "verlet", "32 cells: every row, error of the side after 0.5 s", partial(every_row, 32)),
 ]
 SLOW = [
+    *(
+        ("A2.5", "lines", f"sag of a taut square of {n} cells under its weight [m]", partial(flutter, n))
+        for n in (64, 128)
+    ),
     ("B1", "verlet", "64 cells: every row, error of the side after 0.5 s", partial(every_row, 64)),
     *(
         ("A2.3", "verlet", f"mode {m} of a hanging strip of {n} links [rad/s]", partial(verlet_mode, n, m))
@@ -383,19 +409,59 @@ def test_sweeps_in_float64_move_a_sheet_as_the_solver_does(solver: str) -> None:
         check.advance(simulation, 0.25)
         measured = simulation.positions()
         start = simulation.topology.start
-    x = check.swept_in_float64(scene, 0.25)
+    x = float64_steps.swept_in_float64(scene, 0.25)
     assert np.abs(x - start).max() > 0.1
     rounding = check.largest_of(x.size) * check.velocity_rounding_error(15 * 5, symmetry.SIDE)
     assert x == pytest.approx(measured, abs=rounding)
     assert rounding < 5e-5
-    still = check.swept_in_float64(replace(scene, forces=Forces(gravity=0.0)), 0.25)
+    still = float64_steps.swept_in_float64(replace(scene, forces=Forces(gravity=0.0)), 0.25)
     assert still == pytest.approx(start, abs=1e-6)  # rest lengths are those of float32
+
+
+@pytest.mark.parametrize("layout", ["serial", "simd"])
+def test_lines_in_float64_move_a_sheet_as_the_solver_does(layout: str) -> None:
+    """With pins, damping and springs in all directions; without gravity nothing moves."""
+    sheet = replace(symmetry.swinging("lines"), solver=Solver("lines", 4, 3, damping=0.7))
+    for gravity, moved in ((9.81, 0.2), (0.0, 0.0)):
+        with Simulation(replace(sheet, forces=Forces(gravity=gravity)), layout) as simulation:
+            start, steps = simulation.positions(), float64_steps.lines_in_float64(simulation)
+            for _ in range(20):
+                simulation.step()
+                x, v = [next(steps) for _ in range(simulation.substeps)][-1]
+            assert simulation.positions() == pytest.approx(x, abs=2e-6)
+            assert simulation.velocities() == pytest.approx(v, abs=2e-4)
+            assert np.abs(x - start).max() >= moved
+
+
+def test_a_sheet_falls_on_a_ball_in_float64_as_with_lines() -> None:
+    with Simulation(friction.sheet_above_ball("lines")) as simulation:
+        start = simulation.positions()
+        simulation.step(6)  # until rounding decides which way it folds
+        x = friction.fallen_in_float64("lines", 0.1)
+        assert simulation.positions() == pytest.approx(x, abs=3e-6)
+        free = start[:, 1].min() - 9.81 * 0.1**2 / 2
+        assert x[:, 1].max() > free + 0.01  # the ball holds its middle
+
+
+@given(
+    arrays(float, 12, elements=st.floats(-1, 1)),
+    arrays(float, 12, elements=st.floats(-1, 1)),
+    arrays(float, 12, elements=st.floats(-1, 1)),
+    st.integers(1, 12),
+)
+def test_tridiagonal_systems_are_solved(lower: np.ndarray, upper: np.ndarray, right: np.ndarray, count: int) -> None:
+    lower, upper, right = lower[:count], upper[:count], right[:count]
+    lower[0] = upper[-1] = 0.0
+    diagonal = np.abs(lower) + np.abs(upper) + 0.5
+    found = float64_steps.solve_tridiagonal(lower, diagonal, upper, right)
+    matrix = np.diag(diagonal) + np.diag(lower[1:], -1) + np.diag(upper[:-1], 1)
+    assert matrix @ found == pytest.approx(right, abs=1e-12)
 
 
 def test_the_order_of_the_springs_explains_mirrored_and_transposed_sheets() -> None:
     scene = symmetry.swinging("verlet")
     row = stored("A8.3", "verlet", "difference to its mirror image [m]")
-    x = check.swept_in_float64(scene, symmetry.SHORT_SECONDS).reshape(17, 17, 3)
+    x = float64_steps.swept_in_float64(scene, symmetry.SHORT_SECONDS).reshape(17, 17, 3)
     difference = float(np.abs(x[:, ::-1] * [-1.0, 1.0, 1.0] - x).max())
     assert 20 * symmetry.EQUAL[0] < difference
     assert symmetry.explain_order(row, scene, difference).explained
@@ -493,8 +559,8 @@ def test_few_conjugate_gradients_explain_an_order_only_as_far_as_one_percent_of_
     for wrong, explained in ((0.9 * lighter, True), (1.5 * lighter, False)):
         drops = (0.70, 0.72, 0.725, 0.725 + 0.00125 + wrong)
         columns = (np.array([[0.0, 0.0], [0.0, 0.0], [0.0, -drop]]) for drop in drops)
-        monkeypatch.setattr(elastica, "rest_column", partial(lambda given, *_: next(given), columns))
-        assert elastica.order_of_drop("", "implicit").explained == explained
+        monkeypatch.setattr(elasticity, "rest_column", partial(lambda given, *_: next(given), columns))
+        assert elasticity.order_of_drop("", "implicit").explained == explained
 
 
 def test_rounding_of_the_curtain_grows_with_the_root_of_the_steps() -> None:

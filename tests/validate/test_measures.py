@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.evaluation.validate import check, elastica, flight, friction
+from taichi_cloth.evaluation.validate import check, elasticity, flight, friction
 from taichi_cloth.evaluation.validate.check import EXCELLENT, FAIL, PASS, Check, base
 from taichi_cloth.evaluation.validate.exact import buckled
 from taichi_cloth.scene.schema import Forces
@@ -81,20 +81,20 @@ def test_sheared_cloth_is_strained() -> None:
         assert flight.largest_strain(simulation) == pytest.approx(5e-4, rel=0.01)
 
 
-@pytest.mark.parametrize("level", [0.0, elastica.CLAMPED_LEVEL])
-@pytest.mark.parametrize("compression", elastica.COMPRESSIONS)
+@pytest.mark.parametrize("level", [0.0, elasticity.CLAMPED_LEVEL])
+@pytest.mark.parametrize("compression", elasticity.COMPRESSIONS)
 def test_a_buckled_strip_starts_far_from_the_solution(compression: float, level: float) -> None:
     """It has its full length, and its rise differs from the solution by five times the bound or more."""
-    start = elastica.tent(1 - compression, np.linspace(0.0, 1.0, 1001), level)
+    start = elasticity.tent(1 - compression, np.linspace(0.0, 1.0, 1001), level)
     assert start[[0, -1]] == pytest.approx(np.array([[-0.5, 0.0], [0.5, 0.0]]) * [1 - compression, 1.0], abs=1e-9)
     assert np.linalg.norm(np.diff(start, axis=0), axis=1).sum() == pytest.approx(1.0, abs=1e-3)
-    assert abs(start[:, 1].max() / buckled(compression) - 1) > 5 * elastica.BUCKLED[0]
+    assert abs(start[:, 1].max() / buckled(compression) - 1) > 5 * elasticity.BUCKLED[0]
 
 
 def test_a_strip_without_bending_stiffness_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(elastica, "COMPRESSIONS", (0.1,))
-    monkeypatch.setattr(elastica, "BENDING", 0.0)
-    rows = list(elastica.buckling("explicit"))
+    monkeypatch.setattr(elasticity, "COMPRESSIONS", (0.1,))
+    monkeypatch.setattr(elasticity, "BENDING", 0.0)
+    rows = list(elasticity.buckling("explicit"))
     assert len(rows) == 2
-    assert all(row.error > 5 * elastica.BUCKLED[0] for row in rows)
+    assert all(row.error > 5 * elasticity.BUCKLED[0] for row in rows)
     assert [row.verdict for row in rows] == [FAIL, FAIL]

@@ -14,7 +14,7 @@ import pytest
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench.error_sweep import Curtain, curtain_solution
-from taichi_cloth.evaluation.validate import check, elastica, flight, hanging, references, strand, swing
+from taichi_cloth.evaluation.validate import check, elasticity, flight, hanging, references, strand, swing
 from taichi_cloth.evaluation.validate import validation_report as report
 from taichi_cloth.evaluation.validate.check import (
     EXCELLENT,
@@ -122,10 +122,10 @@ def test_a_law_allows_its_error_and_the_tolerance_where_it_is_applied() -> None:
 
 def test_a_drop_of_first_order_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
     for order, verdict in ((2, EXCELLENT), (1, FAIL)):
-        drops = iter([0.7 + 8.0 ** (1 - order) / links**order for links in elastica.ORDER_LINKS])
+        drops = iter([0.7 + 8.0 ** (1 - order) / links**order for links in elasticity.ORDER_LINKS])
         columns = (np.array([[0.0, 0.0], [0.0, drop], [0.0, 0.0]]) for drop in drops)
-        monkeypatch.setattr(elastica, "rest_column", lambda *_, columns=columns: next(columns))
-        row = elastica.order_of_drop("", "rk4")
+        monkeypatch.setattr(elasticity, "rest_column", lambda *_, columns=columns: next(columns))
+        row = elasticity.order_of_drop("", "rk4")
         assert row.measured == pytest.approx(order)
         assert row.verdict == verdict
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import exp, isfinite, isqrt, log, log2, nan, pi, sqrt
+from math import isfinite, isqrt, log, log2, nan, pi, sqrt
 from time import process_time
 from typing import Any, NamedTuple, SupportsIndex
 
@@ -352,43 +352,3 @@ def velocity_rounding_error(steps: int, position: float) -> float:
 def largest_of(count: int) -> float:
     """Return about how large the largest of many normal numbers is, in standard deviations (Leadbetter 1983)."""
     return sqrt(2 * log(count))
-
-
-def swept_in_float64(
-    scene: Scene, seconds: float, start: Floats | None = None, contact: Callable[[Floats, Floats], None] | None = None
-) -> Floats:
-    """Return the positions that `verlet` or `xpbd` reaches after some seconds in float64 [m], (N, 3).
-
-    Only gravity and springs act. These are the sweeps of `solvers/verlet.py` and `solvers/xpbd.py`, with springs in the
-    same order: a difference that float64 has too is none of rounding. `start` is (N, 3) [m]. `contact` changes the
-    positions of an iteration, (N, 3) [m], in place; it also gets those at the start of the substep.
-    """
-    with Simulation(scene) as simulation:
-        topology, h, section = simulation.topology, substep(simulation), simulation.solver.info.stiffness_section
-    stiffness, free = spring_stiffness(scene, section, topology), ~topology.pinned
-    is_rigid = section == "verlet"  # a stiffness is then a share of the error
-    share = stiffness if is_rigid else np.ones(len(stiffness))
-    compliance = np.zeros(len(stiffness)) if is_rigid else 1 / (stiffness * h * h)
-    weight = np.where(free, 1 / topology.mass, 0.0)
-    batches = [slice(batch.first, batch.first + batch.count) for batch in topology.batches]
-    x = topology.start if start is None else start
-    v = np.zeros_like(x)
-    for _ in range(round(seconds / h)):
-        y = x + h * exp(-scene.solver.damping * h) * v
-        y[free, 1] -= h * h * scene.forces.gravity
-        multiplier = np.zeros(len(stiffness))
-        for k, one in enumerate(batches * scene.solver.iterations, 1):
-            a, b = topology.ends[one].T
-            gap = y[b] - y[a]
-            length = np.linalg.norm(gap, axis=1)
-            error = share[one] * (length - topology.rest[one] + compliance[one] * multiplier[one])
-            inverse = weight[a] + weight[b] + compliance[one]
-            change = np.where(weight[a] + weight[b] > 0, -error / np.maximum(inverse, 1e-12), 0.0)
-            multiplier[one] += change
-            pull = (change / length)[:, None] * gap
-            y[a] -= weight[a, None] * pull
-            y[b] += weight[b, None] * pull
-            if contact is not None and k % len(batches) == 0:
-                contact(y, x)
-        x, v = y, (y - x) / h
-    return x

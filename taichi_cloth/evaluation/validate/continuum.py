@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ...scene.schema import Cloth, Fabric, Forces, Scene
 from ...simulation.simulation import Simulation
 from .check import Check, Timed, advance, at_most, base, damped, relative, rows_with_limit, run_with_limit, substep
-from .elastica import BENDING_CONSTANT, LINKS, WIDTH
+from .elasticity import BENDING_CONSTANT, LINKS, WIDTH
 from .exact import GRAVITY, Floats, cantilever
 
 TENSOR = {"c11": 2000.0, "c22": 1500.0, "c12": 300.0, "c66": 400.0}  # [N/m] of cloth that none of its threads ties

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache, partial
+from itertools import islice
 from math import atan, degrees, exp, pi, sqrt
 
 import numpy as np
 
-from ...collision.colliders import PosedCollider, signed_distance
+from ...collision.colliders import SURFACE_TOLERANCE, PosedCollider, signed_distance
 from ...scene.collider_schema import Capsule, Ground, Plane, Sphere
 from ...scene.schema import FRAME_SECONDS, Forces, Scene
 from ...simulation.simulation import Simulation
@@ -27,9 +28,10 @@ from .check import (
     relative,
     run_with_limit,
     strip,
-    swept_in_float64,
+    substep,
 )
 from .exact import GRAVITY, Floats, scarf_ratio
+from .float64_steps import lines_in_float64, swept_in_float64
 from .symmetry import ORDER_OF_SPRINGS
 
 FRICTIONS = (0.1, 0.3, 0.5)
@@ -56,6 +58,7 @@ HALVINGS = 9  # bisections of the range from 0.25 to 1.75 of the exact value: to
 BAR, SHORT_END, SCARF_LINKS = 0.03, 0.3, 120  # [m] radius of the bar, shorter end of the scarf
 LEVEL = (-90.0, 0.0, 0.0)
 ON_A_BALL = (1e-3, 1e-6)  # A8: 1e-3·L, 1e-6·L at 2 s
+SWEEPING = ("verlet", "lines")  # whose iterations pass over the springs in an order that images do not have
 BALL_SECONDS, UNFOLDED_SECONDS = 2.0, 0.2  # A8; rounding has grown little by then
 BALL = Sphere(center=(0.0, -0.36, 0.0), radius=0.3, margin=0.05, friction=0.5)
 SLIPS_EARLY = f"iterations end too early: {SAME_ITERATIONS} slip as early"
@@ -282,8 +285,8 @@ def on_a_ball(solver: str) -> Iterator[Check]:
         first = ball_row(UNFOLDED_SECONDS, simulation.positions())
         advance(simulation, BALL_SECONDS - UNFOLDED_SECONDS)
         last = ball_row(BALL_SECONDS, simulation.positions())
-    yield explain_sweeps(first, UNFOLDED_SECONDS) if solver == "verlet" else first
-    yield explain_sweeps(last, BALL_SECONDS) if solver == "verlet" else explain_folds(last, first)
+    yield explain_sweeps(first, solver, UNFOLDED_SECONDS) if solver in SWEEPING else first
+    yield explain_sweeps(last, solver, BALL_SECONDS) if solver in SWEEPING else explain_folds(last, first)
 
 
 def ball_row(seconds: float, positions: Floats) -> Check:
@@ -292,19 +295,43 @@ def ball_row(seconds: float, positions: Floats) -> Check:
     return at_most(what, difference_of_images(positions), *ON_A_BALL)
 
 
-def explain_sweeps(row: Check, seconds: float) -> Check:
-    """Return a row of `verlet` after some seconds with its law: the same iterations in float64 are as unsymmetric."""
+def explain_sweeps(row: Check, solver: str, seconds: float) -> Check:
+    """Return a row after some seconds with its law: the same iterations in float64 are as unsymmetric."""
     if row.verdict != FAIL:
         return row
-    return row.by_law(
-        ORDER_OF_SPRINGS,
-        difference_of_images(swept_in_float64(sheet_above_ball("verlet"), seconds, contact=project_from_ball)),
-    )
+    return row.by_law(ORDER_OF_SPRINGS, difference_of_images(fallen_in_float64(solver, seconds)))
 
 
-def project_from_ball(x: Floats, before: Floats) -> None:
-    """Project positions (N, 3) [m] to the margin of `BALL`. `before`: those at the start of the substep."""
-    project_round(x, before, x - np.asarray(BALL.center), BALL.radius + BALL.margin, BALL.friction)
+def fallen_in_float64(solver: str, seconds: float) -> Floats:
+    """Return the positions of the sheet some seconds after the release [m], (N, 3), by the solver in float64."""
+    scene = sheet_above_ball(solver)
+    if solver != "lines":
+        return swept_in_float64(scene, seconds, contact=project_from_ball)
+    with Simulation(scene) as simulation:
+        steps = islice(lines_in_float64(simulation, project_from_ball), round(seconds / substep(simulation)))
+        for number, (x, v) in enumerate(steps, 1):
+            if number % simulation.substeps == 0:
+                stop_on_ball(x, v)
+    return x
+
+
+def project_from_ball(x: Floats, before: Floats | None) -> None:
+    """Project positions (N, 3) [m] to the margin of `BALL`, with friction if there are those `before` the step."""
+    offset, friction = x - np.asarray(BALL.center), 0.0 if before is None else BALL.friction
+    project_round(x, x if before is None else before, offset, BALL.radius + BALL.margin, friction)
+
+
+def stop_on_ball(x: Floats, v: Floats) -> None:
+    """Stop the approach of particles on `BALL`, as `collision/response.py` does at the end of a frame."""
+    offset = x - np.asarray(BALL.center)
+    distance = np.linalg.norm(offset, axis=1)
+    near = distance < BALL.radius + BALL.margin + SURFACE_TOLERANCE
+    normal = offset[near] / distance[near, None]
+    stopped = np.maximum(-(v[near] * normal).sum(axis=1, keepdims=True), 0.0)
+    slide = v[near] + stopped * normal
+    slide -= normal * (slide * normal).sum(axis=1, keepdims=True)
+    length = np.maximum(np.linalg.norm(slide, axis=1, keepdims=True), 1e-12)
+    v[near] += stopped * normal - slide * np.minimum(1.0, BALL.friction * stopped / length)
 
 
 def project_round(x: Floats, before: Floats, offset: Floats, radius: float, friction: float) -> None:

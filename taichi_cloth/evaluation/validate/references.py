@@ -11,7 +11,7 @@ from ...scene.solver_catalog import SOLVER_CATALOG
 from ...system import taichi_runtime as runtime
 from ...system.errors import UsageError, nearest_hint
 from ..worker_pool import run_parallel
-from . import continuum, drape, elastica, flight, friction, hanging, membrane, strand, swing, symmetry
+from . import continuum, drape, elasticity, flight, friction, hanging, strand, swing, symmetry
 from .check import ALL, ELASTIC, Reference, Result, measure
 
 IMPLICIT = ("xpbd", "lines", "implicit")
@@ -48,7 +48,7 @@ REFERENCES = (
         "A2.5",
         "taut square",
         "Poisson's five points; springs under tension",
-        membrane.drum,
+        elasticity.drum,
         ELASTIC,
     ),
     Reference("A2.6", "strip along itself", "2√(k/m)·sin((2j−1)π/(4N+2))", swing.longitudinal_swing, ELASTIC),
@@ -63,19 +63,19 @@ REFERENCES = (
     Reference("A3.1", "hanging sheet", "sum of the weights below", hanging.elongation, ELASTIC),
     Reference("A3.2", "artificial stretch", "fixed point of a red-black sweep", hanging.stretch, ("verlet", "xpbd")),
     Reference("A3.3", "hammock", "equilibrium of its springs", hanging.hammock, ELASTIC),
-    Reference("A3.4", "buckling", "Euler's elastica", elastica.buckling, ELASTIC),
+    Reference("A3.4", "buckling", "Euler's elastica", elasticity.buckling, ELASTIC),
     Reference("A3.5", "reaction forces", "weight; half of it by symmetry", hanging.held, ELASTIC),
-    Reference("A4.1", "doubling", "linear bending", elastica.doubling, ELASTIC),
+    Reference("A4.1", "doubling", "linear bending", elasticity.doubling, ELASTIC),
     Reference(
         "A4.2",
         "doubling, springs",
         "linear bending",
-        elastica.doubling_by_springs,
+        elasticity.doubling_by_springs,
         ELASTIC,
     ),
-    Reference("A4.3", "cantilever", "heavy elastica", elastica.droop, ELASTIC),
-    Reference("A4.4", "pear loop", "elastica", elastica.loop, ELASTIC),
-    Reference("A4.5", "tip load", "elastica with both weights", elastica.tip_load, ELASTIC),
+    Reference("A4.3", "cantilever", "heavy elastica", elasticity.droop, ELASTIC),
+    Reference("A4.4", "pear loop", "elasticity", elasticity.loop, ELASTIC),
+    Reference("A4.5", "tip load", "elastica with both weights", elasticity.tip_load, ELASTIC),
     Reference(
         "A4.6",
         "drape coefficient",
@@ -87,10 +87,10 @@ REFERENCES = (
         "A5.1",
         "stiffness of a grid",
         "homogenised springs",
-        membrane.modulus,
+        elasticity.modulus,
         ELASTIC,
     ),
-    Reference("A5.2", "shear of a grid", "homogenised springs", membrane.panel, ELASTIC),
+    Reference("A5.2", "shear of a grid", "homogenised springs", elasticity.panel, ELASTIC),
     Reference("A6.1", "fall in air", "½ρC_D·v² = σg; tanh", flight.falling, ALL),
     Reference(
         "A6.2",

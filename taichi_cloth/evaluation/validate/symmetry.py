@@ -37,10 +37,10 @@ from .check import (
     rounding_error,
     run_with_limit,
     structural,
-    swept_in_float64,
     velocity_rounding_error,
 )
 from .exact import GRAVITY, Floats
+from .float64_steps import swept_in_float64
 from .hanging import hanging_chain
 from .strand import xpbd_step
 from .swing import curtain
