@@ -189,6 +189,10 @@ def test_the_page_names_dates_hours_starts_and_versions() -> None:
     assert report.origin_lines(store_of(result(seconds=1800.0))) == [
         "10 starts per variant; run 2026-01-02; 0.5 hours of CPU time, 0.2 hours on two cores (goal: 4)."
     ]
+    faster = replace(store_of(one := result(seconds=36000.0)), repeat_seconds={one.key: 1440.0})
+    assert (
+        report.origin_lines(faster)[1] == "At the speed of the starts that confirmed results: 2.0 hours on two cores."
+    )
     older = result(2, date="2026-01-01 00:00", starts=1, seconds=1800.0)
     assert report.origin_lines(replace(store_of(result(seconds=1800.0), older, missing=2), older=1)) == [
         "2 of 4 combinations of variant and setting were not run.",

@@ -128,6 +128,20 @@ def test_a_result_is_kept_if_its_last_start_repeats(tmp_path: Path) -> None:
     assert store.repeatable([SWINGS, BREAKS]) == []
 
 
+def test_the_hours_of_a_run_at_present_are_those_of_the_starts_that_confirmed_it(tmp_path: Path) -> None:
+    older = Store.new(None, [SWINGS, BREAKS])
+    for unit, seconds in ((SWINGS, 100.0), (BREAKS, 7.0)):
+        older.results[unit.key] = replace(run_unit(unit, unit.starts(2), None), origin="older", seconds=seconds)
+    store = Store.new(tmp_path / "o.json", [SWINGS, BREAKS]).continued(older)
+    assert store.present_seconds() == 107.0
+    assert store.repeat(replace(run_unit(SWINGS, SWINGS.starts(2)[-1:], None), seconds=3.0))
+    again = load(tmp_path / "o.json")
+    assert again.results[SWINGS.key].seconds == 100.0
+    assert again.present_seconds() == 2 * 3.0 + 7.0
+    store.add(replace(again.results[SWINGS.key], seconds=50.0))  # it ran again
+    assert store.present_seconds() == load(tmp_path / "o.json").present_seconds() == 57.0
+
+
 @pytest.mark.parametrize("found", [{"digest": ""}, {"digest": "abc", "slow_ms": 40.0}])
 def test_a_result_that_no_digest_confirms_runs_again(found: dict[str, Any]) -> None:
     older = Store.new(None, [SWINGS])

@@ -203,6 +203,8 @@ class Store:
     """Causes of failures."""
     older: int = 0
     """Number of results of an older version of the program, when the file was written."""
+    repeat_seconds: dict[Key, float] = field(default_factory=dict)
+    """CPU time of the start that confirmed a result [s]."""
     origins: dict[Key, str] = field(default_factory=dict, compare=False)
     """Fingerprint of each unit if it ran now."""
     texts: dict[Key, dict[str, Any]] = field(default_factory=dict, compare=False)
@@ -220,6 +222,7 @@ class Store:
         """Add or replace a result, with fingerprint, date and machine, and write the file. Raises OSError."""
         now = datetime.now(UTC).strftime(MINUTES)
         self.results[result.key] = replace(result, origin=self.origins[result.key], date=now, machine=self.machine)
+        self.repeat_seconds.pop(result.key, None)
         self.save()
 
     def left(self, units: Iterable[Unit], starts: int) -> list[Unit]:
@@ -274,6 +277,7 @@ class Store:
             return False
         now, cause = datetime.now(UTC).strftime(MINUTES), self.cause(earlier)
         self.results[again.key] = self._renamed(replace(earlier, origin=self.origins[again.key], repeated=now))
+        self.repeat_seconds[again.key] = again.seconds
         if cause is not None:
             self.explain(again.key, cause)
         self.save()
@@ -294,7 +298,7 @@ class Store:
             raise UsageError(f"{older.path} has {there} that this run does not include ({example}): use another file")
         results = {key: self._renamed(older.results[key]) for key in self.planned if key in older.results}
         count = sum(not self._is_new(result) for result in results.values())
-        return replace(self, results=results, causes=older.causes, older=count)
+        return replace(self, results=results, causes=older.causes, older=count, repeat_seconds=older.repeat_seconds)
 
     def _renamed(self, result: Result) -> Result:
         """Return a result of this version with the present texts of its case, which are not in its fingerprint."""
@@ -339,6 +343,13 @@ class Store:
         """Return the results of these units, of those that have one."""
         return [self.results[unit.key] for unit in units if unit.key in self.results]
 
+    def present_seconds(self) -> float:
+        """Return the CPU time of all starts [s], each as long as the one that confirmed its unit, if one did."""
+        return sum(
+            self.repeat_seconds[result.key] * result.ran if result.key in self.repeat_seconds else result.seconds
+            for result in self.ordered()
+        )
+
     def save(self) -> None:
         """Write the file atomically, if there is a path. Raises OSError."""
         if self.path is None:
@@ -348,6 +359,7 @@ class Store:
         planned = [key for key in self.planned if key in self.results or as_read.is_needed(key)]
         data: dict[str, object] = {"machine": self.machine, "older": self.older, "planned": planned}
         data["results"] = [asdict(result) for result in self.ordered()]
+        data["repeat_seconds"] = [[*key, self.repeat_seconds[key]] for key in planned if key in self.repeat_seconds]
         data["causes"] = [[*result.key, asdict(cause)] for result in self.ordered() if (cause := self.cause(result))]
         with new_file(self.path) as file:
             file.write(json.dumps(data, indent=1, ensure_ascii=False).encode())
@@ -361,7 +373,8 @@ def load(path: Path) -> Store:
         results = [read_result(row) for row in data["results"]]
         by_key = {result.key: result for result in results}
         causes = {(case, variant, setting): Cause(**row) for case, variant, setting, row in data["causes"]}
-        return Store(path, planned, by_key, str(data["machine"]), causes, int(data["older"]))
+        seconds = {(case, variant, setting): float(s) for case, variant, setting, s in data.get("repeat_seconds", [])}
+        return Store(path, planned, by_key, str(data["machine"]), causes, int(data["older"]), seconds)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
     except (ValueError, KeyError, TypeError):

@@ -198,6 +198,11 @@ def origin_lines(store: Store) -> list[str]:
         if not missing:
             time += f", {hours / 2:.1f} hours on two cores (goal: {GOAL_HOURS:g})"
         lines.append(f"{starts} starts per variant; run {when}; {time}.")
+        if store.repeat_seconds and not missing:
+            lines.append(
+                f"At the speed of the starts that confirmed results: {store.present_seconds() / 7200:.1f} hours on two"
+                " cores."
+            )
     lines += [f"Run on {name}." for name in dict.fromkeys(result.machine for result in results if result.machine)]
     return lines
 
