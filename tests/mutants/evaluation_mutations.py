@@ -721,4 +721,18 @@ EVALUATION = [
         "",
         (VALIDATED + "test_a_fall_with_all_features_judges_drop_and_strain",),
     ),
+    Mutation(
+        "lines-in-float64-without-coupling",
+        "evaluation/validate/float64_steps.py",
+        "solve_tridiagonal(-k * coupling, diagonal",
+        "solve_tridiagonal(0.0 * coupling, diagonal",
+        ("validate/test_laws.py::test_lines_in_float64_move_a_sheet_as_the_solver_does[serial]",),
+    ),
+    Mutation(
+        "hours-of-starts-that-did-not-repeat",
+        "evaluation/stress/store.py",
+        "        self.repeat_seconds.pop(result.key, None)\n",
+        "",
+        ("stress/test_store.py::test_the_hours_of_a_run_at_present_are_those_of_the_starts_that_confirmed_it",),
+    ),
 ]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from mutation import Mutation
 
+ORIGIN = "simulation/test_origin.py::"
+
 SIMULATION = [
     Mutation(
         "release-velocity-of-one-frame",
@@ -241,5 +243,54 @@ SIMULATION = [
         "for name in keys_of(cls) if name in section.given_keys}",
         "for name in keys_of(cls)}",
         ("scene/test_overrides.py::test_an_object_sets_the_keys_that_were_given_as_a_dict_does",),
+    ),
+    Mutation(
+        "origin-stays",
+        "simulation/running_cloth.py",
+        "if (shift := origin_shift(x)).any():",
+        "if (shift := origin_shift(x)).all():",
+        (ORIGIN + "test_a_sheet_slides_far_as_a_block_does",),
+    ),
+    Mutation(
+        "origin-moves-beyond-the-cloth",
+        "geometry/topology.py",
+        "ORIGINS * np.trunc(nearest",
+        "ORIGINS * np.round(nearest",
+        (ORIGIN + "test_the_origin_moves_as_far_as_all_particles_are_away",),
+    ),
+    Mutation(
+        "origin-not-in-checkpoints",
+        "simulation/checkpoint.py",
+        '    simulation.set_origin(arrays["origin"])\n',
+        "",
+        (ORIGIN + "test_checkpoints_have_the_origin",),
+    ),
+    Mutation(
+        "origin-follows-cloth-with-max-distances",
+        "simulation/running_cloth.py",
+        "FOLLOW_FRAMES == 0 and self.topology.max_distance is None",
+        "FOLLOW_FRAMES == 0",
+        (ORIGIN + "test_cloth_with_max_distances_keeps_its_origin",),
+    ),
+    Mutation(
+        "gusts-of-the-first-origin",
+        "simulation/builder.py",
+        "@ origin).tolist()",
+        "@ (0.0 * origin)).tolist()",
+        (ORIGIN + "test_what_acts_on_the_cloth_does_not_depend_on_the_origin[wind]",),
+    ),
+    Mutation(
+        "colliders-of-the-first-origin",
+        "simulation/frame_contact.py",
+        "    origin = tuple(simulation.origin)\n",
+        "    origin = tuple(simulation.topology.origin)\n",
+        (ORIGIN + "test_what_acts_on_the_cloth_does_not_depend_on_the_origin[ball]",),
+    ),
+    Mutation(
+        "center-of-a-plane-stays-far",
+        "collision/shapes/plane.py",
+        "return foot if np.linalg.norm(center - foot) >= FAR else center",
+        "return center",
+        (ORIGIN + "test_a_plane_far_away_has_its_center_below_the_cloth",),
     ),
 ]
