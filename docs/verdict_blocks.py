@@ -226,7 +226,7 @@ def unfinished(words: stored.Words) -> str:
             shares = [row["measured"] / row["exact"] - 1 for row in missed]
             worst += [f"{signed(max(shares))} in {number}"] if max(shares, default=0.0) > 0 else []
         parts += [f"`{solver}` ({', '.join(worst)})"] if worst else []
-    return f"Defaults with which fine grids stretch or sag too far: {', '.join(parts)}." if parts else ""
+    return f"Defaults that are far from the solution on fine grids: {', '.join(parts)}." if parts else ""
 
 
 BLOCKS = (choosing, unconverged, solver, validation_line, validation_summary, bar_friction, nobody, stability_summary)

@@ -93,7 +93,7 @@ def test_what_acts_on_the_cloth_does_not_depend_on_the_origin(feature: str, monk
     ends = []
     for _ in range(2):
         with Simulation(scene(**FEATURES[feature])) as simulation:
-            simulation.step(100)
+            simulation.step(112)
             grab = simulation.grab(0)
             simulation.step(5)
             ends.append((simulation.positions(), simulation.origin))
@@ -101,7 +101,13 @@ def test_what_acts_on_the_cloth_does_not_depend_on_the_origin(feature: str, monk
         unmoved(monkeypatch)
     (followed, origin), (reference, start) = ends
     assert np.linalg.norm(origin - start) > FAR
-    assert np.abs(followed - reference).max() < 2e-3
+    with Simulation(scene()) as simulation:
+        simulation.step(112)
+        simulation.grab(0)
+        simulation.step(5)
+        effect = 0.02 if feature == "self-collision" else np.abs(simulation.positions() - reference).max()
+    assert effect > 0.01
+    assert np.abs(followed - reference).max() < 0.1 * effect
 
 
 def test_checkpoints_have_the_origin() -> None:

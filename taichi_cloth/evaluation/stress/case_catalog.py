@@ -133,7 +133,8 @@ CASES = (
     Case(
         15,
         "layers",
-        "10 sheets 0.1 m apart, turned by 9° each, and a ball on top; gap ≥ half the thickness",
+        f"10 sheets of {layered_cloth.LAYER_CELLS + 1}², 0.1 m apart, turned by 9° each, and a ball on top;"
+        " gap ≥ half the thickness",
         (Variant("10 sheets", layered_cloth.layers),),
         note=(
             f"sheets of {layered_cloth.LAYER_CELLS + 1}² particles, not 33²: more take longer than the run may;"
@@ -144,7 +145,7 @@ CASES = (
     Case(
         16,
         "many layers",
-        f"50 sheets on a bar; a frame in {layered_cloth.MANY_MS:g} ms",
+        f"50 sheets of {layered_cloth.MANY_CELLS + 1}² on a bar; a frame in {layered_cloth.MANY_MS:g} ms",
         (Variant("50 sheets", layered_cloth.many_layers),),
         note=(
             f"sheets of {layered_cloth.MANY_CELLS + 1}² particles, {layered_cloth.MANY_SIDE:g} m a side, not 33² and"
@@ -319,7 +320,8 @@ CASES = (
     Case(
         39,
         "tablecloth",
-        "pulled by an edge at 1 m/s from under a loose sheet; friction on it ≤ μ·weight",
+        f"pulled by an edge at 1 m/s from under a loose sheet, both of {contact.TABLE_CELLS + 1}²;"
+        " friction on it ≤ μ·weight",
         variants(contact.tablecloth, {"1 m/s": 0.3, "1 m/s, μ = 0.03": 0.03}),
         note=(
             "bodies in a scene are led and weigh nothing, so a loose sheet takes the place of the ball on the"
