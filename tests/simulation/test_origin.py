@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+import taichi_cloth as tc
 from taichi_cloth.collision.colliders import collider_table
 from taichi_cloth.geometry.topology import FAR, ORIGINS, origin_shift
 from taichi_cloth.kernels import step_params as c
@@ -108,6 +109,21 @@ def test_what_acts_on_the_cloth_does_not_depend_on_the_origin(feature: str, monk
         effect = 0.02 if feature == "self-collision" else np.abs(simulation.positions() - reference).max()
     assert effect > 0.01
     assert np.abs(followed - reference).max() < 0.1 * effect
+
+
+def test_images_show_the_cloth_where_it_is() -> None:
+    with Simulation(scene()) as simulation:
+        simulation.step(FRAMES)
+        target = simulation.positions().mean(axis=0)
+        look = {"eye": tuple(target + [0.0, 1.5, 1.5]), "target": tuple(target)}
+        before = tc.render_image(simulation, (160, 120), **look).pixels.astype(int)
+        simulation.set_origin(simulation.topology.origin)
+        away = tc.render_image(simulation, (160, 120), **look).pixels.astype(int)
+    cloth = np.abs(before - away).sum(axis=2) > 60
+    rows, columns = np.nonzero(cloth)
+    assert 0.02 < cloth.mean() < 0.6
+    assert abs(rows.mean() - 60) < 10  # the camera looks at its middle
+    assert abs(columns.mean() - 80) < 10
 
 
 def test_checkpoints_have_the_origin() -> None:
