@@ -249,7 +249,19 @@ def main_page(run: Measured, rows: str) -> list[str]:
         "",
     ]
     lines += markdown_table(matrix(results))
-    return [*lines, "", "## Why", "", *(f"- {line}" for line in reasons(results))]
+    return [*lines, "", "## Why", "", *wide_bounds(results), *(f"- {line}" for line in reasons(results))]
+
+
+WIDE = 3.0  # times the error of a row
+
+
+def wide_bounds(results: Sequence[Result]) -> list[str]:
+    """Return lines about the laws that allow far more than the error of their row. A wide bound explains little."""
+    explained = [(one, one.row.limit) for one in results if one.row.explained and one.row.limit]
+    found = [one for one, limit in explained if limit.max_error > WIDE * one.row.error]
+    rows = dict.fromkeys(f"{one.number} with {one.solver}" for one in found)
+    number = count_noun(len(found), "row")
+    return [f"Laws that allow more than {WIDE:g} times the error ({number}): {', '.join(rows)}.", ""] if found else []
 
 
 def later_lines(results: Sequence[Result]) -> list[str]:
