@@ -317,7 +317,7 @@ def test_every_public_name_is_listed_and_can_be_imported(name: str) -> None:
 def test_completion_offers_the_documented_members_of_a_simulation(generate: ModuleType) -> None:
     documented = {name for names in generate.program.SIMULATION_MEMBERS.values() for name in names}
     with tc.Simulation({"cloth": {"rows": 3, "columns": 3}}) as simulation:
-        offered = {name for name in dir(simulation) if not name.startswith("_")}
+        offered = {name for name in dir(simulation) if not name.startswith("__")}
     assert offered == documented | set(generate.program.SIMULATION_ATTRIBUTES) | {"frame_error"}
 
 

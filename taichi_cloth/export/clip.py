@@ -147,7 +147,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
     _unchecked = 0  # frames since the last check for divergence
 
     def __dir__(self) -> list[str]:
-        return [name for name in super().__dir__() if name not in INNER_NAMES]
+        return [name for name in super().__dir__() if name not in INNER_NAMES and (name[0] != "_" or name[:2] == "__")]
 
     @property
     def warnings(self) -> str:

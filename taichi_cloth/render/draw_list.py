@@ -114,6 +114,7 @@ FLOOR_COLOR, GRID_LINE_COLOR = (0.925, 0.92, 0.91), (0.845, 0.84, 0.83)  # color
 # Lengths relative to the distance from the eye to the target of the scene's camera.
 FLOOR_EXTENT, GRID_EXTENT = 2.4, 1.44  # half the side of the floor, and of the part with grid lines
 GRID_SPACING, GRID_LINE_WIDTH = 1 / 8, 2e-3  # of the grid lines; the spacing is rounded down (`round_down_125`)
+HORIZONTAL = np.array([1.0, 0.0, 1.0])
 SHADOW_EXTENT = 0.95  # half the side of the shadow map
 GLOSS = 0.35  # strength of the highlight on solids; the cloth has `look.sheen`
 STRAIN_VIEW_CONTRAST = 0.45  # contrast of light and shade in the view `strain`, low so that the colors stay readable
@@ -162,7 +163,8 @@ class DrawList:
         self._unresolved_error = 0.0  # [m] error that the reference cannot tell from 0, if that of the cloth is smaller
         scene, topology = simulation.scene, simulation.topology
         self._camera = camera_of(scene)
-        distance = float(np.linalg.norm(np.subtract(self._camera.eye, self._camera.target)))
+        self._distance = distance = float(np.linalg.norm(np.subtract(self._camera.eye, self._camera.target)))  # [m]
+        self._away = np.zeros(3)  # [m] how far floor and shadow map have followed the cloth
         self._sphere, self._marker = (closed_surface.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
         self._pins = simulation.added_pins
         self._spring_length = mean_spring_length(topology)
@@ -176,7 +178,7 @@ class DrawList:
         self._moving_meshes = [collider_mesh(colliders[k]) for k in self._moving]
         pole = [pole_mesh(scene, topology.start)] if scene.look.pole else []
         static_meshes = [*pole, *(pose_mesh(colliders[k], collider_mesh(colliders[k])) for k in self._static)]
-        floor = self._floor(distance)
+        floor = self._floor()
         self._first_solid = sum(len(p) for p, _, _ in floor)
         self._first_static = self._first_solid + sum(len(p) for p, _, _ in pole)
         self._first_moving = self._first_solid + sum(len(p) for p, _, _ in static_meshes)
@@ -202,7 +204,9 @@ class DrawList:
         simulation, mesh, cloth = self.simulation, self.mesh, self.simulation.cloth
         if simulation.topology is not self._topology:  # the cloth tore: it has fewer springs and triangles
             self._rebuild_topology()
-        self._update_spheres()
+        positions = simulation.positions()
+        self._follow_cloth(positions)
+        self._update_spheres(positions)
         displaced = any(row in simulation.displacements for row in self._static)
         colliders = simulation.colliders() if self._moving or displaced or self._displaced else []
         if displaced or self._displaced:
@@ -279,7 +283,7 @@ class DrawList:
         mesh, shadow_map, frame = self.mesh, self._shadow_map, self._shadow_frame
         shading.clear_shadow_map(shadow_map)
         shading.cast_shadow(mesh, self._first_solid, mesh.corners, shadow_map, frame)
-        center = ti.math.vec3(*self._floor_center())
+        center = ti.math.vec3(*(self._floor_center() + self._away * HORIZONTAL))
         shading.shade_floor(mesh, self._first_solid, shadow_map, frame, center, self._floor_extent)
         shading.shade_solids(mesh, self._first_solid, self._first_cloth, GLOSS, eye, shadow_map, frame)
         if view in ("shaded", *COLORED_VIEWS):
@@ -290,7 +294,16 @@ class DrawList:
         else:
             shading.shade_solids(mesh, self._first_cloth, mesh.corners, 0.0, eye, shadow_map, frame)
 
-    def _update_spheres(self) -> None:
+    def _follow_cloth(self, positions: NDArray[np.float64]) -> None:
+        """Move floor and shadow map to a cloth that has left them, by multiples of the spacing of the grid lines."""
+        offset = positions.mean(axis=0) - self._camera.target
+        if SHADOW_EXTENT * self._distance < np.abs(offset - self._away).max() < np.inf:
+            spacing = round_down_125(GRID_SPACING * self._distance)
+            self._away = spacing * np.round(offset / spacing)
+            self._shadow_frame = ti.math.vec4(*(self._camera.target + self._away), SHADOW_EXTENT * self._distance)
+            self._fill_meshes(0, [(x + self._away * HORIZONTAL, n, color) for x, n, color in self._floor()])
+
+    def _update_spheres(self, positions: NDArray[np.float64]) -> None:
         """Write the spheres of the scene, and the markers of the first grabbed particle and of added pins.
 
         The marker of the grabbed particle has radius 0 if nothing is grabbed: the mesh has a fixed number of corners.
@@ -302,7 +315,7 @@ class DrawList:
             centers, radii = zip(*((posed.center, posed.size[0]) for posed in spheres), strict=True)
             first = self._fill_spheres(first, self._sphere, centers, radii, [SPHERE.color] * len(spheres))
         grabbed = simulation.grabbed[:1].tolist()
-        markers = simulation.positions()[[*(grabbed or [0]), *self._pins]]
+        markers = positions[[*(grabbed or [0]), *self._pins]]
         sizes = [self._marker_radius if grabbed else 0.0, *[self._marker_radius] * len(self._pins)]
         self._fill_spheres(first, self._marker, markers, sizes, [GRABBED_COLOR, *[PINNED_COLOR] * len(self._pins)])
 
@@ -320,10 +333,11 @@ class DrawList:
 
     # -- floor ---------------------------------------------------------------------------------------------------------
 
-    def _floor(self, distance: float) -> list[TriangleSoup]:
-        """Return the floor and its grid lines; empty without ground. `distance`: from eye to target [m]."""
+    def _floor(self) -> list[TriangleSoup]:
+        """Return the floor and its grid lines below the camera's target; empty without ground."""
         if self.simulation.scene.ground is None:
             return []
+        distance = self._distance
         center, lift = self._floor_center(), np.array([0.0, 3e-3 * distance, 0.0])
         spacing = round_down_125(GRID_SPACING * distance)
         parts = (

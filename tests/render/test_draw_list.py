@@ -14,7 +14,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
 from taichi_cloth.render.draw_list import GRABBED_COLOR, VIEWS, DrawList, DrawMesh
 from taichi_cloth.render.rasterizer import Rasterizer
-from taichi_cloth.scene.collider_schema import Box, Sphere
+from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
 from taichi_cloth.scene.schema import Cloth, Scene
 from taichi_cloth.simulation.copies import FrameError
 from taichi_cloth.simulation.simulation import Simulation
@@ -53,6 +53,28 @@ def test_the_cloth_is_drawn_at_its_positions() -> None:
         mesh = draw_list.update("shaded", EYE)
         corners = used(mesh.position, mesh)[mesh.cloth_from :].reshape(-1, 3, 3)
         assert corners == pytest.approx(simulation.positions()[simulation.topology.triangles], abs=1e-6)
+        draw_list.close()
+
+
+def test_floor_and_shadow_follow_a_cloth_that_leaves_them_and_return_with_it() -> None:
+    with Simulation(Scene(cloth=Cloth(rows=5, columns=5, center=(0.0, 1.0, 0.0)), ground=Ground())) as simulation:
+        draw_list, start = DrawList(simulation), simulation.positions()
+
+        def floor(moved: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+            simulation.set_state(start + moved)
+            mesh = draw_list.update("shaded", EYE)
+            return used(mesh.position, mesh)[: mesh.solids_from], used(mesh.color, mesh)[: mesh.solids_from]
+
+        (first, lit), (near, _), (far, there), (back, again) = map(
+            floor, [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (300.0, 2.0, -40.0), (0.0, 0.0, 0.0)]
+        )
+        assert (near == first).all()
+        shift = far[0] - first[0]
+        assert far - first == pytest.approx(np.broadcast_to(shift, first.shape), abs=1e-4)
+        assert shift == pytest.approx([300.0, 0.0, -40.0], abs=0.5)
+        assert there.std() > 0.5 * lit.std()  # it has faded edges and a shadow
+        assert back == pytest.approx(first, abs=1e-6)
+        assert again == pytest.approx(lit, abs=1e-6)
         draw_list.close()
 
 
