@@ -34,3 +34,22 @@ def reduced(verdicts: Mapping[str, str], commit: str, seconds: float) -> dict[st
         "seconds": round(seconds),
     }
     return {"result": result, "machine": {**machine(), "processor": cpu_model()}}
+
+
+def retried(
+    stored: Mapping[str, Mapping[str, Any]], verdicts: Mapping[str, str], commit: str
+) -> dict[str, dict[str, Any]] | None:
+    """Return a stored result in which mutations that survived or were broken are killed now; None if nothing changes.
+
+    `retried` names them, with the commit that was tested. A result of another table cannot change.
+    """
+    result = dict(stored["result"])
+    failed = {*result["survived"], *result["broken"]}
+    killed = [name for name, verdict in verdicts.items() if verdict == KILLED and name in failed]
+    if not killed or result["table"] != digest():
+        return None
+    for verdict in ("survived", "broken"):
+        result[verdict] = [name for name in result[verdict] if name not in killed]
+    result["killed"] += len(killed)
+    result["retried"] = [*result.get("retried", []), *(f"{name}: {commit}" for name in killed)]
+    return {"result": result, "machine": dict(stored["machine"])}

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.pool import ThreadPool
@@ -153,6 +154,15 @@ def write(results: Sequence[Result], tested_commit: str, seconds: float) -> None
     mutants_result.FILE.write_text(text, encoding="utf-8")
 
 
+def retry(results: Sequence[Result], tested_commit: str) -> None:
+    """Store the new results of mutations that survived or did not run, if the stored result is of the same table."""
+    if mutants_result.FILE.exists():
+        stored = tomllib.loads(mutants_result.FILE.read_text(encoding="utf-8"))
+        verdicts = {result.mutation.name: result.verdict for result in results}
+        if changed := mutants_result.retried(stored, verdicts, tested_commit):
+            mutants_result.FILE.write_text(written(mutants_result.TITLE, changed), encoding="utf-8")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
@@ -167,7 +177,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"mutants: {error}", file=sys.stderr)
         return 2
     print(table(results))
-    if not options.only:
+    if options.only:
+        retry(results, tested_commit)
+    else:
         write(results, tested_commit, time.monotonic() - start)
     verdicts = {result.verdict for result in results}
     return 2 if BROKEN in verdicts else int(SURVIVED in verdicts)

@@ -134,6 +134,26 @@ def test_the_result_of_selected_mutations_is_not_stored(file: Path) -> None:
     assert not file.exists()
 
 
+def test_a_mutation_that_is_killed_in_a_second_run_is_stored_with_its_commit(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main([]) == 2
+    before = tomllib.loads(file.read_text(encoding="utf-8"))["result"]
+    survivor, broken = before["survived"][0], before["broken"][0]
+
+    def run(mutations: Sequence[Mutation], jobs: int) -> list[Result]:
+        return [Result(mutation, KILLED, 1.0) for mutation in mutations]
+
+    monkeypatch.setattr(run_mutants, "run", run)
+    assert main(["--only", MUTATIONS[0].name, survivor]) == 0
+    after = tomllib.loads(file.read_text(encoding="utf-8"))["result"]
+    assert (after["killed"], after["survived"], after["broken"]) == (len(MUTATIONS) - 1, [], [broken])
+    assert after["retried"] == [f"{survivor}: {commit()}"]
+    monkeypatch.setattr(mutants_result, "digest", lambda: "of another table")
+    assert main(["--only", broken]) == 0
+    assert tomllib.loads(file.read_text(encoding="utf-8"))["result"] == after
+
+
 def test_nothing_is_stored_if_tests_fail_without_a_mutation(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(mutations: Sequence[Mutation], jobs: int) -> list[Result]:
         raise ValueError("the tests fail without a mutation")

@@ -264,18 +264,18 @@ def sagging(what: str, solver: str, cells: int) -> Check:
     """Measure the sag of the middle of the drum under its weight."""
     middle = (cells // 2) * (cells + 2)
     with Timed(damped(drum_scene(solver, cells, CONSTANT))) as simulation:
-        mass = float(simulation.topology.mass[0])
+        mass, pull = float(simulation.topology.mass[0]), tension(cells, CONSTANT)
         simulation.set_state(simulation.topology.start / SLACK)
         advance(simulation, 6.0)
         sag = -float(simulation.positions()[middle, 1])
-        pull = tension(cells, CONSTANT)
         row = relative(what, drum_sag(cells, pull, mass), sag, *TAUT)
         if solver == "lines":
             simulation.set_state(simulation.topology.start / SLACK)
             return row.by_law(FLUTTER, lambda: 3 * sag_noise(simulation, middle, drum_sag(cells, pull, mass)))
+        if solver != "xpbd":
+            return row
         h, iterations = substep(simulation), simulation.scene.solver.iterations
-        softer = partial(unconverged_sag, cells, pull, CONSTANT, mass, h, iterations)
-        return row.by_law(SOFTER, softer) if solver == "xpbd" else row
+        return row.by_law(SOFTER, partial(unconverged_sag, cells, pull, CONSTANT, mass, h, iterations))
 
 
 def swinging(what: str, solver: str, cells: int, mode: tuple[int, int]) -> Check:
