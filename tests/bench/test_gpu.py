@@ -243,9 +243,9 @@ def test_the_error_on_the_device_is_that_of_the_positions() -> None:
         expected = curtain_solution(curtain, 4)[3]
         x = simulation.positions().reshape(7, 7, 3)[:, :, [2, 1]]
         distance = np.linalg.norm(x - expected[:, None], axis=2)
-        square, largest = gpu_kernels.curtain_distances(simulation.cloth, simulation.topology.origin, expected)
+        square, largest = gpu_kernels.curtain_distances(simulation.cloth, simulation.origin, expected)
         simulation.set_state(np.full((49, 3), 1e6))
-        assert gpu_kernels.curtain_distances(simulation.cloth, simulation.topology.origin, expected)[1] > 1e5
+        assert gpu_kernels.curtain_distances(simulation.cloth, simulation.origin, expected)[1] > 1e5
     assert square == pytest.approx((distance**2).mean(), rel=1e-4)
     assert largest == pytest.approx(distance.max(), rel=1e-4)
 

@@ -142,7 +142,7 @@ def measure_setting(simulation: Simulation, row: GridRow, motion: Swing | None, 
             ms.append(timed_frame(simulation))
         if motion is not None:
             expected = motion.positions[frame]
-            distances.append(curtain_distances(simulation.cloth, simulation.topology.origin, expected))
+            distances.append(curtain_distances(simulation.cloth, simulation.origin, expected))
     topology = simulation.topology
     moved = frame_bytes(row.solver, phases, topology.particle_count, topology.spring_count)
     row = replace(

@@ -74,7 +74,7 @@ REFERENCES = (
         ELASTIC,
     ),
     Reference("A4.3", "cantilever", "heavy elastica", elasticity.droop, ELASTIC),
-    Reference("A4.4", "pear loop", "elasticity", elasticity.loop, ELASTIC),
+    Reference("A4.4", "pear loop", "elastica", elasticity.loop, ELASTIC),
     Reference("A4.5", "tip load", "elastica with both weights", elasticity.tip_load, ELASTIC),
     Reference(
         "A4.6",
