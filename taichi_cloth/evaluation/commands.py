@@ -253,7 +253,7 @@ def run_validate(args: argparse.Namespace) -> int:
     else:
         pairs = select_pairs(args.filter, args.solver)
         with steps_progress(len(pairs)) as on_step:
-            run = report.this_machine(measure_all(pairs, on_step))
+            run = report.this_machine(lambda: measure_all(pairs, on_step))
     report.print_report(run)
     if earlier is not None:
         everything = [(one.number, solver) for one, solver in select_pairs(None, None)]

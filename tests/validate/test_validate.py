@@ -390,7 +390,7 @@ def test_the_largest_error_is_shown_with_the_worst_verdict() -> None:
 
 
 def test_the_pages_are_made_from_the_rows(tmp_path: Path) -> None:
-    run = report.this_machine(results())
+    run = report.this_machine(results)
     text = "\n".join([*report.main_page(run, "rows.md"), *report.rows_page(run, "main.md")])
     assert f"# Validation\n\n{LAST}. [rows.md](rows.md) has them all.\n" in text
     assert "\n50.0 % pass (goal: 90 %), 25.0 % are excellent (goal: 60 %).\n" in text

@@ -7,7 +7,7 @@ earlier run.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite, nan
@@ -186,9 +186,10 @@ def result_of(row: Mapping[str, Any]) -> Result:
     return Result(row["reference"], row["name"], row["source"], row["solver"], measured_row, when)
 
 
-def this_machine(results: Sequence[Result]) -> Measured:
-    """Return a run that ends now, on this machine."""
-    return Measured(machine(), results, datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), commit_of())
+def this_machine(measure: Callable[[], Sequence[Result]]) -> Measured:
+    """Return the run of `measure` on this machine. Its commit is that of its start: files may change meanwhile."""
+    commit = commit_of()
+    return Measured(machine(), measure(), datetime.now(UTC).strftime("%Y-%m-%d %H:%M"), commit)
 
 
 def updated(earlier: Measured, run: Measured, order: Sequence[tuple[str, str]]) -> Measured:
