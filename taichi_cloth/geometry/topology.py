@@ -20,7 +20,7 @@ from .grid import NO_GRID
 from .membrane_model import Membrane
 
 ORIGINS = 0.5  # [m] spacing of the local origins
-FAR = 4.0  # [m] from the origin, where positions in float32 have steps of half a micrometer
+FAR = 2.0  # [m] from the origin, where positions in float32 have steps of a quarter of a micrometer
 STIFFNESS_KEYS = ("weft", "warp", "shear", "bend_spring")  # [N/m] in section `fabric`; a spring has a factor of each
 
 

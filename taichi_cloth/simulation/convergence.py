@@ -157,6 +157,6 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
     loaded = len(np.unique(edges)) < topology.pinned.sum() and scene.tethers is None  # tethers carry most of the load
     if scene.solver.name == "lines" and stable and loaded:
         excess = lines_excess(scene.cloth, scene.fabric, h, iterations)
-        line = f"not converged: forces of single pins and grabs are too large, by {percent(excess, 'up to about ')}"
+        line = f"not converged: forces of single pins are too large, by {percent(excess, 'up to about ')}"
         return f"{line}; {REMEDY_OF_FORCES}" if excess >= MIN_REPORTED_FRACTION else ""
     return ""

@@ -31,10 +31,10 @@ pytestmark = pytest.mark.usefixtures("serial_layout")
 FRAMES = 130  # a sheet slides about ten meters
 
 
-def scene(solver: str = "xpbd", **parts: Any) -> Scene:
+def scene(name: str = "xpbd", **parts: Any) -> Scene:
     fabric = Fabric(warp=100.0, weft=100.0, shear=30.0, bend_spring=1.0)
     return Scene(
-        **({"cloth": SHEET, "fabric": fabric, "solver": Solver(solver, damping=0.1), "planes": (SLOPE,)} | parts)
+        **({"cloth": SHEET, "fabric": fabric, "solver": Solver(name, damping=0.1), "planes": (SLOPE,)} | parts)
     )
 
 
@@ -91,9 +91,11 @@ FEATURES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("feature", FEATURES)
 def test_what_acts_on_the_cloth_does_not_depend_on_the_origin(feature: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With 10 substeps: those of the default are so short that rounding far from the origin changes gravity by 1 %."""
     ends = []
+    coarse = {"solver": Solver("xpbd", 10, 4, damping=0.1)}
     for _ in range(2):
-        with Simulation(scene(**FEATURES[feature])) as simulation:
+        with Simulation(scene(**FEATURES[feature], **coarse)) as simulation:
             simulation.step(112)
             grab = simulation.grab(0)
             simulation.step(5)
@@ -102,7 +104,7 @@ def test_what_acts_on_the_cloth_does_not_depend_on_the_origin(feature: str, monk
         unmoved(monkeypatch)
     (followed, origin), (reference, start) = ends
     assert np.linalg.norm(origin - start) > FAR
-    with Simulation(scene()) as simulation:
+    with Simulation(scene(**coarse)) as simulation:
         simulation.step(112)
         simulation.grab(0)
         simulation.step(5)

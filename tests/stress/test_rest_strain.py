@@ -10,6 +10,7 @@ from taichi_cloth.evaluation.stress.case_catalog import CASES
 from taichi_cloth.evaluation.stress.setup import sheet
 from taichi_cloth.evaluation.stress.trial import Trial, static_strain, taut_strain
 from taichi_cloth.evaluation.stress.unit import Variant
+from taichi_cloth.scene.collider_schema import Ground, Plane, Sphere
 
 from .conftest import SMALL
 
@@ -22,6 +23,16 @@ def test_the_softest_springs_give_the_bound(monkeypatch: pytest.MonkeyPatch) -> 
         trial = Trial(SMALL, 0)
         extremes.stiffness_ratio(trial, ratio)
         assert trial.max_rest_strain == pytest.approx(static_strain(sheet(CELLS)) + 0.01, rel=1e-3)
+
+
+def test_cloth_that_falls_or_lies_on_planes_is_not_strained() -> None:
+    free = sheet(CELLS, pins=())
+    assert static_strain(free) == static_strain(replace(free, planes=(Plane(),), ground=Ground())) == 0
+
+
+def test_cloth_that_lies_on_a_ball_is_judged_by_the_hung_one() -> None:
+    free = sheet(CELLS, pins=())
+    assert static_strain(replace(free, spheres=(Sphere(),), ground=Ground())) == static_strain(sheet(CELLS)) > 0
 
 
 def test_a_taut_sheet_without_shear_springs_is_strained_by_the_pull() -> None:

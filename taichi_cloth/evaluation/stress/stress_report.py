@@ -349,11 +349,12 @@ In addition, the cloth must come to rest within 5 s after the disturbance. In th
 spring may exceed the static strain plus 1 %, and no particle 0.1 m/s. Diagonals and shortened springs are not judged:
 cloth that shears changes its diagonals, and folds finer than a cell shorten springs; neither strains the cloth.
 The static strain is that of the same cloth in float64 with the constants of its fabric; a solver's artificial stretch
-is not part of it. For a cloth without pins, which comes to lie on something, it is that of the cloth hung from two
-corners, a bound that we chose. Additional bounds of a case, and what it judges differently, are in its row. Cases 19
-and 20 have no gravity. Sheets that swing or fall without damping (cases 32, 33 and 37) get damping before they must
-come to rest. Some cases take the static strain of other cloth. A sheet with one stiff half (case 2) is judged by that
-of a sheet as soft as the other half. For layers (cases 15, 16 and 39) it is that of a single one, hung from two
+is not part of it. It is 0 for cloth without pins that falls or lies on planes, and for the two sheets on the table of
+case 39. For cloth without pins that lies on something else, where parts of it hang down, it is that of the cloth hung
+from two corners, a bound that we chose. Additional bounds of a case, and what it judges differently, are in its row.
+Cases 19 and 20 have no gravity. Sheets that swing or fall without damping (cases 32, 33 and 37) get damping before they
+must come to rest. Some cases take the static strain of other cloth. A sheet with one stiff half (case 2) is judged by
+that of a sheet as soft as the other half. For layers (cases 15 and 16) it is that of a single one, hung from two
 corners. A mesh with slivers (case 24) is judged by that of the same mesh without them, and flat cells by that of a
 square sheet.
 

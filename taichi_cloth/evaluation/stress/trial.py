@@ -15,7 +15,7 @@ import numpy as np
 
 from ...geometry.spring_model import spring_model
 from ...scene import parameters_of
-from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Maps, Scene
+from ...scene.schema import COLLIDERS, FRAME_SECONDS, Fabric, Forces, Maps, Scene
 from ...simulation.simulation import Simulation
 from ...system.files import cached
 from .. import reference
@@ -31,12 +31,16 @@ ALMOST_NONE = 1e-3  # [m/s²] gravity; not 0, because the solution is judged by 
 def static_strain(scene: Scene) -> float:
     """Return the largest strain of a structural spring of this cloth at rest.
 
-    It is computed in float64 with the constants of the fabric. A solver's artificial stretch is not part of it. For
-    cloth without pins, which comes to lie on something or floats, it is the strain of a single layer hung from its two
-    top corners. That is an upper bound: cloth that lies is supported at more points, and a shorter piece hangs from
-    each. If a map varies the stiffness, all springs are as soft as the softest, because the reference solution assumes
-    uniform stiffness.
+    It is computed in float64 with the constants of the fabric. A solver's artificial stretch is not part of it. If a
+    map varies the stiffness, all springs are as soft as the softest, because the reference solution assumes uniform
+    stiffness.
+
+    Cloth without pins that falls or lies on planes has no static strain. On other colliders, where parts of it hang
+    down, it is judged by the strain of a single layer hung from its two top corners. That is an upper bound: cloth that
+    lies is supported at more points, and a shorter piece hangs from each.
     """
+    if not scene.cloth.pins and not any(getattr(scene, shape) for shape in COLLIDERS if shape != "planes"):
+        return 0.0
     cloth = scene.cloth if scene.cloth.pins else replace(scene.cloth, pins=HUNG_BY, layers=1)
     fabric, maps = scene.fabric, scene.maps
     if maps is not None and maps.stiffness:
