@@ -33,3 +33,14 @@ def test_the_run_has_every_reference_with_every_solver(run: report.Measured) -> 
 
 def test_nothing_in_the_run_is_worse_than_its_law(run: report.Measured) -> None:
     assert [result for result in run.results if result.row.broken] == []
+
+
+def test_fitted_rows_are_counted_apart(run: report.Measured) -> None:
+    drape = [one for one in run.results if one.number == "A4.6"]
+    others = [one for one in run.results if one.number == "A1.1"]
+    excellent = sum(one.verdict == "excellent" for one in others)
+    [line, empty] = report.fitted_lines([*drape, *others])
+    assert f"its {len(drape)} rows" in line
+    assert f"{100 * excellent / len(others):.1f} % are excellent" in line
+    assert empty == ""
+    assert report.fitted_lines(drape) == report.fitted_lines(others) == []
