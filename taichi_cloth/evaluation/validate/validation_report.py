@@ -264,8 +264,9 @@ def fitted_lines(results: Sequence[Result]) -> list[str]:
         return []
     n, fitted = tally(independent), len(results) - len(independent)
     return [
-        f"The bending of the fabrics was chosen by the measurements of {FITTED}, so its {fitted} rows are no independent"
-        f" test. Without them {n['pass or excellent [%]']:.1f} % pass, and {n['excellent [%]']:.1f} % are excellent.",
+        f"The bending of the fabrics was chosen by the measurements of {FITTED}, so its {fitted} rows are no"
+        f" independent test. Without them {n['pass or excellent [%]']:.1f} % pass, and {n['excellent [%]']:.1f} % are"
+        " excellent.",
         "",
     ]
 
