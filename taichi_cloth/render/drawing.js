@@ -227,6 +227,7 @@ class Renderer {
     }
     this.meshes = [];
     this.head = head;
+    this.light = head.light;
     const { light } = head, [x, , z] = light.target, r = light.floorExtent;
     const square = [[-r, -r], [-r, r], [r, r], [r, -r]].flatMap(([u, v]) => [x + u, head.ground ?? 0, z + v, 0, 1, 0]);
     this.floor = this.createMesh(new Float32Array(square), new Uint32Array([0, 1, 2, 0, 2, 3]));
@@ -250,6 +251,16 @@ class Renderer {
     }
   }
 
+  /** Moves floor and shadow map to a cloth that has left them, by multiples of the spacing of the grid lines. */
+  followCloth(vertices) {
+    const { light } = this.head, sum = [0, 0, 0]; // of the positions, relative to where the camera looks
+    for (let i = 0; i < vertices.length; i += 6) light.target.forEach((v, k) => (sum[k] += vertices[i + k] - v));
+    const offset = sum.map((v) => (6 * v) / vertices.length), away = subtract(this.light.target, light.target);
+    if (!(Math.max(...subtract(offset, away).map(Math.abs)) > light.shadowExtent)) return;
+    const moved = offset.map((v) => light.gridSpacing * Math.round(v / light.gridSpacing));
+    this.light = { ...light, target: light.target.map((v, k) => v + moved[k]) };
+  }
+
   /** Makes a frame the current one: uploads its vertices and colors, and renders its shadow map. */
   setFrame(frame) {
     const { gl, cloth: [, vertexBuffer, , colorBuffer] } = this;
@@ -268,7 +279,8 @@ class Renderer {
       gl.bufferSubData(gl.ARRAY_BUFFER, 0, colors);
       this.uploadedColors = colors;
     }
-    this.shadowMatrix = shadowMatrixOf(this.head.light);
+    this.followCloth(frame.vertices);
+    this.shadowMatrix = shadowMatrixOf(this.light);
     const values = { camera: this.shadowMatrix };
     this.beginPass(this.shadowFramebuffer, SHADOW_MAP_SIZE, SHADOW_MAP_SIZE, this.depthProgram, values);
     this.drawSolidsAndCloth(this.depthProgram);
@@ -278,11 +290,12 @@ class Renderer {
   draw(camera) {
     const { gl, head, colorProgram } = this, { width, height } = gl.canvas;
     const [eye, matrix] = camera.viewProjection(width / height);
-    const values = { ...head.light, eye, camera: matrix, shadowMatrix: this.shadowMatrix, shadowMap: 0, contrast: 1 };
+    const values = { ...this.light, eye, camera: matrix, shadowMatrix: this.shadowMatrix, shadowMap: 0, contrast: 1 };
     this.beginPass(null, width, height, colorProgram, values);
     if (head.ground !== null) {
       gl.bindVertexArray(this.floor[0]);
-      colorProgram.set({ kind: 0, gloss: 0, pose: IDENTITY });
+      const [x, , z] = subtract(this.light.target, head.light.target);
+      colorProgram.set({ kind: 0, gloss: 0, pose: new Float32Array([...IDENTITY.slice(0, 12), x, 0, z, 1]) });
       gl.vertexAttrib3fv(2, head.floor);
       gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 0);
     }

@@ -29,9 +29,9 @@ from taichi_cloth.render.draw_list import DrawList
 from taichi_cloth.render.image import render_pixels
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.render.webgl import RENDERER_SCRIPT, quantize
-from taichi_cloth.scene.collider_schema import Box, Capsule, Ground, Mesh, Plane, Sphere
-from taichi_cloth.scene.look_schema import Look
-from taichi_cloth.scene.schema import FRAME_SECONDS, Scene
+from taichi_cloth.scene.collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
+from taichi_cloth.scene.look_schema import Camera, Look
+from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Scene
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -224,6 +224,12 @@ def red(image: np.ndarray) -> np.ndarray:
     return (r > 90) & (g < 0.45 * r) & (b < 0.5 * r)
 
 
+def in_shadow(image: np.ndarray) -> np.ndarray:
+    """Return a mask of the pixels with the gray of a shadow on the floor."""
+    gray = image.astype(int)
+    return (gray.max(axis=2) < 200) & (gray.max(axis=2) - gray.min(axis=2) < 30)
+
+
 # -- in a browser ----------------------------------------------------------------------------------------------
 
 
@@ -266,6 +272,28 @@ def test_the_page_matches_the_rasterizer(browser: Any, curtain: Curtain) -> None
     assert (np.abs(browser.picture()[:300].astype(int) - shown).max(axis=2) > 40).mean() > 0.05
     assert browser.errors == []
     assert browser.requests == [curtain.path.as_uri() + "?plain"]
+
+
+def test_floor_and_shadow_follow_a_cloth_that_leaves_them(browser: Any, tmp_path: Path) -> None:
+    """As in the images: a cloth that is carried away, until half a second later it is 4 m behind its start."""
+    pins = ("top-left", "top-right")
+    carried = Attachment(pins=pins, keyframes=((0.0, 0, 0, 0), (0.5, 0, 0, -4.0)))
+    cloth = Cloth(rows=9, columns=9, width=1.0, height=1.0, center=(0.0, 0.8, 0.0), pins=pins)
+    camera = Camera(eye=(0.0, 1.5, 3.0), target=(0.0, 0.5, 0.0))
+    scene = Scene(cloth=cloth, attachments=(carried,), ground=Ground(), camera=camera, look=Look(pattern="plain"))
+    frames, path = 30, tmp_path / "carried.html"
+    with Simulation(scene) as simulation:
+        export(simulation, Output(path, "html", frames, clip=True), lambda k: None)
+        draw_list = DrawList(simulation)
+        expected = render_pixels(Rasterizer(640, 360), draw_list, OrbitCamera.from_scene(scene), "shaded")[:300]
+        draw_list.close()
+    browser.open(path, f"?plain#frame={frames}")
+    shown = browser.picture()[:300]
+    assert np.percentile(np.abs(shown.astype(int) - expected).max(axis=2), 97) < 12  # of 255
+    for dark in (red, in_shadow):  # without a floor and a shadow map that follow, there is no shadow
+        assert dark(expected).sum() > 300
+        assert (dark(shown) & dark(expected)).sum() > 0.6 * dark(expected).sum()
+    assert browser.errors == []
 
 
 def test_the_page_plays_pauses_rotates_and_zooms(browser: Any, curtain: Curtain) -> None:
