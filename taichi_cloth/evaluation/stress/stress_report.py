@@ -361,7 +361,6 @@ square sheet.
 A solver may refuse the cloth of case 24: because of its defect, because of the substeps it would need, or because the
 solver needs a grid. This counts as alive, and the row has the message.
 
-
 Sheets that collide with themselves keep a distance of {thickness:g} cells: {twist:.1f} cm in case 14, {layers:.1f} cm
 in case 15 and {many:.1f} cm in case 16. Intersections of case 14 and gaps of case 15 are looked for every
 {look_every} frames, intersections of cases 14 to 16 at the end, and the gap of case 16 once, after 5 s. A gap is the
