@@ -16,6 +16,8 @@ from taichi_cloth.evaluation.validate.continuum import (
     irregular,
     picture_frame_force,
     strip_modulus,
+    thread_shear,
+    zones,
 )
 from taichi_cloth.simulation.simulation import Simulation
 
@@ -58,6 +60,43 @@ def test_strains_along_turned_axes() -> None:
     strain = 0.5 * (1.1**2 - 1)
     assert green_strains(points, triangles, x)[0] == pytest.approx(np.diag([0.0, strain]))
     assert green_strains(points, triangles, x, 45.0)[0] == pytest.approx(np.full((2, 2), strain / 2))
+
+
+def sheared_zones() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, triangles, and positions at which a thread along (1, 1) shears what it meets by a tenth of a radian.
+
+    Threads along (1, −1) turn where the others end at free edges, that is where |x − y| < 0.25.
+    """
+    points, triangles = diamonds(8, 16, 0.5)
+    c = points[:, 0] - points[:, 1]
+    turned = np.clip(c, -0.25, 0.25)[:, None] * np.tan(0.1) * [-0.5, -0.5]
+    return points, triangles, np.c_[points + turned, np.zeros(len(points))]
+
+
+def test_the_zones_of_a_bias_extension() -> None:
+    """A mean over zones that reach beyond their borders would be smaller."""
+    points, triangles, x = sheared_zones()
+    middle, beside = zones(points, triangles)
+    assert thread_shear(points, triangles[middle], x) == pytest.approx(np.degrees(0.1), rel=1e-6)
+    centers = points[triangles[beside]].mean(axis=1)
+    turning = np.abs(centers[:, 0] - centers[:, 1]) < 0.25
+    assert turning.sum() == (~turning).sum() > 20  # half of these zones along each thread
+    assert thread_shear(points, triangles[beside][turning], x) == pytest.approx(np.degrees(0.1), rel=1e-6)
+    assert thread_shear(points, triangles[beside][~turning], x) == pytest.approx(0.0, abs=1e-6)
+    at_clamps = np.abs(points[triangles].mean(axis=1)[:, 1]) > 0.27 + np.abs(points[triangles].mean(axis=1)[:, 0])
+    assert not ((middle | beside) & at_clamps).any()
+    assert not (middle & beside).any()
+
+
+@pytest.mark.parametrize(("angle", "verdicts"), [(26.1, [EXCELLENT, FAIL]), (13.05, [FAIL, EXCELLENT])])
+def test_threads_that_turn_too_far_or_not_enough_fall_short(
+    monkeypatch: pytest.MonkeyPatch, angle: float, verdicts: list[str]
+) -> None:
+    """One angle everywhere is right in one zone only."""
+    monkeypatch.setattr(continuum, "EXTENSIONS", (0.2,))
+    monkeypatch.setattr(continuum, "advance", lambda simulation, seconds: None)
+    monkeypatch.setattr(continuum, "thread_shear", lambda *cloth: angle)
+    assert [row.verdict for row in continuum.extended(["middle", "beside"], "explicit")] == verdicts
 
 
 def patched(monkeypatch: pytest.MonkeyPatch, moved: float, force: float) -> list[Check]:

@@ -49,7 +49,8 @@ SOFT = 10.0  # [N/m] shear stiffness of cloth whose threads stay as long as they
 FRAME_THREADS, BIAS_THREADS = 1e3 * SOFT, 1e4 * SOFT  # [N/m]; a strip on the bias pulls its threads harder
 FRAME_ANGLES = (10.0, 20.0, 30.0, 40.0)  # [°] of shear
 EXTENSIONS = (0.05, 0.1, 0.2, 0.3)  # of the distance that its clamps move, over that of two corners of the middle zone
-MIDDLE = 0.1  # [m] from the middle of the strip: triangles whose threads all end at free edges
+ZONES = ("in the middle", "beside the middle")  # where both threads of a crossing end at free edges, and where one does
+ZONE_MARGIN = 0.05  # [m] of triangles from the border of their zone
 EXTENSION_STEP, STEP_SECONDS = 0.0025, 0.25  # between two places of the clamps: at once, the threads would buckle
 DIAMONDS = 8  # across the width of a strip that is cut on the bias
 BENDING = {"warp": 0.05, "weft": 0.2}  # [N·m]
@@ -240,25 +241,24 @@ def threads(stiffness: float) -> dict[str, float]:
 
 
 def bias_extension(solver: str) -> Iterator[Check]:
-    """Measure the angle by which threads turn in the middle of a strip on the bias, twice as long as it is wide.
+    """Measure the angles by which threads turn in a strip on the bias, twice as long as it is wide.
 
     Threads that do not stretch leave three zones: none turn at the clamps, where both ends of a thread are held, all of
     them turn in the middle, and half as far between these zones.
     """
-    whats = [f"pulled by {one:g} of the zone's height: shear in the middle [°]" for one in EXTENSIONS]
+    whats = [f"pulled by {one:g} of the zone's height: shear {zone} [°]" for one in EXTENSIONS for zone in ZONES]
     yield from rows_with_limit(whats, *EXTENSION, partial(extended, whats, solver))
 
 
 def extended(whats: list[str], solver: str) -> Iterator[Check]:
     """Measure all extensions of a strip of 0.5 m × 1 m, one after another."""
     points, triangles = diamonds(DIAMONDS, 2 * DIAMONDS, 0.5)
-    clamped = np.flatnonzero(np.isclose(np.abs(points[:, 1]), 0.5))
-    middle = np.abs(points[triangles].mean(axis=1)).max(axis=1) < MIDDLE
+    clamped, names = np.flatnonzero(np.isclose(np.abs(points[:, 1]), 0.5)), iter(whats)
     with mesh_cloth(points, triangles, clamped) as cloth:
         scene = sheet(solver, cloth, warp_angle=45.0, **threads(BIAS_THREADS))
         with Timed(scene) as simulation:
             reached = 0.0
-            for what, extension in zip(whats, EXTENSIONS, strict=True):
+            for extension in EXTENSIONS:
                 for one in np.arange(reached, extension, EXTENSION_STEP) + EXTENSION_STEP:
                     x = simulation.positions()
                     x[clamped, 1] = points[clamped, 1] * (1 + one / 2)  # the zone is half as high as the strip
@@ -266,11 +266,29 @@ def extended(whats: list[str], solver: str) -> Iterator[Check]:
                     advance(simulation, STEP_SECONDS)
                 reached = extension
                 advance(simulation, REST_SECONDS)
-                strains = green_strains(points, triangles[middle], simulation.positions(), 45.0).reshape(-1, 4)
-                along, shear, _, across = strains.T
-                sine = float((2 * shear / np.sqrt((1 + 2 * along) * (1 + 2 * across))).mean())
-                exact, measured = bias_shear(extension), degrees(asin(min(max(sine, -1.0), 1.0)))
-                yield Check(what, exact, measured, abs(measured - exact), *EXTENSION)
+                for share, zone in zip((1.0, 0.5), zones(points, triangles), strict=True):
+                    exact = share * bias_shear(extension)
+                    measured = thread_shear(points, triangles[zone], simulation.positions())
+                    yield Check(next(names), exact, measured, abs(measured - exact), *EXTENSION)
+
+
+def zones(points: Floats, triangles: NDArray[np.int64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which triangles are in each of `ZONES`, of a strip twice as long as its width of 0.5 m.
+
+    A thread along x − y = c or x + y = c ends at free edges if |c| < 0.25 m, and else at one clamp. At the clamps both
+    threads of a crossing end at the same one: c has different signs.
+    """
+    x, y = points[triangles].mean(axis=1).T
+    falling, rising, margin = np.abs(x + y) - 0.25, np.abs(x - y) - 0.25, ZONE_MARGIN
+    free_falling, free_rising = falling < -margin, rising < -margin
+    return free_falling & free_rising, (free_falling & (rising > margin)) | (free_rising & (falling > margin))
+
+
+def thread_shear(points: Floats, triangles: NDArray[np.int64], positions: Floats) -> float:
+    """Return the mean angle [°] by which threads at 45° have turned towards each other in triangles."""
+    along, shear, _, across = green_strains(points, triangles, positions, 45.0).reshape(-1, 4).T
+    sine = float((2 * shear / np.sqrt((1 + 2 * along) * (1 + 2 * across))).mean())
+    return degrees(asin(min(max(sine, -1.0), 1.0)))
 
 
 def diamonds(across: int, along: int, width: float) -> tuple[Floats, NDArray[np.int64]]:
