@@ -69,6 +69,7 @@ RUNS: dict[str, tuple[str, Callable[[stored.Words], str]]] = {
     "validate": ("validation", machine_and_date),
     "ablate": ("ablation", machine_and_date),
     "stress": ("stability", machines_and_dates),
+    "stress --soak": ("soak", machines_and_dates),
 }
 
 

@@ -187,6 +187,35 @@ def stability_summary() -> str:
     return with_runs(table(["setting", "cases", *states], rows), "stress")
 
 
+LONG_RUNS = ("hanging", "swinging")
+
+
+def soak() -> str:
+    """Return how the long run of each setting ended: the variants of case 32 with a million frames."""
+    words = stored.load("soak")
+    if words is None:
+        return "The long run of case 32 (`taichi-cloth stress --filter 32 --soak`): no run is stored."
+    found = {(row["setting"], row["variant"]): row for row in words["results"]}
+    settings = dict.fromkeys(setting for _, _, setting in words["planned"])
+    rows = [[f"`{name}`", *(long_run(found.get((name, variant))) for variant in LONG_RUNS)] for name in settings]
+    return with_runs(
+        f"{words['results'][0]['parameters']}:\n\n" + table(["setting", *LONG_RUNS], rows), "stress --soak"
+    )
+
+
+def long_run(row: stored.Words | None) -> str:
+    """Return how a long run ended, and the largest drift if it was measured."""
+    if row is None:
+        return stored.NOT_RUN
+    if row["failure"] is not None:
+        failure = row["failure"]
+        return f"{failure['what']} {failure['value']:.2g} after {failure['frame']:,} frames (≤ {failure['bound']:.2g})"
+    if row["slow_ms"] is not None:
+        return f"{stored.SLOW}: {stored.milliseconds(row['slow_ms'])} a frame"
+    drift = [f", {figure['what']} {figure['value']:.2g}" for figure in row["figures"] if figure["what"] == "drift [m]"]
+    return f"{stored.ALIVE} after {row['frames']:,} frames" + "".join(drift)
+
+
 def validation_summary() -> str:
     words = stored.load("validation")
     if words is None:
@@ -229,4 +258,14 @@ def unfinished(words: stored.Words) -> str:
     return f"Defaults that are far from the solution on fine grids: {', '.join(parts)}." if parts else ""
 
 
-BLOCKS = (choosing, unconverged, solver, validation_line, validation_summary, bar_friction, nobody, stability_summary)
+BLOCKS = (
+    choosing,
+    unconverged,
+    solver,
+    validation_line,
+    validation_summary,
+    bar_friction,
+    nobody,
+    soak,
+    stability_summary,
+)

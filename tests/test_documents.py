@@ -146,7 +146,7 @@ BLOCKS = {
     "README.md": {"solvers", "validation_line", "stability_summary"},
     "docs/performance.md": {"goals", "frames", "sheets", "gpu"},
     "docs/accuracy.md": {"validation_summary", "elbow"},
-    "docs/limits.md": {"bar_friction", "stability_summary", "nobody"},
+    "docs/limits.md": {"bar_friction", "stability_summary", "nobody", "soak"},
     "docs/choosing.md": {"choosing", "unconverged"},
     "docs/scene_errors.md": {"scene_summary"},
     "docs/scenes.md": {"feature_costs"},

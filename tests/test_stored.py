@@ -98,6 +98,7 @@ def write(folder: Path, name: str, words: Words) -> None:
 
 def test_documents_state_that_no_run_is_stored(errors: ModuleType, verdicts: ModuleType) -> None:
     blocks = [verdicts.stability_summary, verdicts.validation_summary, verdicts.validation_line, verdicts.nobody]
+    blocks.append(verdicts.soak)
     for block in (*blocks, verdicts.bar_friction, errors.frames, errors.sheets, errors.scene_summary):
         assert "o run is stored" in block(), block
     assert verdicts.unconverged().count("no run is stored") == len(verdicts.SOLVER_CATALOG)
@@ -129,6 +130,31 @@ def test_a_case_fails_with_one_variant_and_counts_only_if_it_ran(results: Path, 
     assert verdicts.survives("explicit") == "not run"
     unknown = "- Not known of 1 cases: no solver that ran them survives them, and not all have."
     assert verdicts.nobody().splitlines() == ["- 1 stiffness", unknown]
+
+
+def test_a_long_run_is_told_by_its_drift_or_its_end(results: Path, verdicts: ModuleType) -> None:
+    drift = {"what": "drift [m]", "value": 4e-5, "bound": 1e-4}
+    ran = {"parameters": "two runs", "frames": 101_200, "figures": [drift, {"what": "speed", "value": 1, "bound": 2}]}
+    words = {
+        "machine": "a machine",
+        "planned": [[32, of, setting] for setting in ("verlet", "xpbd") for of in ("hanging", "swinging")],
+        "results": [
+            variant(32, "long run", "hanging", "verlet", failure=FAILURE | {"frame": 5400}) | ran,
+            variant(32, "long run", "swinging", "verlet", slow=130.0) | ran,
+            variant(32, "long run", "hanging", "xpbd") | ran,
+        ],
+    }
+    write(results, "soak", words)
+    assert verdicts.soak().splitlines() == [
+        "two runs:",
+        "",
+        "| setting | hanging | swinging |",
+        "| --- | --- | --- |",
+        "| `verlet` | strain 0.17 after 5,400 frames (≤ 0.013) | too slow: 130\N{NO-BREAK SPACE}ms a frame |",
+        "| `xpbd` | alive after 101,200 frames, drift [m] 4e-05 | not run |",
+        "",
+        "Runs: `stress --soak`: a machine · date not stored.",
+    ]
 
 
 def test_documents_count_cases_as_the_report_of_stress_does(monkeypatch: pytest.MonkeyPatch) -> None:
