@@ -125,7 +125,7 @@ SIMULATION_MEMBERS = {
     "Grabs, pins and moved colliders": (
         *("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins", "move_collider"),
     ),
-    "Changes": ("switch_solver", "switch_fabric", "switch_scene", "apply"),
+    "Changes": ("switch_solver", "switch_fabric", "switch_scene", "apply", "tuned_scene"),
     "Internals": ("solver", "cloth"),
 }
 

@@ -14,13 +14,14 @@ from typing import SupportsIndex
 import numpy as np
 
 from ..collision.colliders import PosedCollider, is_deforming
+from ..geometry.scene_loader import load_scene
 from ..geometry.topology import ClothMetrics
 from ..render.draw_list import TriangleSoup, collider_color, pole_mesh
 from ..render.image import render_image
 from ..render.webgl import local_mesh, merge_corners, pose_matrix
-from ..scene import Scene
+from ..scene import Scene, parameters_of
 from ..scene.collider_schema import Ground
-from ..scene.schema import FRAME_SECONDS
+from ..scene.schema import FRAME_SECONDS, sections
 from ..simulation.convergence import unconverged
 from ..simulation.copies import FrameError, FrameErrorMeter
 from ..simulation.events import Event
@@ -219,6 +220,15 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         if event.name != "move_grab":  # a new target changes nothing before the next frame
             self._frame_error = None
         super().notify(event)
+
+    def tuned_scene(self) -> Scene:
+        """Return the scene with the present values of `params`, without its wind if that is off, for `save_scene`."""
+        values: dict[str, object] = {}
+        for name, one in parameters_of(self.scene).items():
+            index = f"[{one.index}]" if sections()[one.section].is_array else ""
+            values[f"{one.section}{index}.{one.key_name}"] = self.params[name]
+        tuned = load_scene(self.scene, **values)
+        return tuned if tuned.wind is None or self.params["wind"] else load_scene(tuned, wind=None)
 
     def _meter(self) -> FrameErrorMeter:
         if self._measured is None or self._measured[0] != self.scene:

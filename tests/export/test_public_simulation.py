@@ -247,3 +247,21 @@ def test_a_key_that_is_no_parameter_says_why(taichi: None) -> None:
         ):
             with pytest.raises(ValueError, match=f"'{name}' is not a parameter of this scene: {reason}"):
                 simulation.params[name] = 3.0
+
+
+@pytest.mark.parametrize("name", ["curtain", "banner", "stack"])
+def test_a_tuned_scene_has_the_values_of_the_parameters(taichi: None, name: str, tmp_path: Path) -> None:
+    with tc.Simulation(name) as simulation:
+        assert simulation.tuned_scene() == simulation.scene
+        values = {key: 0.9 * value for key, value in simulation.params.items() if isinstance(value, float)}
+        simulation.params.update(values)
+        simulation.params["substeps"] = 7
+        tc.save_scene(simulation.tuned_scene(), tmp_path / "tuned.toml")
+    with tc.Simulation(tmp_path / "tuned.toml") as again:
+        assert dict(again.params) == {**values, "substeps": 7, "iterations": again.params["iterations"]}
+
+
+def test_a_tuned_scene_without_wind_has_none(taichi: None) -> None:
+    with tc.Simulation("banner") as simulation:
+        simulation.params["wind"] = False
+        assert simulation.tuned_scene() == tc.load_scene("banner", wind=None)
