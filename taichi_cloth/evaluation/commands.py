@@ -337,6 +337,8 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
         for part in ([unit for unit in remaining if unit not in slack], slack):
             if now := [unit for unit in part if args.solver or stored.is_needed(unit.key)]:
                 runner.run_all(runner.dearest_first(now, seconds), starts, args.image_dir, on_result)
+    if not args.solver:
+        stored.drop_unneeded()
     if args.explain:
         runner.explain(stored, units)
     return stored, stored.of(units)

@@ -202,6 +202,20 @@ def test_robust_slack_runs_last_and_only_where_it_is_needed(
     assert [unit.key for unit in ran] == [(2, "swings", "robust-slack")]
 
 
+def test_results_that_are_needed_no_longer_are_dropped(ran: list[Unit], monkeypatch: pytest.MonkeyPatch) -> None:
+    """`robust` survived a case that it did not survive before. Results that were requested by name stay until then."""
+    slack, robust = (replace(one, solver=SMALL.solver) for one in (ROBUST_SLACK, ROBUST))
+    monkeypatch.setattr(runner, "SETTINGS", {one.name: one for one in (slack, robust)})
+    monkeypatch.setattr(case_catalog, "CASES", (replace(CASE, variants=CASE.variants[:1]),))
+    words = ["stress", "--quick", "--json", "o.json"]
+    main([*words, "--solver", "robust-slack"])
+    main([*words, "--resume", "--solver", "robust"])
+    assert [row["setting"] for row in without_times("o.json")] == ["robust-slack", "robust"]
+    main([*words, "--resume"])
+    assert [unit.setting.name for unit in ran] == ["robust-slack", "robust"]
+    assert [row["setting"] for row in without_times("o.json")] == ["robust"]
+
+
 def test_a_seed_repeats_one_start(ran: list[Unit], capsys: pytest.CaptureFixture[str]) -> None:
     words = ["stress", "--filter", "1", "--variant", "breaks", "--solver", "xpbd", "--seed", "12345"]
     assert main(words) == 1

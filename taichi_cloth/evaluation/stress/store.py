@@ -242,6 +242,11 @@ class Store:
         same = [other for other in self.planned if other[0] == case and other[2] == ROBUST.name]
         return setting != ROBUST_SLACK.name or not same or not all(map(self._survived, same))
 
+    def drop_unneeded(self) -> None:
+        """Drop results that a run of all units does not include, and write the file. Raises OSError."""
+        self.results = {key: result for key, result in self.results.items() if self.is_needed(key)}
+        self.save()
+
     def _survived(self, key: Key) -> bool:
         """Return whether a unit is alive with this version of the program.
 
