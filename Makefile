@@ -1,6 +1,6 @@
 # `make run` and `make test` are enough to start. Each target first creates the environment in .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test bounds long mutants lint venv wheel screenshots docs bench results validate stress errors \
+.PHONY: help run test bounds long mutants lint venv wheel screenshots docs bench results validate stress soak errors \
 	broad-phase peers clean
 
 # The newest Python that Taichi has wheels for; PYTHON=... overrides.
@@ -33,6 +33,7 @@ help:
 	@echo "make results      bench and performance goals, stored in $(RESULTS); update docs/ (MACHINE=name)"
 	@echo "make validate     compare every solver with analytic and converged solutions; write docs/validation.md"
 	@echo "make stress       run 40 stability cases with every solver, ten runs a variant; write docs/stability.md (hours)"
+	@echo "make soak         run a sheet for a million frames with every solver; write benchmarks/results/soak.json (hours)"
 	@echo "make errors       measure time and error of solver settings; write docs/scene_errors.md"
 	@echo "make broad-phase  compare the broad phase with brute force, an octree and a k-d tree"
 	@echo "make peers        time the same cloth in other programs, installed in their own environments"
@@ -97,6 +98,10 @@ validate: .venv/tools
 # its machine.
 stress: .venv/tools
 	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --explain --markdown docs/stability.md --force; \
+		status=$$?; $(BIN)/python docs/generate.py && exit $$status
+
+soak: .venv/tools
+	$(BIN)/taichi-cloth stress --filter 32 --soak --quick --json benchmarks/results/soak.json --resume; \
 		status=$$?; $(BIN)/python docs/generate.py && exit $$status
 
 # Scenes without a float64 reference solution; docs/scene_errors.md gives the reasons.
