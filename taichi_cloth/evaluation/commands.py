@@ -299,6 +299,7 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     from .stress import runner, store
     from .stress.runner import select_units
     from .stress.setup import ROBUST_SLACK
+    from .stress.unit import ALIVE
 
     for flag, other in (("resume", "json"), ("explain", "json"), ("recheck", "resume")):
         if getattr(args, flag) and not getattr(args, other):
@@ -318,7 +319,8 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     if args.recheck:
         runner.recheck(stored, needed)
     remaining = stored.left(needed, args.runs)
-    seconds = {key: result.seconds for key, result in stored.results.items()}
+    earlier = dict(stored.results)
+    seconds = {key: result.seconds for key, result in earlier.items()}
     if measured := [seconds[unit.key] for unit in remaining if unit.key in seconds]:
         hours = sum(measured) / len(measured) * len(remaining) / min(runner.CORES, len(remaining)) / 3600
         print(f"{len(remaining)} of {len(needed)} variants to run: about {hours:.1f} hours", flush=True)
@@ -337,6 +339,9 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
         for part in ([unit for unit in remaining if unit not in slack], slack):
             if now := [unit for unit in part if args.solver or stored.is_needed(unit.key)]:
                 runner.run_all(runner.dearest_first(now, seconds), starts, args.image_dir, on_result)
+    for result in stored.of(unit for unit in remaining if unit.key in earlier):
+        if earlier[result.key].state == ALIVE != result.state:
+            print(f"{result.case} {result.name}, {result.variant}, {result.setting}: alive before, now {result.state}")
     if not args.solver:
         stored.drop_unneeded()
     if args.explain:

@@ -407,6 +407,14 @@ def test_intersections_of_a_twisted_sheet_are_only_recorded(monkeypatch: pytest.
     assert {figure.what: figure.value for figure in one.figures}["intersections in the worst frame"] == 1
 
 
+def test_swapped_columns_must_untangle() -> None:
+    def at_rest(one: Walk) -> None:
+        one.simulation.intersections = lambda: 1  # type: ignore[method-assign]
+
+    assert walk(loads.inverted).broken == []
+    assert settling(loads.inverted, at_rest).broken == ["intersections at the end"]
+
+
 @pytest.mark.parametrize("what", ["intersections at the end", "stacks out of order"])
 def test_a_pile_is_checked_at_the_end(what: str) -> None:
     """The ten layers do not move. Once the pile is at rest, an edge intersects a triangle, or the pile is inverted."""
@@ -670,6 +678,20 @@ def test_the_time_step_is_that_of_each_rate(monkeypatch: pytest.MonkeyPatch) -> 
     assert taken == [20, 10, 5, 2, 1]
 
 
+def test_an_explicit_solver_has_its_longest_stable_step_at_the_lowest_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here it is a quarter of a frame; 240 frames per second would have 24 times as many substeps."""
+    monkeypatch.setattr(extremes, "MAX_SUBSTEPS", 50)
+    monkeypatch.setattr(Simulation, "min_stable_substeps", property(lambda simulation: 4))
+    trial = Walk()
+    trial.setting = replace(SETTING, solver=replace(SETTING.solver, name="explicit"))
+    try:
+        extremes.time_steps(trial)
+    finally:
+        close()
+    set_to = [value for name, value in trial.sets if name == "substeps"]
+    assert set_to[::2] == [50, 48, 24, 12, 4]  # between them, the next scene has the usual number
+
+
 def run_paused() -> Trial:
     """Run case 6 with enough substeps to conserve energy, and without the check at rest."""
     trial = Trial(replace(SETTING, solver=replace(SETTING.solver, substeps=20, iterations=4)), 0)
@@ -866,6 +888,32 @@ def test_a_number_that_a_refused_input_changes_is_a_violation(refusal: int) -> N
         assert trial.broken == ["numbers that a refused input changed"]
     finally:
         close()
+
+
+@pytest.mark.parametrize(
+    ("solver", "needed", "set_to", "notes"),
+    [
+        ("xpbd", 1, [20, 1], []),
+        ("xpbd", 2, [20, 1], ["2 substeps instead of 1, which would be unstable"]),
+        ("explicit", 30, [500, 30], []),
+    ],
+)
+def test_substeps_change_to_the_fewest_that_are_stable(
+    solver: str, needed: int, set_to: list[int], notes: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(changes, "MAX_SUBSTEPS", 500)
+    monkeypatch.setattr(Simulation, "min_stable_substeps", property(lambda simulation: needed))
+    monkeypatch.setattr(
+        Simulation, "substeps", property(lambda simulation: max(int(simulation.params["substeps"]), needed))
+    )
+    trial = Walk()
+    trial.setting = replace(SETTING, solver=replace(SETTING.solver, name=solver))
+    try:
+        VARIANTS[31, "substeps 20 to 1"](trial)
+    finally:
+        close()
+    assert [value for name, value in trial.sets if name == "substeps"] == set_to
+    assert trial.notes == notes
 
 
 def violated_by(change: Callable[[Simulation], object]) -> list[str]:

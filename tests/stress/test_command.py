@@ -27,10 +27,10 @@ def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Unit]:
     monkeypatch.setattr(runner, "SETTINGS", {"xpbd": SMALL})
     some: list[Unit] = []
 
-    def one_by_one(units, starts, pictures, on_result, *kind):  # type: ignore[no-untyped-def]
+    def one_by_one(units, starts, pictures, on_result, run_one=run_unit):  # type: ignore[no-untyped-def]
         for unit in units:
             some.append(unit)
-            on_result(run_unit(unit, starts(unit), pictures, *kind))
+            on_result(run_one(unit, starts(unit), pictures))
 
     monkeypatch.setattr(runner, "run_all", one_by_one)
     return some
@@ -134,6 +134,18 @@ def test_a_resumed_run_of_other_units_does_not_delete_results(
         line = "o.json has 2 results that this run does not include (1 test, swings, xpbd): use another file"
         assert capsys.readouterr().err == f"taichi-cloth: {line}\n"
         assert (ran, Path("o.json").read_bytes()) == ([], before)
+
+
+def test_a_variant_that_is_no_longer_alive_is_named(ran: list[Unit], capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["stress", "--quick", "--json", "o.json", "--resume"]
+    assert main(words) == 1
+    assert "alive before" not in capsys.readouterr().out
+    data = json.loads(Path("o.json").read_text(encoding="utf-8"))
+    for row in data["results"]:
+        row["origin"], row["failure"] = "older", None
+    Path("o.json").write_text(json.dumps(data), encoding="utf-8")
+    assert main(words) == 1
+    assert "1 test, breaks, xpbd: alive before, now failed\n" in capsys.readouterr().out
 
 
 def test_force_drops_results_of_variants_that_are_gone(ran: list[Unit], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from taichi_cloth.evaluation.stress import stress_report as report
 from taichi_cloth.evaluation.stress.causes import Cause
+from taichi_cloth.evaluation.stress.invariants import Measurement
 from taichi_cloth.evaluation.stress.store import Store
-from taichi_cloth.evaluation.stress.trial import Measurement
 from taichi_cloth.evaluation.stress.unit import Result
 
 from .conftest import failed, result
@@ -189,7 +189,7 @@ def test_the_page_names_dates_hours_starts_and_versions() -> None:
     assert report.origin_lines(store_of(result(seconds=1800.0))) == [
         "10 starts per variant; run 2026-01-02; 0.5 hours of CPU time, 0.2 hours on two cores (goal: 4)."
     ]
-    faster = replace(store_of(one := result(seconds=36000.0)), repeat_seconds={one.key: 1440.0})
+    faster = replace(store_of(one := result(seconds=36000.0)), repeat_seconds={one.key: 14400.0})
     assert (
         report.origin_lines(faster)[1] == "At the speed of the starts that confirmed results: 2.0 hours on two cores."
     )

@@ -9,9 +9,9 @@ import pytest
 
 from taichi_cloth.evaluation.stress import store as module
 from taichi_cloth.evaluation.stress.causes import Cause
+from taichi_cloth.evaluation.stress.invariants import Measurement
 from taichi_cloth.evaluation.stress.setup import ROBUST, ROBUST_SLACK
 from taichi_cloth.evaluation.stress.store import Store, fingerprint, load
-from taichi_cloth.evaluation.stress.trial import Measurement
 from taichi_cloth.evaluation.stress.unit import Result, run_unit
 from taichi_cloth.system.errors import UsageError
 
@@ -134,10 +134,10 @@ def test_the_hours_of_a_run_at_present_are_those_of_the_starts_that_confirmed_it
         older.results[unit.key] = replace(run_unit(unit, unit.starts(2), None), origin="older", seconds=seconds)
     store = Store.new(tmp_path / "o.json", [SWINGS, BREAKS]).continued(older)
     assert store.present_seconds() == 107.0
-    assert store.repeat(replace(run_unit(SWINGS, SWINGS.starts(2)[-1:], None), seconds=3.0))
+    assert store.repeat(replace(run_unit(SWINGS, SWINGS.starts(2)[-1:], None), seconds=3.0, opening=1.5))
     again = load(tmp_path / "o.json")
     assert again.results[SWINGS.key].seconds == 100.0
-    assert again.present_seconds() == 2 * 3.0 + 7.0
+    assert again.present_seconds() == 1.5 + 2 * 3.0 + 7.0
     store.add(replace(again.results[SWINGS.key], seconds=50.0))  # it ran again
     assert store.present_seconds() == load(tmp_path / "o.json").present_seconds() == 57.0
 

@@ -139,6 +139,8 @@ def test_recorded_values_and_expected_errors() -> None:
     trial.record("distance", 0.5, 2.0)
     trial.record("other", 7.0)
     assert [(f.what, f.value, f.bound) for f in trial.figures] == [("distance", 1.0, 2.0), ("other", 7.0, None)]
+    trial.record("distance", 0.9, 1.0)  # nearer to its bound, as one scene of several may have
+    assert (trial.figures[0].value, trial.figures[0].bound) == (0.9, 1.0)
     with pytest.raises(Violation, match="distance"):
         trial.record("distance", 2.1, 2.0)
     with pytest.raises(Violation, match="distance"):

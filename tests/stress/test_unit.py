@@ -6,9 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichi_cloth.evaluation.stress.invariants import Measurement
 from taichi_cloth.evaluation.stress.setup import sheet
-from taichi_cloth.evaluation.stress.trial import Measurement, TooSlow, Trial, UntimedTrial
-from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit, seed_of, variants, worst_figures
+from taichi_cloth.evaluation.stress.trial import TooSlow, Trial, UntimedTrial
+from taichi_cloth.evaluation.stress.unit import (
+    Case,
+    Unit,
+    Variant,
+    repeat_starts,
+    run_unit,
+    seed_of,
+    variants,
+    worst_figures,
+)
 
 from .conftest import BREAKS, CASE, SMALL, SWINGS, breaks_once, moves_late, raises_an_error, swings
 
@@ -71,6 +81,23 @@ def test_an_untimed_trial_repeats_a_start_on_a_machine_that_is_too_slow() -> Non
     assert run_unit(unit_of(slow), SWINGS.starts(1), None).state == "too slow"
     again = run_unit(unit_of(slow), SWINGS.starts(1), None, UntimedTrial)
     assert (again.state, again.digest) == (fast.state, fast.digest) == ("alive", fast.digest)
+
+
+def test_two_frames_prepare_the_start_that_confirms_a_result() -> None:
+    frames = []
+
+    def counts(trial: Trial) -> None:
+        trial.open(sheet(4))
+        trial.start()
+        trial.settle(after_frame=lambda: frames.append(trial.frame))
+
+    alone = run_unit(unit_of(counts), SWINGS.starts(3)[-1:], None, UntimedTrial)
+    frames.clear()
+    again = repeat_starts(unit_of(counts), SWINGS.starts(3)[-1:], None)
+    assert frames == [1, *range(1, 301)]  # the second of two frames ends the first start
+    assert (again.digest, again.state, again.ran) == (alone.digest, "alive", 1)
+    assert again.opening > 0
+    assert alone.opening == 0
 
 
 def test_a_start_gives_the_same_result_alone_and_among_others() -> None:

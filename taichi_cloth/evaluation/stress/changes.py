@@ -24,7 +24,7 @@ from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
 from .contact import MARGIN
 from .invariants import EJECTED, ROUNDING
-from .setup import CELLS, CONSTANT, DENSITY, sheet, with_fabric
+from .setup import CELLS, CONSTANT, DENSITY, MAX_SUBSTEPS, sheet, with_fabric
 from .trial import Trial
 
 Floats = NDArray[np.float64]
@@ -255,10 +255,18 @@ def heavier(trial: Trial, times: float) -> None:
 
 
 def substeps(trial: Trial, numbers: tuple[int, ...]) -> None:
-    """Run one second with each number of substeps. The sheet must come to rest with the last."""
+    """Run one second with each number of substeps. The sheet must come to rest with the last.
+
+    An explicit solver has that many times the substeps that it needs to be stable, as far as a frame may have so many:
+    it would raise fewer.
+    """
     begin(trial, base(), base())
-    for number in numbers:
-        without_a_jump(trial, partial(trial.change, partial(trial.simulation.params.update, substeps=number)))
+    simulation = trial.simulation
+    factor = simulation.min_stable_substeps if simulation.solver.info.is_explicit else 1
+    for number in (min(factor * number, MAX_SUBSTEPS) for number in numbers):
+        without_a_jump(trial, partial(trial.change, partial(simulation.params.update, substeps=number)))
+        if simulation.substeps != number:
+            trial.note(f"{simulation.substeps} substeps instead of {number}, which would be unstable")
         trial.run(1.0)
     end(trial)
 

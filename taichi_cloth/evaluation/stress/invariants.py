@@ -37,6 +37,30 @@ class Violation(Exception):
 
 
 @dataclass
+class Measurement:
+    """A value that a case records, with its bound if it has one."""
+
+    what: str
+    value: float
+    bound: float | None
+
+    @property
+    def excess(self) -> float:
+        """The value over its bound, or over 0 if it has none."""
+        return self.value - (self.bound or 0.0)
+
+
+def add_worst(figures: list[Measurement], new: Measurement) -> None:
+    """Add a measurement, or replace the one of the same quantity if its excess is smaller. NaN counts as largest."""
+    for k, old in enumerate(figures):
+        if old.what == new.what:
+            if not new.excess <= old.excess:
+                figures[k] = new
+            return
+    figures.append(new)
+
+
+@dataclass
 class Extremes:
     """The largest values over all frames."""
 

@@ -17,7 +17,7 @@ from ...scene.schema import FRAME_SECONDS, Forces
 from .contact import MARGIN, hung
 from .invariants import Floats
 from .setup import CELLS, FLAT, SIDE, particle_self_collision, sheet, with_layers
-from .trial import CALM_STRAIN, Trial, static_strain
+from .trial import CALM_STRAIN, INTERSECTIONS, Trial, static_strain
 
 Indices = NDArray[np.int32]
 
@@ -242,7 +242,7 @@ def twist(trial: Trial) -> None:
     trial.record("intersections in the worst frame", intersections)
     trial.settle()
     distance = float(np.linalg.norm(simulation.positions() - before, axis=1).max())
-    trial.record("intersections at the end", simulation.intersections(), 0)
+    trial.record(INTERSECTIONS, simulation.intersections(), 0)
     trial.record("distance from the shape before [m]", distance, SHAPE)
 
 
@@ -286,7 +286,7 @@ class Stack:
         """Check the gap, and that there are no self-intersections and the layers are in order."""
         self.look()
         simulation = self._trial.simulation
-        self._trial.record("intersections at the end", simulation.intersections(), 0)
+        self._trial.record(INTERSECTIONS, simulation.intersections(), 0)
         self._trial.record("stacks out of order", float(not is_stacked(simulation.positions(), self._count)), 0)
 
 
@@ -338,6 +338,6 @@ def many_layers(trial: Trial) -> None:
     trial.run(5.0)
     trial.record("gap missing, of half a thickness", stack.missing())
     trial.settle()
-    trial.record("intersections at the end", trial.simulation.intersections())
+    trial.record(INTERSECTIONS, trial.simulation.intersections())
     heights = trial.simulation.positions().reshape(MANY_LAYERS, -1, 3)[:, :, 1]
     trial.record("layers that fell off the bar", int((heights.max(axis=1) < bar.center[1]).sum()))

@@ -12,7 +12,7 @@ from ...scene.collider_schema import Ground
 from ...scene.schema import FRAME_SECONDS, Forces, StrainLimit, Wind
 from .invariants import ROUNDING, Floats
 from .setup import CELLS, CONSTANT, DAMPING, DENSITY, FLAT, sheet
-from .trial import CALM_STRAIN, CASE_SECONDS, Trial, static_strain, taut_strain
+from .trial import CALM_STRAIN, CASE_SECONDS, INTERSECTIONS, Trial, static_strain, taut_strain
 
 GRAVITY = 9.81  # [m/s²]
 PULL_SECONDS, HOLD_SECONDS = 0.1, 1.0
@@ -290,7 +290,8 @@ def swapped(x: Floats) -> Floats:
 
 
 def inverted(trial: Trial) -> None:
-    """Start with every second column swapped with the next."""
+    """Start with every second column swapped with the next. Without self-collision the sheet must untangle."""
     x = trial.open(sheet(CELLS))
     trial.start(with_pins_kept(trial, swapped(grid_of(trial, x)).reshape(-1, 3), x))
     trial.settle()
+    trial.record(INTERSECTIONS, trial.simulation.intersections(), 0)

@@ -20,8 +20,19 @@ from . import case_catalog
 from .causes import Cause, cause_of
 from .setup import SETTINGS, Setting
 from .store import Store
-from .trial import Trial, UntimedTrial
-from .unit import PROCESS_ENDED, SLOW, Case, Failure, Key, Result, Unit, result_of, run_unit
+from .unit import (
+    PROCESS_ENDED,
+    SLOW,
+    Case,
+    Failure,
+    Key,
+    Result,
+    Starts,
+    Unit,
+    repeat_starts,
+    result_of,
+    run_unit,
+)
 
 
 def select_units(
@@ -80,7 +91,6 @@ def settings(name: str | None, tear: float | None) -> list[Setting]:
 # Cores that this process may use: a container may allow fewer than there are. macOS does not tell.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-Starts = Sequence[tuple[int, int]]  # number and seed of each start
 
 # One thread: more do not make cloth of this size faster, and the order of summation is the same on every machine.
 begin = partial(runtime.start, "cpu", cpu_max_num_threads=1)
@@ -112,9 +122,9 @@ def run_all(
     starts: Callable[[Unit], Starts],
     pictures: Path | None,
     on_result: Callable[[Result], None],
-    kind: type[Trial] = Trial,
+    run_one: Callable[[Unit, Starts, Path | None], Result] = run_unit,
 ) -> None:
-    """Run all units in trials of this kind, and call `on_result` with each result as it completes.
+    """Run all units, each by `run_one`, and call `on_result` with each result as it completes.
 
     Units start in the given order.
 
@@ -136,8 +146,8 @@ def run_all(
 
     def run(some: Sequence[int], processes: int) -> list[int]:
         """Run some units; return those without a result, if a process died."""
-        jobs = {k: (units[k], starts(units[k]), pictures, kind) for k in some}
-        with suppress(BrokenProcessPool), closing(run_parallel(run_unit, jobs, processes, begin)) as results:
+        jobs = {k: (units[k], starts(units[k]), pictures) for k in some}
+        with suppress(BrokenProcessPool), closing(run_parallel(run_one, jobs, processes, begin)) as results:
             for k, result in results:
                 done(k, result)
         return [k for k in some if k not in found]
@@ -188,7 +198,7 @@ def recheck(stored: Store, units: Sequence[Unit]) -> None:
             outcome = "equal" if stored.repeat(again) else "differs"
             on_step(f"{again.case} {again.name}, {again.variant}, {again.setting}: {outcome}")
 
-        run_all(dearest_first(repeatable, seconds), last_start, None, on_result, UntimedTrial)
+        run_all(dearest_first(repeatable, seconds), last_start, None, on_result, repeat_starts)
 
 
 def explain(stored: Store, units: Sequence[Unit]) -> None:

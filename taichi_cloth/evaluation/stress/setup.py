@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...scene.keys import Vec3
+from ...scene.keys import Vec3, keys_of
 from ...scene.look_schema import Camera
 from ...scene.schema import COLLIDERS, Cloth, Fabric, Scene, SelfCollision, Solver, Tearing, VerletSprings
 from ...scene.solver_catalog import SOLVER_CATALOG
 
 CELLS = 32  # along a side of the base sheet, for every setting
+MAX_SUBSTEPS = int(keys_of(Solver)["substeps"].max or 0)
 # Cost of an iteration relative to one pass over all springs: `implicit` solves a linear system, `rk4` has four
 # stages, and solvers may add substeps of their own.
 ITERATION_COST = {"implicit": 20, "rk4": 300, "explicit": 60, "lines": 4}

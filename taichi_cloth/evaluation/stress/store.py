@@ -20,8 +20,8 @@ from ...scene.schema import SOLVER_NAMES
 from ...system.console import count_noun, machine, new_file
 from ...system.errors import UsageError
 from .causes import EXPERIMENTS, Cause
+from .invariants import Measurement
 from .setup import ROBUST, ROBUST_SLACK
-from .trial import Measurement
 from .unit import ALIVE, SLOW, Failure, Key, Result, Unit
 
 PACKAGE = Path(__file__).parents[2]
@@ -204,7 +204,7 @@ class Store:
     older: int = 0
     """Number of results of an older version of the program, when the file was written."""
     repeat_seconds: dict[Key, float] = field(default_factory=dict)
-    """CPU time of the start that confirmed a result [s]."""
+    """CPU time that a confirmed unit takes now [s], by the start that confirmed it."""
     origins: dict[Key, str] = field(default_factory=dict, compare=False)
     """Fingerprint of each unit if it ran now."""
     texts: dict[Key, dict[str, Any]] = field(default_factory=dict, compare=False)
@@ -282,7 +282,7 @@ class Store:
             return False
         now, cause = datetime.now(UTC).strftime(MINUTES), self.cause(earlier)
         self.results[again.key] = self._renamed(replace(earlier, origin=self.origins[again.key], repeated=now))
-        self.repeat_seconds[again.key] = again.seconds
+        self.repeat_seconds[again.key] = again.opening + again.seconds * earlier.ran
         if cause is not None:
             self.explain(again.key, cause)
         self.save()
@@ -349,11 +349,8 @@ class Store:
         return [self.results[unit.key] for unit in units if unit.key in self.results]
 
     def present_seconds(self) -> float:
-        """Return the CPU time of all starts [s], each as long as the one that confirmed its unit, if one did."""
-        return sum(
-            self.repeat_seconds[result.key] * result.ran if result.key in self.repeat_seconds else result.seconds
-            for result in self.ordered()
-        )
+        """Return the CPU time of all units [s], of each as it takes now if a start confirmed it."""
+        return sum(self.repeat_seconds.get(result.key, result.seconds) for result in self.ordered())
 
     def save(self) -> None:
         """Write the file atomically, if there is a path. Raises OSError."""

@@ -20,7 +20,7 @@ from ...simulation.simulation import Simulation
 from ...system.files import cached
 from .. import reference
 from ..reference.static_solution import rest_positions
-from .invariants import Extremes, Floats, InvariantMonitor, Violation
+from .invariants import Extremes, Floats, InvariantMonitor, Measurement, Violation, add_worst
 from .setup import Setting
 
 HUNG_BY = ("top-left", "top-right")
@@ -79,6 +79,7 @@ CALM_FRAMES = 15  # frames at the end of that time that must all be at rest
 CALM_STRAIN = 0.01  # excess over the static strain at rest
 CALM_SPEED = 0.1  # [m/s] of the fastest particle at rest
 REST_STRAIN, REST_SPEED = "strain 5 s after", "speed 5 s after [m/s]"  # figures of nearly every variant
+INTERSECTIONS = "intersections at the end"
 SHAKE = 0.02  # [m/s] amplitude of the random velocities of a start
 SHIFT = 0.01  # [m] amplitude of the random translation of a start without pins
 SLOW_MS = 1000 / 30  # limit for a frame, for interactive use; a slower variant is stopped
@@ -93,15 +94,6 @@ class TooSlow(Exception):
     def __init__(self, ms: float, limit: float) -> None:
         super().__init__(f"{ms:.0f} ms a frame")
         self.ms, self.limit = ms, limit
-
-
-@dataclass
-class Measurement:
-    """A value that a case records, with its bound if it has one."""
-
-    what: str
-    value: float
-    bound: float | None
 
 
 @dataclass
@@ -331,15 +323,10 @@ class Trial:
     # -- checking ------------------------------------------------------------------------------------------------------
 
     def record(self, what: str, value: float, bound: float | None = None) -> None:
-        """Record the largest value of a quantity for the report. Raises Violation if it exceeds a bound."""
+        """Record a quantity for the report, which shows the largest excess over its bound. Raises Violation above 0."""
         if bound is not None and not np.isfinite(bound):
             raise ValueError(f"{what}: the bound must be finite, or None")
-        for figure in self.figures:
-            if figure.what == what:
-                figure.value, figure.bound = max(figure.value, value), bound
-                break
-        else:
-            self.figures.append(Measurement(what, value, bound))
+        add_worst(self.figures, Measurement(what, value, bound))
         if bound is not None:
             self.check(what, value, bound)
 

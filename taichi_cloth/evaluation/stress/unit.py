@@ -22,20 +22,21 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
 from ...render.image import render_image
-from .invariants import Violation
+from .invariants import Measurement, Violation, add_worst
 from .setup import Setting
-from .trial import Measurement, TooSlow, Trial, close
+from .trial import TooSlow, Trial, UntimedTrial, close
 
 Value = TypeVar("Value")
+Starts: TypeAlias = Sequence[tuple[int, int]]  # number and seed of each start
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,8 @@ class Result:
     """Median time of a frame [ms]."""
     seconds: float = 0.0
     """CPU time of the unit [s]."""
+    opening: float = 0.0
+    """CPU time that compiled its kernels and found its static strain, where that was measured apart [s]."""
     energy: float = 0.0
     """Largest excess energy; this and the next three as in `invariants.Extremes`."""
     strain: float = 0.0
@@ -186,7 +189,7 @@ def result_of(unit: Unit, starts: int, **found: Any) -> Result:
     return Result(*names, starts, **found)
 
 
-def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | None, kind: type[Trial] = Trial) -> Result:
+def run_unit(unit: Unit, starts: Starts, pictures: Path | None, kind: Callable[..., Trial] = Trial) -> Result:
     """Run the starts (number and seed) of a unit, trials of this kind, until one fails or is too slow.
 
     An image of the frame that failed is written to the folder `pictures`, if there is one.
@@ -237,6 +240,16 @@ def run_unit(unit: Unit, starts: Sequence[tuple[int, int]], pictures: Path | Non
     )
 
 
+def repeat_starts(unit: Unit, starts: Starts, pictures: Path | None) -> Result:
+    """Run starts of a unit without a limit on the time of a frame, after two frames of the first.
+
+    The two frames compile the kernels and find the static strain, which later starts do not repeat: `seconds` is the
+    time of later starts, and `opening` that of the two frames.
+    """
+    prepared = run_unit(unit, starts[:1], None, partial(UntimedTrial, seconds=0.0))
+    return replace(run_unit(unit, starts, pictures, UntimedTrial), opening=prepared.seconds)
+
+
 def digest_of(trial: Trial, failure: Failure | None) -> str:
     """Return a digest of all that a start computed, to the bit: the cloth at its end, and every value that was judged.
 
@@ -250,12 +263,11 @@ def digest_of(trial: Trial, failure: Failure | None) -> str:
 
 
 def worst_figures(trials: Sequence[Trial]) -> list[Measurement]:
-    """Return the largest value of each quantity that the trials recorded."""
-    worst: dict[str, Measurement] = {}
+    """Return the largest excess of each quantity that the trials recorded."""
+    worst: list[Measurement] = []
     for figure in (figure for trial in trials for figure in trial.figures):
-        if figure.what not in worst or not figure.value <= worst[figure.what].value:  # NaN counts as the largest
-            worst[figure.what] = figure
-    return list(worst.values())
+        add_worst(worst, figure)
+    return worst
 
 
 def picture_of(unit: Unit, trial: Trial, start: int, folder: Path | None) -> str:
