@@ -369,9 +369,9 @@ particles; the published run whose time bounds its frames has 246,000.
 
 A case runs for ten seconds or longer. Variants that ran to their end in less time: {shorter}. Case 32 runs
 {hanging:,} frames; with `--soak` it runs {long_hanging:,} frames at rest and {long_swinging:,} in motion. Case 28
-judges chatter, a velocity that changes its sign from frame to frame; slower motion passes. The friction of case 39 is a
-mean over 0.1 s. `verlet` has no constants in N/m, so the two variants of case 31 that change them leave its cloth as
-it is.
+judges chatter, a velocity that changes its sign from frame to frame. While the wind blows, slower motion passes; in the
+second after the sheet has come to rest, all motion counts. The friction of case 39 is a mean over 0.1 s. `verlet` has
+no constants in N/m, so the two variants of case 31 that change them leave its cloth as it is.
 
 **Energy** is the sum of kinetic, gravitational, spring and bending energy, with the constants k of the fabric. For
 implicit solvers, whose springs act softer the longer the substep h is, it is computed with k/(1 + c·k·h²·Σw). Here c
