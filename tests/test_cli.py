@@ -403,6 +403,27 @@ def test_count_noun_uses_singular_and_plural() -> None:
 
 # -- existing output ----------------------------------------------------------------------------------------
 
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--out", "o.png"], "--out names a folder of images, not a file: o.png; --video writes one file"),
+        (["--target", "0,2,0"], "unknown option --target"),  # not short for --target-error
+    ],
+)
+def test_wrong_options_of_render_are_named(
+    words: list[str], line: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = cli.main(["render", "drape15", *words])
+    except SystemExit as end:
+        code = int(end.code or 0)
+    assert code == 2
+    assert line in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 DRAPE = ["render", "drape15", "--out", "o", "--frames", "2", *SMALL]
 
 

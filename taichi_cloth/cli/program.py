@@ -114,6 +114,7 @@ def build_parser(modules: Iterable[CommandModule]) -> Parser:
             description=help,
             epilog=f"example: {PROGRAM} {example}",
             formatter_class=Help,
+            allow_abbrev=False,  # a mistyped option could be the beginning of another
         )
         added.set_defaults(action=action, parser=added)
         return added

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 PORT = 8080  # of the command `web`
 IFRAME_SIZE = 960, 540  # [pixels] size of the <iframe>
 MIN_TOKEN = 8  # [characters]
+FILE_SUFFIXES = (".png", ".jpg", ".jpeg", ".gif", ".webp", ".mp4", ".mov", ".webm")  # of no folder of images
 
 
 def add_commands(command: Command) -> None:
@@ -167,6 +168,8 @@ def render_scene(args: argparse.Namespace) -> int:
     scene = chosen_scene(args)
     from ..render.image import RenderPlan
 
+    if args.out and args.out.suffix.lower() in FILE_SUFFIXES and not args.out.is_dir():
+        raise UsageError(f"--out names a folder of images, not a file: {args.out}; --video writes one file")
     plan = RenderPlan(
         out=args.out or Path("out") / scene.name,
         frames=args.frames,

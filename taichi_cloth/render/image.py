@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
@@ -88,18 +88,20 @@ def render_image(
     *,
     eye: ArrayLike | None = None,
     target: ArrayLike | None = None,
+    fov: float | None = None,
 ) -> Image:
     """Return an image of the current frame. `size`: width and height [pixels].
 
     `view`: "shaded", "strain", "error" (if it was measured), "wireframe" or "particles". `eye` and `target`: positions
-    of the camera, and of what it looks at [m]; without one, that of the scene's camera. If the scene has none, the
-    camera frames the cloth at its start, and again where it has left the picture.
+    of the camera, and of what it looks at [m]; `fov`: its vertical angle of view [degrees]; without one, that of the
+    scene's camera. If the scene has none, the camera frames the cloth at its start, and again where it has left the
+    picture.
 
     Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, an
-    unknown view, and a position that a scene does not allow: one not of three numbers, or a camera that looks straight
-    up or down. Raises UsageError for the view "error" of a frame without a measured error.
+    unknown view, and a camera that a scene does not allow: a position not of three numbers, an angle out of range, or
+    one that looks straight up or down. Raises UsageError for the view "error" of a frame without a measured error.
     """
-    with _camera_on(simulation, size, view, eye, target) as image:
+    with _camera_on(simulation, size, view, {"eye": eye, "target": target, "fov": fov}) as image:
         return Image(image())
 
 
@@ -113,11 +115,12 @@ def render_video(
     every: SupportsIndex = 1,
     eye: ArrayLike | None = None,
     target: ArrayLike | None = None,
+    fov: float | None = None,
     on_frame: Callable[[int], object] | None = None,
 ) -> None:
     """Run some frames, and write an image before every `every`-th of them to a video, an .mp4 or .webp file.
 
-    The video plays in real time, with 60/`every` images per second. `size`, `view`, `eye` and `target`: as in
+    The video plays in real time, with 60/`every` images per second. `size`, `view`, `eye`, `target` and `fov`: as in
     `render_image`, but the camera does not move. `on_frame(k)` is called after frame k, 0 first, and may move grabs and
     change parameters, but not step, reset or change the scene (UsageError). An .mp4 file has even width and height, one
     pixel less than an odd one.
@@ -134,7 +137,7 @@ def render_video(
             "the view 'error' measures each frame: use `taichi-cloth render SCENE --view error --video FILE`"
         )
     check_format(file)
-    with _camera_on(simulation, size, view, eye, target) as image:
+    with _camera_on(simulation, size, view, {"eye": eye, "target": target, "fov": fov}) as image:
         file.parent.mkdir(parents=True, exist_ok=True)
         with open_video(file, check_image_size(size), step) as show:
             for k in guarded_frames(simulation, range(count), on_frame or (lambda _: None)):
@@ -144,21 +147,23 @@ def render_video(
 
 @contextmanager
 def _camera_on(
-    simulation: Simulation, size: tuple[int, int], view: str, eye: ArrayLike | None, target: ArrayLike | None
+    simulation: Simulation, size: tuple[int, int], view: str, keys: Mapping[str, Any]
 ) -> Iterator[Callable[[], Pixels]]:
-    """Yield a function that returns an image of the cloth as it is then. Arguments and errors: of `render_image`."""
+    """Yield a function that returns an image of the cloth as it is then.
+
+    `keys`: of the camera, or None. Arguments and errors: of `render_image`.
+    """
     check_thread()
     check_simulation(simulation)
     if view not in VIEWS:
         raise ValueError(f"unknown view {view!r}{choose_from(view, VIEWS)}")
     size = check_image_size(size)
-    places: dict[str, Any] = {"eye": eye, "target": target}
     scene = simulation.scene
-    places = {name: place for name, place in places.items() if place is not None}
-    seen = replace(scene, camera=replace(camera_of(scene), **places))
+    keys = {name: value for name, value in keys.items() if value is not None}
+    seen = replace(scene, camera=replace(camera_of(scene), **keys))
     check_keys(seen)
     camera = OrbitCamera.from_scene(seen)
-    if scene.camera == Camera() and not places:
+    if scene.camera == Camera() and not keys:
         camera.include(simulation.positions(), size[0] / size[1])
     error = getattr(simulation, "frame_error", None)  # of `tc.Simulation` only
     if view == "error" and error is None:

@@ -294,9 +294,20 @@ def collider_event(simulation: Simulation, collider: SupportsIndex | str, target
     return Event("move_collider", (row, *map(float, check_target(target))))
 
 
-def pin_event(simulation: Simulation, particle: SupportsIndex, radius: float, on: bool) -> Event:
+def particle_of(simulation: Simulation, particle: ArrayLike) -> int:
+    """Return a particle's index. `particle` is that index or a position [m], which stands for the nearest particle.
+
+    Raises ValueError.
+    """
+    if np.ndim(particle) == 0:
+        return simulation.check_particle(particle)  # type: ignore[arg-type]
+    away = simulation.positions() - check_vectors(particle, "the position of a particle", (3,))
+    return int(np.einsum("ij,ij->i", away, away).argmin())
+
+
+def pin_event(simulation: Simulation, particle: ArrayLike, radius: float, on: bool) -> Event:
     """Return the event that pins or unpins a particle and all within `radius` [m] of it. Raises ValueError."""
-    particle, radius = simulation.check_particle(particle), check_radius(radius)
+    particle, radius = particle_of(simulation, particle), check_radius(radius)
     return Event("pin_within", (particle, radius, on)) if radius else Event("pin", (particle, on))
 
 

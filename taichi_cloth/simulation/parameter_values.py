@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..scene.keys import keys_of
 from ..scene.overrides import targets_of
 from ..scene.parameters import Parameter, check_parameter, parameter_names
-from ..system.errors import choose_from, short_repr
+from ..system.errors import choose_from, nearest_name, short_repr
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def check_frames(frames: SupportsIndex, name: str = "frames", least: int = 0) ->
 def check_particle(particle: SupportsIndex, count: int) -> int:
     """Return the index of one of `count` particles. Raises ValueError if there is none."""
     if isinstance(particle, bool) or not isinstance(particle, (int, np.integer)):
-        raise ValueError(f"particle index must be an integer, not {short_repr(particle)}")
+        raise ValueError(f"a particle is an index or a position, not {short_repr(particle)}")
     if not 0 <= particle < count:
         raise ValueError(f"particle index must be in 0..{count - 1}, not {particle}")
     return int(particle)
@@ -208,7 +208,10 @@ class HasParameters:
         return self._params
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Set an attribute. Raises AttributeError for the name of a runtime parameter, of this scene or another."""
+        """Set an attribute.
+
+        Raises AttributeError for the name of a runtime parameter, of this scene or another, and one close to it.
+        """
         if name.startswith("_"):  # most of those that a frame sets
             super().__setattr__(name, value)
             return
@@ -217,4 +220,6 @@ class HasParameters:
         if callable(getattr(type(self), name, None)) and not callable(value):
             hint = "; set_state moves the cloth" if name in ("positions", "velocities") else ""
             raise AttributeError(f"{name} is a method, not an attribute to set{hint}")
+        if not hasattr(self, name) and (near := nearest_name(name, self.__dict__.get("_params", ()))):
+            raise AttributeError(f"a simulation has no attribute {name!r}; did you mean params[{near!r}]?")
         super().__setattr__(name, value)

@@ -28,6 +28,7 @@ from .events import (
     GrabHandle,
     check_event,
     collider_event,
+    particle_of,
     pin_event,
     scene_event,
 )
@@ -140,15 +141,14 @@ class Simulation(RunningCloth):
         """
         self.apply(scene_event(check_scene(scene)))
 
-    def grab(self, particle: SupportsIndex, radius: float = 0.0) -> GrabHandle:
+    def grab(self, particle: ArrayLike, radius: float = 0.0) -> GrabHandle:
         """Grab a particle, with all that are within `radius` [m] on the sheet and neither pinned nor grabbed.
 
-        The particle itself may be pinned: its pin then moves with the grab, and stays where it is released.
-        Raises ValueError for an index that does not exist or is grabbed already, for a radius that is negative or not
-        finite, and if all grabs are in use.
+        `particle`: an index, or a position [m] for the nearest one. If it is pinned, its pin moves with the grab, and
+        stays there. Raises ValueError for one that does not exist or is grabbed, a bad radius, and if no grab is free.
         """
         number = free_number(self.grabs)
-        self.apply(Event("grab", (self.check_particle(particle), check_radius(radius), number)))
+        self.apply(Event("grab", (particle_of(self, particle), check_radius(radius), number)))
         return GrabHandle(self, number)
 
     @property
@@ -163,17 +163,17 @@ class Simulation(RunningCloth):
         """
         self.apply(collider_event(self, collider, target))
 
-    def pin(self, particle: SupportsIndex, radius: float = 0.0) -> None:
-        """Pin a particle, and all within `radius` [m] on the sheet, where they are.
+    def pin(self, particle: ArrayLike, radius: float = 0.0) -> None:
+        """Pin a particle, as in `grab`, and all within `radius` [m] on the sheet, where they are.
 
         One of an attachment that was unpinned is attached again. Raises ValueError.
         """
         self.apply(pin_event(self, particle, radius, True))
 
-    def unpin(self, particle: SupportsIndex, radius: float = 0.0) -> None:
-        """Unpin a particle, and all within `radius` [m] on the sheet, also of the scene's own. Raises ValueError.
+    def unpin(self, particle: ArrayLike, radius: float = 0.0) -> None:
+        """Unpin a particle, as in `grab`, and all within `radius` [m] on the sheet, also of the scene's own.
 
-        `reset` restores the pins of the scene.
+        `reset` restores the pins of the scene. Raises ValueError.
         """
         self.apply(pin_event(self, particle, radius, False))
 

@@ -53,7 +53,11 @@ TYPED: dict[str, tuple[Call, str]] = {
     "no scene to switch to": (lambda s: s.switch_scene("curtian"), "(did you mean 'curtain'?)"),
     "name of the package": (lambda s: tc.Sphre, "has no attribute 'Sphre'; did you mean 'Sphere'?"),
     "particle": (lambda s: s.grab(225), "particle index must be in 0..224, not 225"),
-    "particle of another type": (lambda s: s.grab(True), "particle index must be an integer, not true"),
+    "particle of another type": (lambda s: s.grab(True), "a particle is an index or a position, not true"),
+    "position of a particle": (
+        lambda s: s.grab((0.0, 1.0)),
+        "the position of a particle must be numbers of shape (3,)",
+    ),
     "particle to pin": (lambda s: s.pin(-1), "particle index must be in 0..224, not -1"),
     "radius": (lambda s: s.grab(100, radius=-1), "radius must be a number from 0 to 1e+06 [m], not -1"),
     "size": (lambda s: tc.render_image(s, "big"), "size must be width and height, 1 to 8192 pixels each, not 'big'"),

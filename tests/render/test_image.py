@@ -73,6 +73,7 @@ def test_the_camera_can_be_moved(taichi: None) -> None:
             return int((np.abs(image.pixels.astype(int) - (0x2F, 0x6F, 0x73)).sum(axis=2) < 60).sum())
 
         assert size_of(tc.render_image(simulation, (96, 54), eye=near)) > 2 * size_of(own)
+        assert size_of(tc.render_image(simulation, (96, 54), fov=scene.camera.fov / 2)) > 2 * size_of(own)
         above = [0.0, 30.0, 0.0]
         assert size_of(tc.render_image(simulation, (96, 54), target=above)) == 0
 

@@ -41,6 +41,20 @@ def run(simulation: Simulation, frames: int) -> np.ndarray:
     return simulation.positions()
 
 
+def test_a_position_names_the_nearest_particle(hanging: Simulation) -> None:
+    run(hanging, 3)
+    x = hanging.positions()
+    hanging.pin(x[MIDDLE] + [0.0, 0.0, 0.01])
+    assert list(hanging.added_pins) == [MIDDLE]
+    hanging.unpin(x[MIDDLE].tolist())
+    assert not len(hanging.added_pins)
+    grab = hanging.grab(tuple(x[-1] + [0.03, -0.2, 0.0]))
+    assert list(hanging.grabbed) == [80]
+    grab.release()
+    with pytest.raises(ValueError, match="invalid number in the position of a particle: not finite"):
+        hanging.grab((0.0, np.nan, 0.0))
+
+
 def inverse_masses(simulation: Simulation) -> np.ndarray:
     return simulation.cloth.inverse_mass.to_numpy()[: simulation.topology.particle_count]
 

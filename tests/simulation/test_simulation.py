@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -183,6 +184,14 @@ def test_warnings_name_what_a_fabric_loses_by_tearing() -> None:
         assert "bending" not in simulation.warnings
         simulation.switch_fabric("cotton")
         assert "tearing leaves out the bending stiffness of cotton" in simulation.warnings
+
+
+def test_a_name_close_to_a_parameter_is_refused_as_an_attribute() -> None:
+    with tc.Simulation(SMALL) as simulation:
+        line = "a simulation has no attribute 'gravty'; did you mean params['gravity']?"
+        with pytest.raises(AttributeError, match=re.escape(line)):
+            simulation.gravty = 3  # type: ignore[attr-defined]
+        simulation.label = "a name of your own"  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", ["gravity", "substeps", "wind_z"])
