@@ -15,13 +15,13 @@ import numpy as np
 from tables import table
 
 import taichi_cloth as tc
-from taichi_cloth.geometry.obj_reader import parse_obj
+from taichi_cloth.geometry.mesh_reader import parse_obj
 from taichi_cloth.geometry.topology import Topology
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import key_table, schema
+from taichi_cloth.scene.fabric_schema import PRESET_NAMES
 from taichi_cloth.scene.keys import KEYS_TITLE, keys_of
 from taichi_cloth.scene.presets import load_preset
-from taichi_cloth.scene.schema import PRESET_NAMES
 from taichi_cloth.viewer import input as controls
 
 DOCS = Path(__file__).parent

@@ -21,7 +21,7 @@ import taichi_cloth as tc
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.validate.drape import PUBLISHED, drape_simulation, simulate_to_rest
 from taichi_cloth.render.image_files import contact_sheet
-from taichi_cloth.scene.look_schema import Camera
+from taichi_cloth.scene.schema import Camera
 
 TOP = Path(__file__).parents[1]
 PICTURES = TOP / "docs" / "pictures"

@@ -15,7 +15,7 @@ from PIL import Image
 
 import taichi_cloth as tc
 from taichi_cloth.render.image_files import contact_sheet
-from taichi_cloth.scene.schema import PRESET_NAMES
+from taichi_cloth.scene.fabric_schema import PRESET_NAMES
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures" / "parameters"

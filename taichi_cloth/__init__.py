@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 from .scene import SceneError
 from .scene.collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
-from .scene.look_schema import Camera, Look
+from .scene.fabric_schema import Fabric, Look, VerletSprings
 from .scene.presets import scene_names as list_scenes
 from .scene.schema import (
+    Camera,
     Cloth,
-    Fabric,
     Forces,
     Maps,
     Region,
@@ -32,7 +32,6 @@ from .scene.schema import (
     StrainLimit,
     Tearing,
     Tethers,
-    VerletSprings,
     Wind,
 )
 from .system.errors import Diverged, UsageError, nearest_hint

@@ -15,8 +15,8 @@ from taichi_cloth.evaluation.compare import explanations, overrides
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.image import RenderPlan
 from taichi_cloth.render.split_view import SEAM, nearest_vertex_map, render_both
-from taichi_cloth.scene.look_schema import Camera, Look
-from taichi_cloth.scene.schema import Cloth, Forces, Scene
+from taichi_cloth.scene.fabric_schema import Look
+from taichi_cloth.scene.schema import Camera, Cloth, Forces, Scene
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("running", "serial_layout")

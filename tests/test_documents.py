@@ -26,7 +26,8 @@ from taichi_cloth.evaluation import commands as evaluation_commands
 from taichi_cloth.evaluation import compare
 from taichi_cloth.render.image_files import write_png
 from taichi_cloth.scene import key_table
-from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, sections
+from taichi_cloth.scene.fabric_schema import PRESET_NAMES
+from taichi_cloth.scene.schema import SOLVER_NAMES, sections
 
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"

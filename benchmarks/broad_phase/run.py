@@ -19,7 +19,8 @@ from rich.table import Table
 
 from taichi_cloth.collision.self_broadphase import SKIN, update_candidates
 from taichi_cloth.kernels.step_params import THICKNESS, StepContext, collider_array, param_array
-from taichi_cloth.scene.schema import Cloth, Scene, SelfCollision, VerletSprings
+from taichi_cloth.scene.fabric_schema import VerletSprings
+from taichi_cloth.scene.schema import Cloth, Scene, SelfCollision
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system import taichi_runtime as runtime
 

@@ -9,9 +9,10 @@ import argparse
 from typing import TYPE_CHECKING
 
 from ..scene import Scene, key_table, scene_names
+from ..scene.fabric_schema import PRESET_NAMES
 from ..scene.overrides import removable_sections, scene_without
 from ..scene.presets import load_preset
-from ..scene.schema import FRAME_SECONDS, PRESET_NAMES, sections
+from ..scene.schema import FRAME_SECONDS, sections
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
 from ..system.errors import UsageError, choose_from

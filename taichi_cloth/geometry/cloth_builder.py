@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.fabric_schema import Fabric
 from ..scene.keys import CORNERS, EDGES, GROUP, REGION
 from ..scene.presets import map_path
-from ..scene.schema import Cloth, Fabric, Scene
+from ..scene.schema import Cloth, Scene
 from ..system.errors import PinError, UsageError, install_command, short_repr, shown_path
 from ..system.taichi_runtime import memory_bytes
 from . import grid

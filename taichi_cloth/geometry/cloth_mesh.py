@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.presets import mesh_path
-from .obj_reader import Obj, ObjError, parse_obj
+from .mesh_reader import Obj, ObjError, parse_obj
 from .topology import adjacency
 
 Floats = NDArray[np.float64]

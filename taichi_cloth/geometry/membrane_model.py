@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.schema import Cloth, Fabric
+from ..scene.fabric_schema import Fabric
+from ..scene.schema import Cloth
 from .grid import NO_GRID
 
 if TYPE_CHECKING:

@@ -20,8 +20,7 @@ from ..scene.collider_schema import Mesh
 from ..scene.presets import mesh_path
 from ..system.files import Version, file_version, new_versions
 from .closed_surface import Faces, Surface, closed_surface, closest_point_on_triangle, feature_normals
-from .mesh_clip import clip_of, clip_path
-from .obj_reader import ObjError, read_obj
+from .mesh_reader import ObjError, clip_of, clip_path, read_obj
 from .topology import adjacency
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..geometry.grid import NO_GRID
 from ..geometry.topology import Topology
-from ..scene.look_schema import Look
+from ..scene.fabric_schema import Look
 from .image_files import Pixels
 from .shading import FULL_STRAIN, strain_colors
 

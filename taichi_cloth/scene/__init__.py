@@ -2,12 +2,12 @@
 
 from ..system.errors import SceneError
 from .collider_schema import Box, Ground, Sphere
-from .look_schema import Camera, Look
+from .fabric_schema import Look, VerletSprings
 from .overrides import parse_override
 from .parameters import Parameter, check_parameter, parameters_of
 from .presets import scene_names
 from .reader import key_table, scene_to_toml
-from .schema import Cloth, Forces, Scene, Solver, VerletSprings, Wind
+from .schema import Camera, Cloth, Forces, Scene, Solver, Wind
 
 __all__ = [
     "Box",

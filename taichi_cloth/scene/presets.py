@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from ..system.errors import SceneError, nearest_name, short_repr
-from .schema import PRESET_NAMES, Scene
+from .fabric_schema import PRESET_NAMES
+from .schema import Scene
 
 _PACKAGE = Path(__file__).parents[1]
 MESH_SUFFIXES = (".obj", ".stl", ".ply", ".fbx", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".abc")

@@ -12,14 +12,12 @@ from typing import get_args, get_origin
 
 from ..system.errors import Mistakes
 from .collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
+from .fabric_schema import PRESET_NAMES, Fabric, Look, VerletSprings
 from .keys import CORNERS, Pins, Section, Table, Vec3, check_table, given_table, key_field, keys_of, types_of
-from .look_schema import Camera, Look
 from .solver_catalog import SOLVER_CATALOG
 
 FRAME_SECONDS = 1 / 60  # [s] duration of a frame
 SOLVER_NAMES = tuple(SOLVER_CATALOG)
-FABRIC_MODELS = ("springs", "membrane")
-PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
 
 
 @dataclass(frozen=True)
@@ -129,78 +127,6 @@ class Maps(Table):
     max_distance_min: float = key_field(0.0, "maximum distance where the map is 0", "m", min=0.0, max=1000.0)
     max_distance_max: float = key_field(1.0, "maximum distance where the map is 1", "m", min=0.0, max=1000.0)
     folder: str = field(default="", metadata={"derived": "folder of the scene file"})
-
-
-@dataclass(frozen=True)
-class VerletSprings(Table):
-    """Stiffness of the distance constraints of solver `verlet`. A family of springs with stiffness 0 is left out."""
-
-    structural: float = key_field(
-        1.0, "fraction of the length error corrected per iteration, between neighbors", min=0.0, max=1.0
-    )
-    shear: float = key_field(
-        1.0, "fraction of the length error corrected per iteration, on the diagonals of cells", min=0.0, max=1.0
-    )
-    bend: float = key_field(
-        0.2, "fraction of the length error corrected per iteration, between particles two apart", min=0.0, max=1.0
-    )
-
-
-@dataclass(frozen=True)
-class Fabric(Table):
-    """Stiffness in SI units, for all solvers but `verlet`. Springs with stiffness 0 are left out.
-
-    `warp` and `weft` are those of the structural springs: forces per strain and meter of width, independent of the
-    grid. For cells that are not square, spring stiffness is scaled by the sides of the cell. In a scene file, a preset
-    sets all of these keys but `compression`, and also `area_density` in `[cloth]`, `[verlet]`, and colors and pattern
-    in `[look]`. Keys that the file sets take precedence. Only `load_scene` applies a preset.
-
-    A membrane has no springs. If `c11`, `c22`, `c12` and `c66` are all 0, they are those of a grid of springs.
-    """
-
-    warp: float = key_field(2000.0, "stiffness of the springs along columns", "N/m", min=0.0, max=1e9)
-    weft: float = key_field(2000.0, "stiffness of the springs along rows", "N/m", min=0.0, max=1e9)
-    shear: float = key_field(1000.0, "stiffness of the springs along the diagonals of cells", "N/m", min=0.0, max=1e9)
-    bend_spring: float = key_field(
-        20.0,
-        "stiffness of the springs between particles two apart; they resist bending nonlinearly",
-        "N/m",
-        min=0.0,
-        max=1e9,
-    )
-    bending_stiffness: float = key_field(
-        0.0, "bending stiffness of the sheet, independent of the grid", "N·m", min=0.0, max=1e6
-    )
-    bending_weft: float = key_field(0.0, "bending stiffness along the weft; 0: the same", "N·m", min=0.0, max=1e6)
-    compression: float = key_field(
-        1.0,
-        "stiffness of shortened springs as a fraction of their stiffness in tension; 0: yarns go slack",
-        min=0.0,
-        max=1.0,
-        param="COMPRESSION",
-    )
-    damping_time: float = key_field(
-        0.0, "damping coefficient of a spring divided by its stiffness; not in implicit", "s", min=0.0, max=1.0
-    )
-    model: str = key_field(
-        "springs",
-        "springs: between neighbors; membrane: triangles of an elastic continuum, with c11, c22, c12 and c66",
-        choices=FABRIC_MODELS,
-    )
-    c11: float = key_field(0.0, "stiffness of the membrane along the warp", "N/m", min=0.0, max=1e9)
-    c22: float = key_field(0.0, "stiffness of the membrane along the weft", "N/m", min=0.0, max=1e9)
-    c12: float = key_field(
-        0.0, "stress along the warp per strain of the weft, and the reverse: Poisson's effect", "N/m", min=-1e9, max=1e9
-    )
-    c66: float = key_field(0.0, "shear stiffness of the membrane", "N/m", min=0.0, max=1e9)
-    warp_angle: float = key_field(
-        0.0, "angle from the columns to the warp of a membrane, counterclockwise", "degrees", min=-180.0, max=180.0
-    )
-    preset: str = key_field(
-        "",
-        "measured fabric that sets all fabric keys that the scene does not set",
-        choices=(*PRESET_NAMES, ""),
-    )
 
 
 @dataclass(frozen=True)
@@ -329,6 +255,15 @@ class SelfCollision(Table):
         " edge-edge contact, for thin cloth (takes five times as long)",
         choices=("particles", "triangles"),
     )
+
+
+@dataclass(frozen=True)
+class Camera(Table):
+    """The camera of the window and of images. Without this section it frames the cloth and the colliders near it."""
+
+    eye: Vec3 = key_field((3.5, 2.6, 6.5), "position of the camera", "m", min=-1e5, max=1e5)
+    target: Vec3 = key_field((0.0, 1.9, 0.0), "point that the camera looks at", "m", min=-1e5, max=1e5)
+    fov: float = key_field(40.0, "vertical field of view", "degrees", min=1.0, max=120.0)
 
 
 @dataclass(frozen=True)

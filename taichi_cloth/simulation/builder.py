@@ -25,9 +25,10 @@ from ..geometry.stability_bounds import repulsion_frequency, too_many_substeps
 from ..geometry.topology import Topology
 from ..kernels import step_params as c
 from ..scene import Scene
+from ..scene.fabric_schema import Fabric, VerletSprings
 from ..scene.keys import keys_of
 from ..scene.parameters import parameters_of
-from ..scene.schema import Fabric, VerletSprings, sections
+from ..scene.schema import sections
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..solvers import SOLVERS, Features, Solver, Unsupported, choose_layout
 from ..state.constraint_data import attach_attachments

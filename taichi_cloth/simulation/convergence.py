@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from ..geometry import cloth_builder
 from ..geometry.topology import Topology
-from ..scene.schema import Cloth, Fabric, Scene
+from ..scene.fabric_schema import Fabric
+from ..scene.schema import Cloth, Scene
 
 GRAVITY = 9.81  # [m/s²] the default of a scene
 

@@ -20,8 +20,9 @@ from math import hypot, log, sqrt
 from ..geometry import cloth_builder
 from ..geometry import stability_bounds as bounds
 from ..geometry.topology import Topology
+from ..scene.fabric_schema import Fabric
 from ..scene.presets import asset_folder
-from ..scene.schema import COLLIDERS, FRAME_SECONDS, Fabric, Scene, Solver
+from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene, Solver
 from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid, needs_springs
 from ..system.errors import UsageError
 

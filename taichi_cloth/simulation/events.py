@@ -14,10 +14,11 @@ from ..collision.colliders import colliders_of
 from ..geometry.scene_loader import check_geometry
 from ..kernels.step_params import MAX_GRABS
 from ..scene import Scene, scene_to_toml
+from ..scene.fabric_schema import PRESET_NAMES
 from ..scene.overrides import with_solver
 from ..scene.presets import with_fabric
 from ..scene.reader import folder_of, scene_from_toml
-from ..scene.schema import COLLIDERS, PRESET_NAMES
+from ..scene.schema import COLLIDERS
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint

@@ -22,8 +22,8 @@ from ..collision.colliders import (
     pose_colliders,
 )
 from ..collision.deforming_meshes import begin_frame, greatest_depth, upload_frame
+from ..collision.self_collision import count_intersections
 from ..collision.truncation import start_from
-from ..collision.untangling import count_intersections
 from ..geometry.intersections import find_intersections
 from ..geometry.topology import Topology
 from ..scene.collider_schema import Collider, Ground, Mesh

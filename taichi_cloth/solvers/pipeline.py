@@ -21,10 +21,9 @@ import taichi as ti
 from ..collision.deforming_meshes import find_surface_contacts, project_surface_contacts
 from ..collision.layer_contact import ROUNDS, find_layer_contacts, resolve_layer_contacts
 from ..collision.response import add_repulsion, resolve_contacts, stop_in_contact
-from ..collision.self_collision import resolve_self_contacts
+from ..collision.self_collision import find_intersections, resolve_self_contacts
 from ..collision.static_friction import clear_anchors_each_frame, clear_friction_sums
 from ..collision.truncation import TRUNCATION_PHASES, truncate_motion
-from ..collision.untangling import find_intersections
 from ..kernels.distance_limits import limit_strain, project_max_distances, project_tethers
 from ..kernels.forces import add_wind
 

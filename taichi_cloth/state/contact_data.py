@@ -67,7 +67,7 @@ class SelfContactData:
     correction: ti.MatrixField
     """Sum of the corrections of a particle, in integer units: independent of the order of the sum."""
     is_intersecting: ti.ScalarField
-    """1 where the cloth intersects itself (`collision/untangling.py`), else 0."""
+    """1 where the cloth intersects itself (`collision/self_collision.py`), else 0."""
     particle_hash: HashBuckets
     edge_hash: HashBuckets
     """The edges by their midpoints."""

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from ..render.draw_list import VIEWS
 from ..scene import parameters_of
-from ..scene.schema import PRESET_NAMES, SOLVER_NAMES
+from ..scene.fabric_schema import PRESET_NAMES
+from ..scene.schema import SOLVER_NAMES
 from ..simulation.copies import feature_times
 from ..system.errors import UsageError
 

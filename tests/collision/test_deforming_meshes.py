@@ -14,7 +14,8 @@ import trimesh
 from taichi_cloth.geometry.signed_distance import collider_surface, distances_to_surface
 from taichi_cloth.geometry.spring_model import Floats
 from taichi_cloth.scene.collider_schema import Mesh
-from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Forces, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Forces, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 MARGIN = 0.01

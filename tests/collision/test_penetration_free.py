@@ -14,10 +14,10 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.geometry.spring_model import Floats
 from taichi_cloth.scene import SceneError
 from taichi_cloth.scene.collider_schema import Attachment, Ground, Sphere
+from taichi_cloth.scene.fabric_schema import Fabric
 from taichi_cloth.scene.schema import (
     SOLVER_NAMES,
     Cloth,
-    Fabric,
     Forces,
     Region,
     Scene,

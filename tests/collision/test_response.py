@@ -20,7 +20,8 @@ from taichi_cloth.scene.collider_schema import (
     Plane,
     Sphere,
 )
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
 from taichi_cloth.system.errors import SceneError

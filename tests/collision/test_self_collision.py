@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from taichi_cloth.collision.self_collision import MAX_SEPARATION_SPEED
-from taichi_cloth.collision.untangling import count_intersections
+from taichi_cloth.collision.self_collision import MAX_SEPARATION_SPEED, count_intersections
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene.collider_schema import Ground
-from taichi_cloth.scene.schema import Cloth, Forces, Scene, SelfCollision, Solver, VerletSprings
+from taichi_cloth.scene.fabric_schema import VerletSprings
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, SelfCollision, Solver
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS

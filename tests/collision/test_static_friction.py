@@ -13,7 +13,8 @@ from taichi_cloth.geometry.scene_loader import check_scene
 from taichi_cloth.kernels import step_params as c
 from taichi_cloth.kernels.step_params import StepContext, param_array
 from taichi_cloth.scene.collider_schema import Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, SelfCollision, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.state.contact_data import FrictionAnchors
 from taichi_cloth.system.errors import SceneError

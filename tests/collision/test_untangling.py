@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, SelfCollision, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, SelfCollision, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 Floats = NDArray[np.float64]

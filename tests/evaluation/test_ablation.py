@@ -15,8 +15,9 @@ from taichi_cloth.evaluation.bench.scene_error import digest_of
 from taichi_cloth.geometry.grid import triangles
 from taichi_cloth.scene import scene_names
 from taichi_cloth.scene.collider_schema import Ground
+from taichi_cloth.scene.fabric_schema import VerletSprings
 from taichi_cloth.scene.overrides import scene_without
-from taichi_cloth.scene.schema import Cloth, Scene, Solver, VerletSprings, Wind
+from taichi_cloth.scene.schema import Cloth, Scene, Solver, Wind
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.console import commit_of, machine
 

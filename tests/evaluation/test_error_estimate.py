@@ -11,7 +11,8 @@ from taichi_cloth.cli.program import build_parser, chosen_scene
 from taichi_cloth.evaluation.bench import error_sweep
 from taichi_cloth.evaluation.bench.error_sweep import Curtain
 from taichi_cloth.scene.collider_schema import Ground, Plane
-from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver, Tearing
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Scene, Solver, Tearing
 from taichi_cloth.simulation import error_estimate
 from taichi_cloth.simulation.error_estimate import (
     MIN_STABLE_SUBSTEPS,

@@ -12,8 +12,8 @@ from taichi_cloth import list_scenes, load_scene
 from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench import scene_error
 from taichi_cloth.scene.collider_schema import Capsule, Ground, Sphere
-from taichi_cloth.scene.look_schema import Camera
-from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver, Wind
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import SOLVER_NAMES, Camera, Cloth, Scene, Solver, Wind
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 

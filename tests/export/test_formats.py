@@ -30,7 +30,7 @@ from taichi_cloth.export.mesh_files import (
 )
 from taichi_cloth.export.usd import usd_clip, write_usd
 from taichi_cloth.geometry.cloth_builder import build_topology
-from taichi_cloth.geometry.obj_reader import read_obj
+from taichi_cloth.geometry.mesh_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.geometry.signed_distance import collider_surface
 from taichi_cloth.render.colors import pattern_colors

@@ -30,8 +30,8 @@ from taichi_cloth.render.image import render_pixels
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.render.webgl import RENDERER_SCRIPT, quantize
 from taichi_cloth.scene.collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
-from taichi_cloth.scene.look_schema import Camera, Look
-from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Scene
+from taichi_cloth.scene.fabric_schema import Look
+from taichi_cloth.scene.schema import FRAME_SECONDS, Camera, Cloth, Scene
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")

@@ -18,7 +18,8 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import Scene, SceneError, parameters_of, scene_to_toml
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Solver, VerletSprings, Wind
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import Cloth, Solver, Wind
 from taichi_cloth.simulation.events import GrabHandle
 from taichi_cloth.simulation.parameter_values import MAX_COORDINATE
 from taichi_cloth.simulation.recording import Recorder

@@ -13,7 +13,7 @@ from meshes import quads, write_obj
 
 from taichi_cloth.geometry import grid
 from taichi_cloth.geometry.cloth_mesh import ClothMesh, read_cloth
-from taichi_cloth.geometry.obj_reader import ObjError
+from taichi_cloth.geometry.mesh_reader import ObjError
 from taichi_cloth.scene.presets import mesh_path
 
 Write = Callable[[str], Path]

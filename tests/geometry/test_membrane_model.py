@@ -13,7 +13,8 @@ from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.membrane_model import MAX_STRAIN, Membrane, shapes_of
 from taichi_cloth.geometry.spring_model import spring_model
 from taichi_cloth.geometry.stability_bounds import max_frequency
-from taichi_cloth.scene.schema import FABRIC_MODELS, Cloth, Fabric, Scene
+from taichi_cloth.scene.fabric_schema import FABRIC_MODELS, Fabric
+from taichi_cloth.scene.schema import Cloth, Scene
 
 TENSOR = np.array([[2000.0, 300.0, 0.0], [300.0, 1500.0, 0.0], [0.0, 0.0, 500.0]])  # [N/m]
 KEYS = {"c11": 2000.0, "c22": 1500.0, "c12": 300.0, "c66": 500.0}

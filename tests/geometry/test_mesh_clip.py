@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_cloth.geometry.mesh_clip import clip_of
+from taichi_cloth.geometry.mesh_reader import clip_of
 from taichi_cloth.geometry.signed_distance import check_solid, collider_sdf, collider_surface, distances_to_surface
 from taichi_cloth.scene.collider_schema import Mesh
 

@@ -13,7 +13,8 @@ from scipy.sparse.linalg import spsolve
 
 from taichi_cloth.geometry.cloth_builder import build_topology, spring_stiffness
 from taichi_cloth.geometry.topology import Topology, greedy_coloring
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene
 
 PLAIN = Fabric(warp=2000.0, weft=2000.0, shear=1000.0, bend_spring=0.0)  # isotropic
 BENDING = 0.5  # [N·m]

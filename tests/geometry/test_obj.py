@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichi_cloth.geometry.obj_reader import MAX_BYTES, ObjError, read_obj
+from taichi_cloth.geometry.mesh_reader import MAX_BYTES, ObjError, read_obj
 
 Write = Callable[[str | bytes], Path]
 

@@ -7,7 +7,8 @@ import pytest
 
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import SceneError, UsageError
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.tearing import TearState
 from taichi_cloth.geometry.topology import Topology
-from taichi_cloth.scene.schema import Cloth, Scene, VerletSprings
+from taichi_cloth.scene.fabric_schema import VerletSprings
+from taichi_cloth.scene.schema import Cloth, Scene
 
 
 def make(rows: int = 5, columns: int = 7, structural: float = 1.0, diagonals: int = 2) -> Topology:

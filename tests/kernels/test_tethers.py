@@ -9,7 +9,8 @@ import taichi.math as tm
 
 from taichi_cloth.geometry.tethers import tethers_of
 from taichi_cloth.kernels.distance_limits import correction_to_distance
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, Tethers, VerletSprings
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, Tethers
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.bounds

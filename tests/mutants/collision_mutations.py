@@ -132,7 +132,7 @@ COLLISION = [
     ),
     Mutation(
         "intersections-of-infinite-lines",
-        "collision/untangling.py",
+        "collision/self_collision.py",
         "signed_volume(a, b, c, p) * signed_volume(a, b, c, q) < 0.0",
         "signed_volume(a, b, c, p) * signed_volume(a, b, c, q) < 1e9",
         ("collision/test_self_collision.py::test_intersections_match_brute_force",),
@@ -189,7 +189,7 @@ COLLISION = [
     ),
     Mutation(
         "clip-samples-without-interpolation",
-        "geometry/mesh_clip.py",
+        "geometry/mesh_reader.py",
         "share = position - k",
         "share = 0.0 * position",
         (CLIPS + "test_a_growing_body_pushes_cloth_to_its_margin[xpbd-serial]", "geometry/test_mesh_clip.py"),

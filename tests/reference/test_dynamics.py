@@ -10,7 +10,8 @@ from taichi_cloth.evaluation.reference.solution import Motion
 from taichi_cloth.geometry.spring_model import Wind as WindModel
 from taichi_cloth.geometry.spring_model import parabolic_wave
 from taichi_cloth.scene.collider_schema import Attachment, Box, Ground, Plane, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Maps, Scene, Solver, StrainLimit, Tethers, Wind
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Maps, Scene, Solver, StrainLimit, Tethers, Wind
 
 FRAME = 1 / 60
 PATCH = Cloth(rows=3, columns=3, width=0.2, height=0.2, center=(0.0, 1.0, 0.0), rotation=(-90.0, 0.0, 0.0), pins=())

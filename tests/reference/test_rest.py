@@ -8,7 +8,8 @@ import pytest
 from taichi_cloth.evaluation.reference import rest_strain
 from taichi_cloth.evaluation.reference.static_solution import BlockSystem, rest_positions
 from taichi_cloth.geometry.spring_model import spring_model
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Scene
 
 WARP_ONLY = Fabric(warp=200.0, weft=0.0, shear=0.0, bend_spring=0.0)
 STRIP = Scene(cloth=Cloth(rows=9, columns=3, width=0.25, height=1.0, pins=("top",)), fabric=WARP_ONLY)

@@ -19,7 +19,8 @@ from taichi_cloth.evaluation.reference.solution import (
 )
 from taichi_cloth.geometry.spring_model import spring_model
 from taichi_cloth.scene.collider_schema import Attachment, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver, StrainLimit, Tearing, Wind
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, Solver, StrainLimit, Tearing, Wind
 
 SMALL = Scene(
     cloth=Cloth(rows=5, columns=5, width=1.0, height=1.0, rotation=(-60.0, 0.0, 0.0)),

@@ -12,7 +12,8 @@ from taichi_cloth.evaluation.reference.triangle_contact import TriangleContact, 
 from taichi_cloth.evaluation.reference.unilateral_contact import obstacles_of
 from taichi_cloth.geometry.spring_model import Floats
 from taichi_cloth.scene.collider_schema import Capsule, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, Solver
 
 BALL = Sphere(center=(0.0, 0.0, 0.0), radius=0.1, margin=0.02, friction=0.0, collide_with="triangles")
 ONE = np.array([[0], [1], [2]])  # a triangle of the first three particles

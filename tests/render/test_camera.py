@@ -23,8 +23,7 @@ from taichi_cloth.render.camera import (
     floor_height,
 )
 from taichi_cloth.scene.collider_schema import Ground, Sphere
-from taichi_cloth.scene.look_schema import Camera
-from taichi_cloth.scene.schema import Cloth, Scene
+from taichi_cloth.scene.schema import Camera, Cloth, Scene
 
 numbers = st.floats(-50, 50)
 points = st.tuples(numbers, numbers, numbers)

@@ -10,8 +10,8 @@ import pytest
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.colors import HALF_DYED_FRACTION, PATTERNS, TWILL_VALLEY_FRACTION, pattern_colors
-from taichi_cloth.scene.look_schema import PATTERN_NAMES, Look
-from taichi_cloth.scene.schema import PRESET_NAMES, Cloth, Scene
+from taichi_cloth.scene.fabric_schema import PATTERN_NAMES, PRESET_NAMES, Look
+from taichi_cloth.scene.schema import Cloth, Scene
 
 BLACK_WHITE = Look(color="#000000", second_color="#ffffff", pattern_scale=1)
 SHEET = build_topology(Scene(cloth=Cloth(rows=5, columns=7)), "verlet")

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from taichi_cloth.geometry.scene_loader import check_scene, load_scene
 from taichi_cloth.scene import Cloth, Scene, SceneError, Solver, Sphere, Wind, key_table, parse_override
+from taichi_cloth.scene.fabric_schema import Fabric
 from taichi_cloth.scene.overrides import override_targets, targets_of
-from taichi_cloth.scene.schema import Fabric
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG, SolverInfo
 
 Write = Callable[[str | bytes], Path]

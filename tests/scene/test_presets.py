@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import SceneError, key_table, presets, scene_to_toml
+from taichi_cloth.scene.fabric_schema import PRESET_NAMES, Fabric, VerletSprings
 from taichi_cloth.scene.presets import (
     asset_folder,
     load_preset,
@@ -23,7 +24,7 @@ from taichi_cloth.scene.presets import (
     spring_stiffness_of,
     with_fabric,
 )
-from taichi_cloth.scene.schema import PRESET_NAMES, Cloth, Fabric, Scene, VerletSprings
+from taichi_cloth.scene.schema import Cloth, Scene
 
 Write = Callable[[str | bytes], Path]
 Refuse = Callable[..., SceneError]

@@ -9,7 +9,8 @@ import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene.collider_schema import Attachment
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, Tethers
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, Tethers
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS

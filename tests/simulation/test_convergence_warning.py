@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.geometry.cloth_builder import build_topology
-from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, Tethers, VerletSprings
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Forces, Scene, Solver, Tethers
 from taichi_cloth.simulation.convergence import (
     MAX_SAMPLES,
     REMEDY,

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.scene.collider_schema import Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver, Tearing, VerletSprings, Wind
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import Cloth, Scene, SelfCollision, Solver, Tearing, Wind
 from taichi_cloth.simulation import copies
 from taichi_cloth.simulation.copies import Copy, FrameErrorMeter, FrameStart
 from taichi_cloth.simulation.simulation import Simulation

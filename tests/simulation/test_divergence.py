@@ -9,7 +9,8 @@ import pytest
 
 from taichi_cloth.__main__ import main
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, SelfCollision, Solver
 from taichi_cloth.simulation.rollback import DivergenceGuard
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers.explicit import Explicit

@@ -12,7 +12,8 @@ import pytest
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene.collider_schema import Attachment, Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, StrainLimit, Tethers
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, StrainLimit, Tethers
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.events import Event
 from taichi_cloth.simulation.grabbing import Grab, vertices_in_radius

@@ -19,7 +19,8 @@ from taichi_cloth.collision.colliders import collider_table
 from taichi_cloth.geometry.topology import FAR, ORIGINS, origin_shift
 from taichi_cloth.kernels import step_params as c
 from taichi_cloth.scene.collider_schema import Plane, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Maps, Scene, SelfCollision, Solver, Wind
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Maps, Scene, SelfCollision, Solver, Wind
 from taichi_cloth.simulation import running_cloth
 from taichi_cloth.simulation.checkpoint import checkpoint_bytes, read_checkpoint
 from taichi_cloth.simulation.simulation import Simulation

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.scene.collider_schema import Attachment
-from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, Tearing, Wind
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Forces, Scene, Solver, Tearing, Wind
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError

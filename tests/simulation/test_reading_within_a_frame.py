@@ -10,7 +10,8 @@ import pytest
 import trimesh
 
 from taichi_cloth.scene.collider_schema import Mesh
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")

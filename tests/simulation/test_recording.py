@@ -17,7 +17,8 @@ import taichi_cloth as tc
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, SceneError, scene_to_toml
 from taichi_cloth.scene.collider_schema import Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Maps, Solver, Tearing, Wind
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Maps, Solver, Tearing, Wind
 from taichi_cloth.simulation.events import Event, GrabHandle
 from taichi_cloth.simulation.recording import LONG, Recorder, Recording, differences, hash_of, read_recording
 from taichi_cloth.simulation.simulation import Simulation

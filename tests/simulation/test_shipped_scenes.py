@@ -10,7 +10,7 @@ import pytest
 from taichi_cloth.collision.colliders import max_penetration
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, parameters_of, scene_names
-from taichi_cloth.scene.schema import VerletSprings
+from taichi_cloth.scene.fabric_schema import VerletSprings
 from taichi_cloth.simulation.simulation import Simulation
 
 

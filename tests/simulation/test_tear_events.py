@@ -12,7 +12,8 @@ from taichi_cloth.geometry.scene_loader import check_scene, load_scene
 from taichi_cloth.geometry.tearing import TearState
 from taichi_cloth.render.draw_list import VIEWS, DrawList
 from taichi_cloth.scene import SceneError
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver, Tearing, Tethers, VerletSprings, Wind
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import Cloth, Scene, SelfCollision, Solver, Tearing, Tethers, Wind
 from taichi_cloth.simulation.recording import Recorder
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS

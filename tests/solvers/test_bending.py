@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.geometry.stability_bounds import MAX_FORCE_PHASE, max_frequency
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Forces, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Forces, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 SI_SOLVERS = [name for name in SOLVER_NAMES if name != "verlet"]

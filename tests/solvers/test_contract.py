@@ -9,7 +9,8 @@ import pytest
 
 from taichi_cloth.geometry.topology import FAR
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, VerletSprings, Wind
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, Wind
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.events import GrabHandle
 from taichi_cloth.simulation.simulation import Simulation

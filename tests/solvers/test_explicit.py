@@ -7,7 +7,8 @@ import pytest
 
 from taichi_cloth.geometry.cloth_builder import spring_stiffness
 from taichi_cloth.geometry.stability_bounds import MARGIN
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 FRAMES = 24

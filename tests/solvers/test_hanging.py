@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 CONSTANT = 20.0  # [N/m]

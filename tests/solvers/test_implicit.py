@@ -7,7 +7,8 @@ import pytest
 
 from taichi_cloth.geometry.cloth_builder import spring_stiffness
 from taichi_cloth.geometry.topology import Topology
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import LAYOUTS
 from taichi_cloth.solvers.two_stage import GAMMA

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.scene.collider_schema import Box, Capsule, Ground, Plane, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, StrainLimit, Tethers, VerletSprings, Wind
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, StrainLimit, Tethers, Wind
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import LAYOUTS, SOLVERS, choose_layout
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver, Tethers
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, Tethers
 from taichi_cloth.simulation.simulation import Simulation
 
 LAYOUTS = ["serial", "simd"]

@@ -7,7 +7,8 @@ import pytest
 
 from taichi_cloth.geometry.cloth_builder import max_distances
 from taichi_cloth.geometry.scene_loader import check_scene, load_scene
-from taichi_cloth.scene.schema import Cloth, Fabric, Maps, Scene, Solver, VerletSprings
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import Cloth, Maps, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import SceneError
 

@@ -17,7 +17,8 @@ from taichi_cloth.kernels.conjugate_gradient import add_stiffness_products
 from taichi_cloth.kernels.membrane_constraints import solve_membrane
 from taichi_cloth.kernels.springs import add_elastic_forces
 from taichi_cloth.scene import SceneError
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Maps, Scene, Solver, StrainLimit, Tearing
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Maps, Scene, Solver, StrainLimit, Tearing
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.builder import StepRow
 from taichi_cloth.simulation.simulation import Simulation

@@ -13,7 +13,8 @@ from meshes import quads, write_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.draw_list import VIEWS, DrawList
 from taichi_cloth.scene.collider_schema import Capsule
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, Solver, Tethers
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, Solver, Tethers
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.scene.collider_schema import Attachment, Box, Capsule, Mesh, Plane, Sphere
-from taichi_cloth.scene.schema import Cloth, Fabric, Scene, SelfCollision, Solver, StrainLimit, Tethers, Wind
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Scene, SelfCollision, Solver, StrainLimit, Tethers, Wind
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
 

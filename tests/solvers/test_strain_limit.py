@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver, StrainLimit, VerletSprings
+from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Scene, Solver, StrainLimit
 from taichi_cloth.simulation.simulation import Simulation
 
 # Two rows: no free particle belongs to two limited springs, so one iteration is exact.

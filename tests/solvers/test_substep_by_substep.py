@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.scene.collider_schema import Sphere
-from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Fabric, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.schema import Cloth, Fabric, Ground, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Ground, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 SHEET = Cloth(rows=4, columns=4, width=0.3, height=0.3, rotation=(-90.0, 0.0, 0.0), pins=())

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from taichi_cloth.scene.collider_schema import Sphere
-from taichi_cloth.scene.schema import Cloth, Scene, Solver, VerletSprings
+from taichi_cloth.scene.fabric_schema import VerletSprings
+from taichi_cloth.scene.schema import Cloth, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 SCENE = Scene(

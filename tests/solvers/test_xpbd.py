@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichi_cloth.scene.schema import Cloth, Fabric, Forces, Scene, Solver
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
 OMEGA = np.sqrt(1000.0)  # [rad/s] 1 kg on a compliance of 0.001 m/N (Macklin 2016, fig. 2)

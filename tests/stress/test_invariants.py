@@ -12,8 +12,9 @@ from taichi_cloth.evaluation.stress.invariants import Extremes, InvariantMonitor
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.trial import Trial, close
 from taichi_cloth.scene.collider_schema import Plane, Sphere
+from taichi_cloth.scene.fabric_schema import Fabric
 from taichi_cloth.scene.keys import Keyframes
-from taichi_cloth.scene.schema import Fabric, Forces, Solver, Wind
+from taichi_cloth.scene.schema import Forces, Solver, Wind
 from taichi_cloth.simulation.events import GrabHandle
 
 SETTING = Setting("xpbd", Solver("xpbd", 20, 4, damping=0.0))

@@ -9,7 +9,8 @@ import pytest
 
 from taichi_cloth.evaluation.stress.setup import DEFAULT_SETTINGS, ROBUST, ROBUST_SLACK, SETTINGS, Setting
 from taichi_cloth.scene.collider_schema import Box, Capsule, Ground, Mesh, Plane, Sphere
-from taichi_cloth.scene.schema import COLLIDERS, Fabric, Scene, SelfCollision, Solver, StrainLimit
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import COLLIDERS, Scene, SelfCollision, Solver, StrainLimit
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
 BARE = Scene(

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import taichi_cloth
-from taichi_cloth.geometry.obj_reader import ObjError
+from taichi_cloth.geometry.mesh_reader import ObjError
 from taichi_cloth.system.errors import PinError, SceneError, UsageError, error_text, install_command
 
 

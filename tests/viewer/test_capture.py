@@ -17,8 +17,8 @@ from PIL import Image
 from taichi_cloth.render.image import RenderPlan, render_pixels
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.scene import Scene
-from taichi_cloth.scene.look_schema import Camera
-from taichi_cloth.scene.schema import Cloth, Fabric, Solver, Wind
+from taichi_cloth.scene.fabric_schema import Fabric
+from taichi_cloth.scene.schema import Camera, Cloth, Solver, Wind
 from taichi_cloth.simulation import recording as recording_module
 from taichi_cloth.simulation.copies import FrameErrorMeter
 from taichi_cloth.simulation.recording import Recording, read_recording

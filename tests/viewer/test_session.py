@@ -12,12 +12,13 @@ import pytest
 import taichi as ti
 from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
 
-from taichi_cloth.geometry.obj_reader import read_obj
+from taichi_cloth.geometry.mesh_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
 from taichi_cloth.render.colors import distance_scale, rounded_up
 from taichi_cloth.scene import scene_names
-from taichi_cloth.scene.schema import PRESET_NAMES, SOLVER_NAMES, Tearing
+from taichi_cloth.scene.fabric_schema import PRESET_NAMES
+from taichi_cloth.scene.schema import SOLVER_NAMES, Tearing
 from taichi_cloth.simulation.copies import Copy, FrameError, FrameErrorMeter, FrameStart
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError

@@ -12,7 +12,7 @@ import pytest
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.colors import pattern_colors
-from taichi_cloth.scene.look_schema import Look
+from taichi_cloth.scene.fabric_schema import Look
 from taichi_cloth.scene.schema import Scene
 from taichi_cloth.viewer.session import Session
 from taichi_cloth.web.protocol import MessageBuilder, pack_message

@@ -19,7 +19,7 @@ from PIL import Image
 from screen import Screen
 
 from taichi_cloth.__main__ import main
-from taichi_cloth.geometry.obj_reader import read_obj
+from taichi_cloth.geometry.mesh_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.draw_list import VIEWS
 from taichi_cloth.render.shading import BACKGROUND

@@ -18,7 +18,8 @@ import taichi_cloth
 from ...geometry.scene_loader import load_scene
 from ...scene import Scene
 from ...scene.collider_schema import RESPONSES
-from ...scene.schema import Cloth, Fabric, Forces, Solver, sections
+from ...scene.fabric_schema import Fabric
+from ...scene.schema import Cloth, Forces, Solver, sections
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...solvers import LAYOUTS, SOLVERS
 

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, Solver, VerletSprings
+from ...scene.fabric_schema import Fabric, VerletSprings
+from ...scene.schema import FRAME_SECONDS, Cloth, Forces, Scene, Solver
 from ...simulation.copies import timed_frame
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
@@ -29,7 +30,6 @@ from .bench_report import finite, run_info
 from .cases import FRAME_RATES
 
 Floats = NDArray[np.float64]
-
 GRAVITY = 9.81  # [m/s²]
 STEPS_PER_INVERSE_FREQUENCY = 8  # time steps in 1/ω of the highest frequency, which is half the longest stable step
 

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from ...scene.collider_schema import Sphere
-from ...scene.schema import Cloth, Fabric, Forces, Scene, Solver, Tethers, Wind
+from ...scene.fabric_schema import Fabric
+from ...scene.schema import Cloth, Forces, Scene, Solver, Tethers, Wind
 from ...simulation.simulation import Simulation
 from ...system.console import machine, new_file, number, printed_table, wide_console
 from ...system.files import cached

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from ...geometry.cloth_builder import build_particles
 from ...geometry.scene_loader import load_scene
 from ...scene import scene_names
+from ...scene.fabric_schema import Look
 from ...scene.keys import keys_of, toml_value
-from ...scene.look_schema import Camera, Look
-from ...scene.schema import Scene, sections
+from ...scene.schema import Camera, Scene, sections
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.builder import unsupported_by
 from ...simulation.copies import timed_frame

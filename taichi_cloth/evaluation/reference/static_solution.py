@@ -18,8 +18,8 @@ from functools import lru_cache
 import numpy as np
 
 from ...geometry.spring_model import Floats, Ints, SpringModel, spring_model
-from ...scene.look_schema import Camera, Look
-from ...scene.schema import Scene
+from ...scene.fabric_schema import Look
+from ...scene.schema import Camera, Scene
 
 # -- block tridiagonal solver ------------------------------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...geometry.obj_reader import ObjError
+from ...geometry.mesh_reader import ObjError
 from ...geometry.scene_loader import load_scene
 from ...scene import Scene, SceneError
 from ...scene.collider_schema import Ground

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ...scene.fabric_schema import Fabric, VerletSprings
 from ...scene.keys import Vec3, keys_of
-from ...scene.look_schema import Camera
-from ...scene.schema import COLLIDERS, Cloth, Fabric, Scene, SelfCollision, Solver, Tearing, VerletSprings
+from ...scene.schema import COLLIDERS, Camera, Cloth, Scene, SelfCollision, Solver, Tearing
 from ...scene.solver_catalog import SOLVER_CATALOG
 
 CELLS = 32  # along a side of the base sheet, for every setting

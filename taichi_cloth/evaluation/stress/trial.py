@@ -15,7 +15,8 @@ import numpy as np
 
 from ...geometry.spring_model import spring_model
 from ...scene import parameters_of
-from ...scene.schema import COLLIDERS, FRAME_SECONDS, Fabric, Forces, Maps, Scene
+from ...scene.fabric_schema import Fabric
+from ...scene.schema import COLLIDERS, FRAME_SECONDS, Forces, Maps, Scene
 from ...simulation.simulation import Simulation
 from ...system.files import cached
 from .. import reference

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple, SupportsIndex
 import numpy as np
 
 from ...geometry.cloth_builder import spring_stiffness
-from ...scene.schema import FRAME_SECONDS, Cloth, Fabric, Scene, Solver
+from ...scene.fabric_schema import Fabric
+from ...scene.schema import FRAME_SECONDS, Cloth, Scene, Solver
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.convergence import unconverged_fraction
 from ...simulation.simulation import Simulation

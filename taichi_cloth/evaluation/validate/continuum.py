@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scene.schema import Cloth, Fabric, Forces, Scene
+from ...scene.fabric_schema import Fabric
+from ...scene.schema import Cloth, Forces, Scene
 from ...simulation.simulation import Simulation
 from .check import Check, Timed, advance, at_most, base, damped, relative, rows_with_limit, run_with_limit, substep
 from .elasticity import BENDING_CONSTANT, LINKS, WIDTH

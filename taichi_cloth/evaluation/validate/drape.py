@@ -21,8 +21,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...scene.fabric_schema import Fabric
 from ...scene.presets import load_preset, with_fabric
-from ...scene.schema import Cloth, Fabric, Scene
+from ...scene.schema import Cloth, Scene
 from ...simulation.simulation import Simulation
 from .check import Check, Timed, advance, at_most, default_solver, rows_with_limit
 from .exact import GRAVITY, Floats

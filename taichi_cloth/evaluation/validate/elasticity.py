@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from ...kernels.conjugate_gradient import TOLERANCE
-from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Maps, Scene
+from ...scene.fabric_schema import Fabric
+from ...scene.schema import FRAME_SECONDS, Forces, Maps, Scene
 from .check import (
     SAME_ITERATIONS,
     SOFTER,
@@ -375,8 +376,7 @@ def bias_strip(solver: str, shear: float, columns: int) -> float:
             strain = (y[-1] - y[0]) / (up[line[-1]] - up[line[0]]) - 1
             # Between two particles of the line the strip carries the mass below their midpoint.
             half = [mass[hanging & (np.abs(up - (up[a] + up[b]) / 2) < 1e-9)].sum() for a, b in pairwise(line)]
-            force = float(np.mean(np.array(carried) + np.array(half) / 2)) * GRAVITY
-            return force / float(strain)
+            return float(np.mean(np.array(carried) + np.array(half) / 2)) * GRAVITY / float(strain)
 
 
 def panel(solver: str) -> Iterator[Check]:

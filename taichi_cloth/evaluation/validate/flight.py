@@ -15,7 +15,8 @@ import numpy as np
 
 from ...geometry.topology import spring_strains
 from ...scene.collider_schema import Ground, Sphere
-from ...scene.schema import FRAME_SECONDS, Cloth, Fabric, Forces, Scene, SelfCollision, StrainLimit, Tethers, Wind
+from ...scene.fabric_schema import Fabric
+from ...scene.schema import FRAME_SECONDS, Cloth, Forces, Scene, SelfCollision, StrainLimit, Tethers, Wind
 from ...simulation.convergence import unconverged_fraction
 from ...simulation.frame_clock import FrameClock
 from ...simulation.simulation import Simulation

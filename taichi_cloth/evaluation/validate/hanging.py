@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.cloth_builder import spring_stiffness
-from ...scene.schema import FRAME_SECONDS, Forces, Scene, Solver, VerletSprings
+from ...scene.fabric_schema import VerletSprings
+from ...scene.schema import FRAME_SECONDS, Forces, Scene, Solver
 from ...simulation.convergence import artificial_stretch, lines_excess, unconverged_fraction
 from ...simulation.simulation import Simulation
 from ..bench.error_sweep import Curtain
@@ -66,11 +67,10 @@ LAW_SETTINGS = (  # A3: links, substeps, iterations
 )
 LAW = (0.05, 0.01)
 INDEPENDENT = (1e-2, 1e-3)  # B3: within 1 % across iterations and h
-INDEPENDENT_CELLS = 64
+INDEPENDENT_CELLS, HELD_CELLS = 64, 32
 INDEPENDENT_SUBSTEPS, INDEPENDENT_ITERATIONS = (1, 10), (1, 5, 20, 40, 80, 160)  # A3: from 1 iteration, h to h/10
 SPLIT_SECONDS = 4.0
 SPLITS = ((400.0, 1), (100.0, 4), (25.0, 16), (12.5, 32))  # B4: steps per second, iterations: 400 sweeps per second
-HELD_CELLS = 32
 HELD = (1e-2, 1e-3)  # of the weight, as other forces: 1 %, 0.1 %
 GRABBED = "one corner and a grab"
 HELD_BY = {"its top edge": ("top",), "two corners": ("top-left", "top-right"), GRABBED: ("top-left",)}

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.cloth_builder import spring_stiffness
-from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Scene, Solver, VerletSprings
+from ...scene.fabric_schema import Fabric, VerletSprings
+from ...scene.schema import FRAME_SECONDS, Forces, Scene, Solver
 from ...simulation.simulation import Simulation
 from .check import REST_DAMPING, SAME_ITERATIONS, Check, Timed, advance, at_most, base, relative
 from .exact import GRAVITY, TWO_STAGE, Floats

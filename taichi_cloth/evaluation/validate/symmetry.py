@@ -12,7 +12,8 @@ import numpy as np
 
 from ...geometry.cloth_builder import spring_stiffness
 from ...geometry.topology import energies, spring_strains
-from ...scene.schema import FRAME_SECONDS, Fabric, Forces, Scene, Solver
+from ...scene.fabric_schema import Fabric
+from ...scene.schema import FRAME_SECONDS, Forces, Scene, Solver
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...simulation.simulation import Simulation
 from ..bench.error_sweep import Curtain, curtain_solution, verlet

@@ -1,0 +1,97 @@
+"""The fabric: stiffness of springs and of membranes, and the colors and patterns of the cloth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .keys import Table, key_field
+
+FABRIC_MODELS = ("springs", "membrane")
+PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
+PATTERN_NAMES = ("plain", "check", "stripe", "gingham", "twill", "ring")  # render/colors.py
+
+
+@dataclass(frozen=True)
+class VerletSprings(Table):
+    """Stiffness of the distance constraints of solver `verlet`. A family of springs with stiffness 0 is left out."""
+
+    structural: float = key_field(
+        1.0, "fraction of the length error corrected per iteration, between neighbors", min=0.0, max=1.0
+    )
+    shear: float = key_field(
+        1.0, "fraction of the length error corrected per iteration, on the diagonals of cells", min=0.0, max=1.0
+    )
+    bend: float = key_field(
+        0.2, "fraction of the length error corrected per iteration, between particles two apart", min=0.0, max=1.0
+    )
+
+
+@dataclass(frozen=True)
+class Fabric(Table):
+    """Stiffness in SI units, for all solvers but `verlet`. Springs with stiffness 0 are left out.
+
+    `warp` and `weft` are those of the structural springs: forces per strain and meter of width, independent of the
+    grid. For cells that are not square, spring stiffness is scaled by the sides of the cell. In a scene file, a preset
+    sets all of these keys but `compression`, and also `area_density` in `[cloth]`, `[verlet]`, and colors and pattern
+    in `[look]`. Keys that the file sets take precedence. Only `load_scene` applies a preset.
+
+    A membrane has no springs. If `c11`, `c22`, `c12` and `c66` are all 0, they are those of a grid of springs.
+    """
+
+    warp: float = key_field(2000.0, "stiffness of the springs along columns", "N/m", min=0.0, max=1e9)
+    weft: float = key_field(2000.0, "stiffness of the springs along rows", "N/m", min=0.0, max=1e9)
+    shear: float = key_field(1000.0, "stiffness of the springs along the diagonals of cells", "N/m", min=0.0, max=1e9)
+    bend_spring: float = key_field(
+        20.0,
+        "stiffness of the springs between particles two apart; they resist bending nonlinearly",
+        "N/m",
+        min=0.0,
+        max=1e9,
+    )
+    bending_stiffness: float = key_field(
+        0.0, "bending stiffness of the sheet, independent of the grid", "N·m", min=0.0, max=1e6
+    )
+    bending_weft: float = key_field(0.0, "bending stiffness along the weft; 0: the same", "N·m", min=0.0, max=1e6)
+    compression: float = key_field(
+        1.0,
+        "stiffness of shortened springs as a fraction of their stiffness in tension; 0: yarns go slack",
+        min=0.0,
+        max=1.0,
+        param="COMPRESSION",
+    )
+    damping_time: float = key_field(
+        0.0, "damping coefficient of a spring divided by its stiffness; not in implicit", "s", min=0.0, max=1.0
+    )
+    model: str = key_field(
+        "springs",
+        "springs: between neighbors; membrane: triangles of an elastic continuum, with c11, c22, c12 and c66",
+        choices=FABRIC_MODELS,
+    )
+    c11: float = key_field(0.0, "stiffness of the membrane along the warp", "N/m", min=0.0, max=1e9)
+    c22: float = key_field(0.0, "stiffness of the membrane along the weft", "N/m", min=0.0, max=1e9)
+    c12: float = key_field(
+        0.0, "stress along the warp per strain of the weft, and the reverse: Poisson's effect", "N/m", min=-1e9, max=1e9
+    )
+    c66: float = key_field(0.0, "shear stiffness of the membrane", "N/m", min=0.0, max=1e9)
+    warp_angle: float = key_field(
+        0.0, "angle from the columns to the warp of a membrane, counterclockwise", "degrees", min=-180.0, max=180.0
+    )
+    preset: str = key_field(
+        "",
+        "measured fabric that sets all fabric keys that the scene does not set",
+        choices=(*PRESET_NAMES, ""),
+    )
+
+
+@dataclass(frozen=True)
+class Look(Table):
+    """Colors and patterns. They do not affect the motion. A fabric preset sets its own."""
+
+    color: str = key_field("#b5303c", "first color of the pattern", color=True)
+    second_color: str = key_field("#e9dcc3", "second color of the pattern", color=True)
+    pattern_scale: int = key_field(
+        3, "cells per check, per stripe or per half period of a twill; on a mesh file, edges per ring", min=1, max=2048
+    )
+    pattern: str = key_field("check", "pattern of the two colors", choices=PATTERN_NAMES)
+    sheen: float = key_field(0.08, "brightness of the specular highlight", min=0.0, max=1.0)
+    pole: bool = key_field(False, "draws a pole along the top edge")
