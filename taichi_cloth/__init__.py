@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from .scene import SceneError
 from .scene.collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
-from .scene.fabric_schema import Fabric, Look, VerletSprings
+from .scene.fabric_schema import Fabric, Look, VerletSprings, Weave
 from .scene.presets import scene_names as list_scenes
 from .scene.schema import (
     Camera,
@@ -82,6 +82,7 @@ __all__ = [
     "Tethers",
     "UsageError",
     "VerletSprings",
+    "Weave",
     "Wind",
     "__version__",
     "export_mesh",

@@ -123,7 +123,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
 
     With `timed`, frames of it are run.
     """
-    from ..geometry.cloth_builder import build_topology, component_count, is_membrane, particle_count_text
+    from ..geometry.cloth_builder import build_topology, component_count, model_of, particle_count_text
     from ..simulation.builder import keys_without_effect
     from ..simulation.error_estimate import SAMPLE, cost_of
     from ..system.console import count_noun
@@ -134,7 +134,8 @@ def describe(scene: Scene, *, timed: bool) -> str:
     size = "" if scene.cloth.file else f"{scene.cloth.width:g}×{scene.cloth.height:g} m"
     is_large, pins, memory, unfinished, inside = cost.particles > SAMPLE**2, "", "", "", ""
     section = SOLVER_CATALOG[scene.solver.name].stiffness_section
-    springs = "edges of a membrane" if is_membrane(scene, section) else "springs"
+    model = model_of(scene, section)
+    springs = "springs" if model == "springs" else f"edges of a {model}"
     counts = (cost.springs, springs), (cost.bending_links, "bending links")
     springs = " and ".join(
         f"about {two_digits(count / 1e6)} million {what}" if is_large else f"{count:,} {what}"

@@ -73,8 +73,8 @@ def ablated_scenes(scene: Scene) -> dict[str, Scene]:
     section = SOLVERS[scene.solver.name].info.stiffness_section
     springs = getattr(scene, section)
     found = {}
-    is_membrane = section == "fabric" and scene.fabric.model == "membrane"
-    for family in () if is_membrane else ("shear", "bend"):
+    has_springs = section == "verlet" or scene.fabric.model == "springs"
+    for family in ("shear", "bend") if has_springs else ():
         key = "bend_spring" if (section, family) == ("fabric", "bend") else family
         if getattr(springs, key) > 0:
             found[family] = replace(scene, **{section: replace(springs, **{key: 0.0})})

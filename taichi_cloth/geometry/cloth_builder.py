@@ -24,9 +24,10 @@ from .bending import Bending
 from .cloth_mesh import ClothMesh, load_cloth_mesh
 from .grid import DIRECTIONS
 from .layers import pinned_mask_of_layers, stack_layers
-from .membrane_model import build_membrane
+from .membrane_model import ElasticTriangles, build_membrane
 from .mesh_springs import build_mesh
 from .topology import STIFFNESS_KEYS, Topology, build_sheet
+from .weave_model import build_weave
 
 MAX_BYTES = 64_000_000
 MAX_PIXELS = 100_000_000
@@ -135,15 +136,17 @@ def build_topology(scene: Scene, section: str) -> Topology:
     fixed = attached_particles(scene, topology, pins)
     if scene.maps and scene.maps.pin:
         fixed[weight_map(scene, "pin") >= PIN_THRESHOLD] = True
-    membrane = None
-    if is_membrane(scene, section):
+    membrane: ElasticTriangles | None = None
+    if (model := model_of(scene, section)) == "membrane":
         membrane = build_membrane(scene.fabric, scene.cloth, topology, stiffness_map(scene))
+    elif model == "weave" and scene.weave is not None:
+        membrane = build_weave(scene.weave, scene.fabric.compression, topology, stiffness_map(scene))
     return replace(topology, pinned=fixed, membrane=membrane, max_distance=max_distances(scene))
 
 
-def is_membrane(scene: Scene, section: str) -> bool:
-    """Return whether the cloth of a scene is a membrane, for solvers with the stiffness of a section."""
-    return section == "fabric" and scene.fabric.model == "membrane"
+def model_of(scene: Scene, section: str) -> str:
+    """Return the model of the cloth of a scene, one of `FABRIC_MODELS`, for solvers with the stiffness of a section."""
+    return scene.fabric.model if section == "fabric" else "springs"
 
 
 def bending_of(fabric: Fabric) -> tuple[float, float]:
@@ -164,7 +167,7 @@ def max_distances(scene: Scene) -> NDArray[np.float64] | None:
 def spring_stiffness(scene: Scene, section: str, topology: Topology) -> NDArray[np.float64]:
     """Return the stiffness of every spring, (E,): 0…1 in section `verlet`, [N/m] in section `fabric`.
 
-    The springs of a membrane have none: they are edges whose strain is measured.
+    The springs of a membrane or a weave have none: they are edges whose strain is measured.
     """
     constants = _stiffness_values(scene, section)
     stiffness: NDArray[np.float64]
@@ -372,7 +375,7 @@ def _used_directions(scene: Scene, section: str) -> list[bool]:
 
     In a mesh file the edges of triangles resist shear, too: shear stiffness alone also adds structural springs.
     """
-    if is_membrane(scene, section):
+    if model_of(scene, section) != "springs":
         return [family == "structural" for family, _, _ in DIRECTIONS]
     k = _stiffness_values(scene, section)
     if section == "verlet":

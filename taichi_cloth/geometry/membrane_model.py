@@ -15,7 +15,8 @@ diagonal. A mesh has its own triangles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,8 +36,8 @@ MAX_STRAIN = 0.1  # of tension for which explicit substeps are short enough
 
 
 @dataclass(frozen=True, eq=False)
-class Membrane:
-    """M triangles between the particles of a cloth."""
+class ElasticTriangles(ABC):
+    """M triangles between the particles of a cloth, whose energy depends on their deformation gradient."""
 
     corners: Ints
     """The three particles of every triangle, (M, 3)."""
@@ -44,10 +45,6 @@ class Membrane:
     """Matrix B of every triangle [1/m], (M, 2, 2): F = (x₁ − x₀, x₂ − x₀)·B."""
     area: Floats
     """Area that every triangle represents [m²], times the factor of a stiffness map, (M,)."""
-    tensor: Floats
-    """C [N/m], (3, 3)."""
-    compression: float = 1.0
-    """Stiffness of a direction that is compressed over that of one that is stretched."""
 
     @property
     def cells_per_meter(self) -> tuple[float, float]:
@@ -66,31 +63,6 @@ class Membrane:
         f1, f2 = self.gradient(x)
         return np.stack([0.5 * (dot(f1, f1) - 1), 0.5 * (dot(f2, f2) - 1), dot(f1, f2)])
 
-    def stress(self, strain: Floats) -> Floats:
-        """Return S₁₁, S₂₂ and S₁₂ of every triangle [N/m], (3, M)."""
-        share = self._shares(strain)
-        stress: Floats = share * (self.tensor @ (share * strain))
-        return stress
-
-    def energy(self, x: Floats) -> float:
-        """Return the elastic energy [J]."""
-        strain = self.strain(x)
-        return 0.5 * float(self.area @ (strain * self.stress(strain)).sum(axis=0))
-
-    def force(self, x: Floats) -> Floats:
-        """Return the elastic force on every particle [N], (3, N)."""
-        return self.scatter(x, self.stress(self.strain(x)))
-
-    def damper_force(self, x: Floats, v: Floats, damping_time: float) -> Floats:
-        """Return the force of damping on every particle [N], (3, N): stress C·dε/dt times `damping_time` [s].
-
-        `v`: velocities, (3, N) [m/s].
-        """
-        (f1, f2), (g1, g2) = self.gradient(x), self.gradient(v)
-        rate = np.stack([dot(f1, g1), dot(f2, g2), dot(f1, g2) + dot(f2, g1)])
-        share = self._shares(self.strain(x))
-        return self.scatter(x, share * (self.tensor @ (share * rate)) * damping_time)
-
     def scatter(self, x: Floats, stress: Floats) -> Floats:
         """Return the force of a stress, (3, M) [N/m], on every particle [N], (3, N)."""
         f1, f2 = self.gradient(x)
@@ -101,25 +73,90 @@ class Membrane:
         index, count = self.corners.T.reshape(-1), x.shape[1]
         return np.stack([np.bincount(index, component, count) for component in force])
 
-    def scalar_stiffness(self) -> Floats:
-        """Return matrices of every triangle [N/m], (M, 3, 3), that bound its stiffness in any shape of the cloth.
+    @abstractmethod
+    def energy(self, x: Floats) -> float:
+        """Return the elastic energy [J] at positions (3, N) [m]."""
 
-        A motion δx of the corners changes the energy by at most ½·δxᵀ·K·δx, with K applied to each coordinate, while no
-        tension exceeds `MAX_STRAIN`. The diagonal matrix of dᵢ = Σⱼ |Cᵢⱼ|·√(Cᵢᵢ/Cⱼⱼ) bounds C. With δf₁ and δf₂ the
-        changes of f₁ and f₂, which are unit vectors at right angles, the energy per area changes by at most
-        ½·(p·|δf₁|² + q·|δf₂|²), where p = max(d₁, 2·d₃) and q = max(d₂, 2·d₃).
+    @abstractmethod
+    def force(self, x: Floats) -> Floats:
+        """Return the elastic force on every particle [N], (3, N)."""
+
+    @abstractmethod
+    def damper_force(self, x: Floats, v: Floats, damping_time: float) -> Floats:
+        """Return the force of damping on every particle [N], (3, N): stress C·dε/dt times `damping_time` [s].
+
+        `v`: velocities, (3, N) [m/s].
         """
-        diagonal = self.tensor.diagonal()
-        d = (np.abs(self.tensor) * np.sqrt(diagonal[:, None] / diagonal)).sum(axis=1)
-        bounds = np.maximum(d[:2], 2 * d[2])
-        tension = (3 * (1 + MAX_STRAIN) ** 2 - 1) / 2
+
+    @abstractmethod
+    def scaled(self, factor: float) -> ElasticTriangles:
+        """Return the same triangles with stiffness times `factor`."""
+
+    @abstractmethod
+    def scalar_elements(self) -> tuple[Ints, Floats]:
+        """Return groups of three particles, (K, 3), with matrices that bound their stiffness [N/m], (K, 3, 3).
+
+        A motion δx of the particles changes the energy by at most ½·δxᵀ·K·δx, with K applied to each coordinate, in any
+        shape of the cloth in which no tension exceeds `MAX_STRAIN`.
+        """
+
+    def _bounded_by(self, moduli: Floats) -> Floats:
+        """Return the matrices of triangles whose energy per area changes by at most ½·(p·|δf₁|² + q·|δf₂|²), (M, 3, 3).
+
+        `moduli`: p and q [N/m], (2,).
+        """
         slopes = np.concatenate([-self.inverse_shape.sum(axis=1, keepdims=True), self.inverse_shape], axis=1)
-        stiffness: Floats = np.einsum("mik,k,mjk,m->mij", slopes, bounds * tension, slopes, self.area)
+        stiffness: Floats = np.einsum("mik,k,mjk,m->mij", slopes, moduli, slopes, self.area)
         return stiffness
 
     def _edges(self, x: Floats) -> tuple[Floats, Floats]:
         a, b, c = (x.take(corner, axis=1) for corner in self.corners.T)
         return b - a, c - a
+
+
+@dataclass(frozen=True, eq=False)
+class Membrane(ElasticTriangles):
+    """Triangles of an orthotropic elastic continuum."""
+
+    tensor: Floats
+    """C [N/m], (3, 3)."""
+    compression: float = 1.0
+    """Stiffness of a direction that is compressed over that of one that is stretched."""
+
+    def stress(self, strain: Floats) -> Floats:
+        """Return S₁₁, S₂₂ and S₁₂ of every triangle [N/m], (3, M)."""
+        share = self._shares(strain)
+        stress: Floats = share * (self.tensor @ (share * strain))
+        return stress
+
+    def energy(self, x: Floats) -> float:
+        strain = self.strain(x)
+        return 0.5 * float(self.area @ (strain * self.stress(strain)).sum(axis=0))
+
+    def force(self, x: Floats) -> Floats:
+        return self.scatter(x, self.stress(self.strain(x)))
+
+    def damper_force(self, x: Floats, v: Floats, damping_time: float) -> Floats:
+        (f1, f2), (g1, g2) = self.gradient(x), self.gradient(v)
+        rate = np.stack([dot(f1, g1), dot(f2, g2), dot(f1, g2) + dot(f2, g1)])
+        share = self._shares(self.strain(x))
+        return self.scatter(x, share * (self.tensor @ (share * rate)) * damping_time)
+
+    def scaled(self, factor: float) -> Membrane:
+        return replace(self, tensor=self.tensor * factor)
+
+    def scalar_elements(self) -> tuple[Ints, Floats]:
+        """Return the corners of all triangles, and matrices that bound their stiffness.
+
+        The diagonal matrix of dᵢ = Σⱼ |Cᵢⱼ|·√(Cᵢᵢ/Cⱼⱼ) bounds C. With δf₁ and δf₂ the changes of f₁ and f₂, which are
+        unit vectors at right angles, the energy per area changes by at most ½·(p·|δf₁|² + q·|δf₂|²), where
+        p = max(d₁, 2·d₃) and q = max(d₂, 2·d₃).
+        """
+        diagonal = self.tensor.diagonal()
+        d = (np.abs(self.tensor) * np.sqrt(diagonal[:, None] / diagonal)).sum(axis=1)
+        bounds = np.maximum(d[:2], 2 * d[2])
+        tension = (3 * (1 + MAX_STRAIN) ** 2 - 1) / 2
+        return self.corners, self._bounded_by(bounds * tension)
 
     def _shares(self, strain: Floats) -> Floats:
         """Return the root of the share of its stiffness that each direction has, (3, M): less in compression."""

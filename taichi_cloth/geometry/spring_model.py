@@ -15,7 +15,7 @@ Each corner carries a third. The mean wind blows along x and z; a gust adds thre
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..scene.schema import Scene
 from .cloth_builder import build_topology, spring_stiffness
-from .membrane_model import Membrane
+from .membrane_model import ElasticTriangles
 from .topology import Topology
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ class SpringModel:
     damping_time: float
     """Damping coefficient of a spring over its stiffness [s]."""
     gravity: float  # [m/s²] downward
-    membrane: Membrane | None = None
+    membrane: ElasticTriangles | None = None
 
     @property
     def mass(self) -> Floats:
@@ -183,7 +183,7 @@ def spring_model(scene: Scene, topology: Topology | None = None) -> SpringModel:
         compression=scene.fabric.compression,
         damping_time=scene.fabric.damping_time,
         gravity=scene.forces.gravity,
-        membrane=membrane and replace(membrane, tensor=membrane.tensor * scene.solver.stiffness),
+        membrane=membrane and membrane.scaled(scene.solver.stiffness),
     )
 
 

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.collider_schema import REPULSION, RESPONSES, ContactProperties
-from .membrane_model import Membrane
+from .membrane_model import ElasticTriangles as Triangles
 from .topology import Topology
 
 MARGIN = 1.03  # Lanczos converges from below: after 40 steps it was within 1 % on every grid tested
 STEPS = 40  # of the Lanczos iteration
 
 
-def max_frequency(topology: Topology, stiffness: NDArray[np.float64], membrane: Membrane | None = None) -> float:
+def max_frequency(topology: Topology, stiffness: NDArray[np.float64], membrane: Triangles | None = None) -> float:
     """Return an upper bound of the angular frequencies of the cloth [rad/s], for any shape of the cloth.
 
     `stiffness` of every spring [N/m], (E,). A spring of stiffness k along the unit vector n resists by at most k·n·nᵀ,
     and n·nᵀ ≤ 1. So no vibration of any shape is faster than the fastest one of the network in which springs resist
     equally in all directions: ω² = max eigenvalue of M⁻¹·L, with the weighted graph Laplacian L. Bending links resist
-    equally in all directions anyway, and `Membrane.scalar_stiffness` bounds a membrane in the same way. The eigenvalue
+    equally in all directions anyway, and `scalar_elements` bound a membrane or a weave in the same way. The eigenvalue
     is found by Lanczos iteration. Pinned particles do not move.
     """
     a, b = np.concatenate([topology.ends, topology.bending_links.ends]).T
@@ -30,15 +30,16 @@ def max_frequency(topology: Topology, stiffness: NDArray[np.float64], membrane: 
     root_inverse_mass = 1 / np.sqrt(topology.mass)
     root_inverse_mass[topology.pinned] = 0
     count = topology.particle_count
-    elements = np.zeros((0, 3, 3)) if membrane is None else membrane.scalar_stiffness()
+    nothing = np.zeros((0, 3), np.int32), np.zeros((0, 3, 3))
+    corners, elements = nothing if membrane is None else membrane.scalar_elements()
 
     def apply(v: NDArray[np.float64]) -> NDArray[np.float64]:
         u = root_inverse_mass * v
         pull = constant * (u[a] - u[b])
         total = np.bincount(a, pull, count) - np.bincount(b, pull, count)
         if membrane is not None:
-            on_corners = np.einsum("mij,mj->mi", elements, u[membrane.corners])
-            total += np.bincount(membrane.corners.reshape(-1), on_corners.reshape(-1), count)
+            on_corners = np.einsum("mij,mj->mi", elements, u[corners])
+            total += np.bincount(corners.reshape(-1), on_corners.reshape(-1), count)
         applied: NDArray[np.float64] = root_inverse_mass * total
         return applied
 

@@ -17,7 +17,7 @@ from ..scene.schema import Cloth
 from . import grid
 from .bending import Bending, BendingLinks, grid_bending_links
 from .grid import NO_GRID
-from .membrane_model import Membrane
+from .membrane_model import ElasticTriangles
 
 ORIGINS = 0.5  # [m] spacing of the local origins
 FAR = 2.0  # [m] from the origin, where positions in float32 have steps of a quarter of a micrometer
@@ -74,8 +74,8 @@ class Topology:
     """Rows and columns of the grid. Rows of several layers follow each other."""
     layers: int = 1
     """Number of layers (`layers.py`). Particles are numbered layer by layer."""
-    membrane: Membrane | None = None
-    """Triangles of an elastic continuum, instead of springs with stiffness."""
+    membrane: ElasticTriangles | None = None
+    """Triangles of an elastic continuum or of a weave, instead of springs with stiffness."""
     max_distance: NDArray[np.float64] | None = None
     """Max distance of every particle from its start [m], (N,); None if there is no limit."""
 

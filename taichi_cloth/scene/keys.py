@@ -20,6 +20,7 @@ from ..system.errors import RENAMED_SOLVERS, Mistakes, SceneError, nearest_name,
 
 Vec3 = tuple[float, float, float]
 Keyframes = tuple[tuple[float, ...], ...]
+Curve = tuple[tuple[float, float], ...]
 Pins = tuple[str | int, ...]
 
 # A pin is an edge, a corner, the index of a particle, `group:NAME` or `region:NAME`.
@@ -28,7 +29,7 @@ CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 GROUP, REGION = "group:", "region:"  # prefixes: a group of a mesh file; one of [[regions]]
 PIN_NAMES = (*EDGES, *CORNERS)
 KEYS_TITLE = "Keys:"  # of the docstring of a section
-MAX_TABLES = 16  # tables of one section, such as [[spheres]]
+MAX_TABLES, MAX_POINTS = 16, 8  # of one section, such as [[spheres]]; points of a curve, compiled into a sum
 
 _TYPE_NAMES = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # including line ends and surrogates
@@ -55,6 +56,8 @@ class Key:
     """Allowed strings; all if empty."""
     color: bool = False
     """Whether the string must be #rrggbb."""
+    axes: tuple[str, str] = ("", "")
+    """What a curve shows, for messages: x and y."""
 
 
 def key_field(default: Any, help: str, unit: str = "", **bounds: Any) -> Any:
@@ -85,6 +88,8 @@ def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
         return _each(value, lambda k, v: check_value(v, float, key, file, f"{where}[{k}]"))
     if hint == Keyframes:
         return _keyframes(value, key, file, where)
+    if hint == Curve:
+        return _curve(value, key, file, where)
     if hint == Pins:
         if isinstance(value, (str, int)):  # a single pin without brackets
             value = [value]
@@ -158,17 +163,38 @@ def _keyframes(value: object, key: Key, file: str, where: str) -> Keyframes:
         raise SceneError(file, where, f"must be rows, as in [[0, 0, 0, 0], [2, 0, 1, 0]], got {short_repr(value)}")
 
     def checked_row(k: int, row: Any) -> tuple[float, ...]:
-        row_key = f"{where}[{k}]"
         if not isinstance(row, (list, tuple)) or len(row) not in (4, 7):
-            reason = f"must be seconds, x, y, z and optionally three angles, got {short_repr(row)}"
-            raise SceneError(file, row_key, reason)
-        return _each(row, lambda n, v: check_value(v, float, key, file, f"{row_key}[{n}]"))
+            reason = "must be seconds, x, y, z and optionally three angles"
+            raise SceneError(file, f"{where}[{k}]", f"{reason}, got {short_repr(row)}")
+        return _each(row, lambda n, v: check_value(v, float, key, file, f"{where}[{k}][{n}]"))
 
     rows = _each(value, checked_row)
     for k, (before, after) in enumerate(pairwise(rows), 1):
         if after[0] <= before[0]:
             raise SceneError(file, f"{where}[{k}]", f"times must increase, got {after[0]:g} s after {before[0]:g} s")
     return rows
+
+
+def _curve(value: object, key: Key, file: str, where: str) -> Curve:
+    """Return the checked points of a curve that increases from [0, 0], without that point; none for no curve."""
+    if not isinstance(value, (list, tuple)):
+        raise SceneError(file, where, f"must be pairs, as in [[0.02, 5], [0.1, 50]], got {short_repr(value)}")
+    number = Key("", min=0.0, max=1e9)
+
+    def checked_point(k: int, pair: Any) -> tuple[Any, ...]:
+        if not isinstance(pair, (list, tuple)) or len(pair) != 2:
+            raise SceneError(file, f"{where}[{k}]", f"must be a pair of numbers, got {short_repr(pair)}")
+        return _each(pair, lambda n, v: check_value(v, float, number, file, f"{where}[{k}][{n}]"))
+
+    points = _each(value, checked_point)
+    points = points[1:] if points and points[0] == (0.0, 0.0) else points
+    if value and not 1 <= len(points) <= MAX_POINTS:
+        raise SceneError(file, where, f"must have 1 to {MAX_POINTS} points besides [0, 0], got {len(points)}")
+    for before, after in pairwise(((0.0, 0.0), *points)):
+        for name, low, high in zip(key.axes, before, after, strict=True):
+            if high <= low:
+                raise SceneError(file, where, f"{name} {high:g} is not greater than {low:g}")
+    return points
 
 
 def _pin(value: object, file: str, where: str) -> str | int:

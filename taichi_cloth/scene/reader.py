@@ -5,12 +5,13 @@ other.
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from math import hypot, sqrt
+from math import hypot
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ..system.errors import Mistakes, SceneError, nearest_name, short_repr
 from .collider_schema import PROJECTION, RESPONSES, ContactProperties, Mesh, RoundCollider
+from .fabric_schema import check_model
 from .keys import check_table, check_value, given_table, keys_of, parse_toml, range_text, toml_value, types_of
 from .overrides import apply_override, is_section, plain_tables, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
@@ -290,7 +291,7 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
     if scene.tearing is not None and bends and not mistakes.concern("fabric"):
         reason = "does not support bending stiffness: set fabric.bending_stiffness to 0, and use fabric.bend_spring"
         mistakes.add("tearing", reason)
-    _check_membrane(scene, mistakes)
+    _check_model(scene, mistakes)
     contact = scene.self_collision
     if contact is not None and contact.static_friction and contact.primitives != "particles":
         mistakes.add("self_collision.static_friction", 'requires primitives = "particles"')
@@ -315,27 +316,17 @@ def _check_consistency(scene: Scene, mistakes: Mistakes) -> None:
         mistakes.add("camera.eye", reason)
 
 
-def _check_membrane(scene: Scene, mistakes: Mistakes) -> None:
-    """Check the tensor of a membrane, and what needs springs."""
-    fabric = scene.fabric
-    tensor = {name: getattr(fabric, name) for name in ("c11", "c22", "c12", "c66")}
-    if fabric.model != "membrane":
-        set_keys = [f"fabric.{name}" for name, value in tensor.items() if value]
-        if set_keys:
-            mistakes.add(set_keys[0], 'belongs to a membrane: set fabric.model = "membrane"')
+def _check_model(scene: Scene, mistakes: Mistakes) -> None:
+    """Check the model of the fabric: its own keys, and what needs springs or a grid."""
+    model = scene.fabric.model
+    check_model(scene.fabric, scene.weave, mistakes)
+    if model == "springs":
         return
     for name in ("strain_limit", "tearing"):
         if getattr(scene, name) is not None:
-            mistakes.add(name, 'needs springs, but fabric.model is "membrane"')
-    if not any(tensor.values()):
-        tensor = {"warp": fabric.warp, "weft": fabric.weft, "shear": fabric.shear}
-    for name, value in tensor.items():
-        if name != "c12" and value <= 0:
-            mistakes.add(f"fabric.{name}", f"must be greater than 0 for a membrane, got {value:g}")
-            return
-    if abs(fabric.c12) ** 2 >= fabric.c11 * fabric.c22 > 0:
-        limit = f"between ±√(c11·c22) = ±{sqrt(fabric.c11 * fabric.c22):g} N/m, else stretching releases energy"
-        mistakes.add("fabric.c12", f"must be {limit}, got {fabric.c12:g}")
+            mistakes.add(name, f'needs springs, but fabric.model is "{model}"')
+    if model == "weave" and scene.cloth.file:
+        mistakes.add("fabric.model", "a weave needs a grid, but cloth.file names a mesh")
 
 
 # -- writing -----------------------------------------------------------------------------------------------------------

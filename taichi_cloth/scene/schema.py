@@ -12,7 +12,7 @@ from typing import get_args, get_origin
 
 from ..system.errors import Mistakes
 from .collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
-from .fabric_schema import PRESET_NAMES, Fabric, Look, VerletSprings
+from .fabric_schema import PRESET_NAMES, Fabric, Look, VerletSprings, Weave
 from .keys import CORNERS, Pins, Section, Table, Vec3, check_table, given_table, key_field, keys_of, types_of
 from .solver_catalog import SOLVER_CATALOG
 
@@ -282,6 +282,7 @@ class Scene(Table):
     maps: Maps | None = None
     verlet: VerletSprings = field(default_factory=VerletSprings)
     fabric: Fabric = field(default_factory=Fabric)
+    weave: Weave | None = None
     solver: Solver = field(default_factory=Solver)
     strain_limit: StrainLimit | None = None
     tethers: Tethers | None = None

@@ -26,8 +26,8 @@ class SolverInfo:
     """
     grid_only: bool = False
     """Whether it needs a grid with complete rows."""
-    membrane: bool = True
-    """Whether it supports `fabric.model = "membrane"`, or does not read `[fabric]`."""
+    models: tuple[str, ...] = ("springs", "membrane")
+    """Values of `fabric.model` that it supports; `verlet` does not read the constants of a membrane."""
     euler_steps: bool = False
     """Whether free fall is that of the semi-implicit Euler method, not the exact parabola."""
 
@@ -42,6 +42,7 @@ class SolverInfo:
         return self.stiffness_section == "fabric"
 
 
+ALL_MODELS = ("springs", "membrane", "weave")
 # The defaults of `verlet` are those of the browser demos. The defaults of `xpbd`, `lines` and `implicit` are the
 # cheapest with which sheets up to 33×33 in `taichi-cloth validate` converge to the solution of a substep. `explicit`
 # needs ten substeps for a soft damper, whose force lags by half a substep.
@@ -50,19 +51,28 @@ SOLVER_CATALOG: dict[str, SolverInfo] = {
         "position-based dynamics with Verlet integration", 5, 12, order=1, stiffness_section="verlet", euler_steps=True
     ),
     "xpbd": SolverInfo("extended position-based dynamics", 60, 4, order=1, euler_steps=True),
-    "explicit": SolverInfo("explicit symplectic Verlet on spring forces", 10, 1, order=2, is_explicit=True),
-    "lines": SolverInfo(
-        "XPBD with a direct solver along rows, columns and diagonals", 10, 2, order=2, grid_only=True, membrane=False
+    "explicit": SolverInfo(
+        "explicit symplectic Verlet on spring forces", 10, 1, order=2, is_explicit=True, models=ALL_MODELS
     ),
-    "rk4": SolverInfo("classical Runge–Kutta method on spring forces", 1, 1, order=4, is_explicit=True),
+    "lines": SolverInfo(
+        "XPBD with a direct solver along rows, columns and diagonals",
+        10,
+        2,
+        order=2,
+        grid_only=True,
+        models=("springs",),
+    ),
+    "rk4": SolverInfo(
+        "classical Runge–Kutta method on spring forces", 1, 1, order=4, is_explicit=True, models=ALL_MODELS
+    ),
     "implicit": SolverInfo("implicit steps of second order by Newton's method", 20, 1, order=2),
 }
 
 
-def needs_springs(solver: str) -> str:
-    """Return why a solver without membranes is refused."""
-    others = ", ".join(name for name, info in SOLVER_CATALOG.items() if info.membrane and info.uses_si_constants)
-    return f'{solver} does not support fabric.model = "membrane"; use {others}'
+def needs_other_model(solver: str, model: str) -> str:
+    """Return why a solver is refused that does not support a `fabric.model`."""
+    others = ", ".join(name for name, info in SOLVER_CATALOG.items() if model in info.models and info.uses_si_constants)
+    return f'{solver} does not support fabric.model = "{model}"; use {others}'
 
 
 def needs_a_grid(solver: str, reason: str) -> str:

@@ -20,9 +20,11 @@ from ..geometry.cloth_builder import (
     too_many_particles,
 )
 from ..geometry.grid import NO_GRID
+from ..geometry.membrane_model import Membrane
 from ..geometry.signed_distance import collider_sdf, collider_surface
 from ..geometry.stability_bounds import repulsion_frequency, too_many_substeps
 from ..geometry.topology import Topology
+from ..geometry.weave_model import WeaveModel
 from ..kernels import step_params as c
 from ..scene import Scene
 from ..scene.fabric_schema import Fabric, VerletSprings
@@ -46,6 +48,7 @@ MAX_PARALLEL_COLORS = 64  # spring colors in the parallel layout, which compiles
 # Features that are listed beside spring families and colliders: field of `Features`, and name for the user.
 FEATURE_NAMES = {
     "membrane": "membrane",
+    "weave": "weave",
     "bending": "bending",
     "strain_limit": "strain limit",
     "tethers": "tethers",
@@ -86,7 +89,8 @@ def features_of(scene: Scene) -> Features:
 
 def feature_names(features: Features) -> list[str]:
     """Return the names of the features in use."""
-    return [name for field, name in FEATURE_NAMES.items() if getattr(features, field)]
+    used = [name for field, name in FEATURE_NAMES.items() if getattr(features, field)]
+    return [name for name in used if name != "membrane" or not features.weave]
 
 
 def unsupported_by(scene: Scene, topology: Topology) -> Unsupported:
@@ -103,11 +107,13 @@ def unsupported_by(scene: Scene, topology: Topology) -> Unsupported:
     if any(collides_with_triangles(collider) for collider in colliders_of(scene)):
         simd = 'a collider has collide_with = "triangles"'
         parallel = 'collide_with = "triangles" does not work on a mesh file' if scene.cloth.file else parallel
+    if isinstance(topology.membrane, WeaveModel) and len(topology.membrane.bends.width):
+        simd = "threads of a weave bend by weave.bending_warp and weave.bending_weft"
     if topology.membrane is not None and scene.solver.name == "xpbd":
         parallel = "xpbd solves a membrane triangle by triangle"
     if topology.membrane is not None and scene.fabric.warp_angle and scene.fabric.compression < 1:
         simd = "fabric.compression acts along fabric.warp_angle"
-    return Unsupported(topology.membrane is not None, grid_only, simd, parallel)
+    return Unsupported(scene.fabric.model, grid_only, simd, parallel)
 
 
 class BuiltSimulation(NamedTuple):
@@ -208,10 +214,12 @@ class StepRow:
                 for name, key in keys_of(part.cls).items():
                     if key.param:
                         self._constants[getattr(c, key.param)] = getattr(section, name)
-        if membrane is not None:
+        if isinstance(membrane, Membrane):
             self._constants[c.C11 : c.C66 + 1] = membrane.tensor[[0, 1, 0, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
-            if topology.shape != NO_GRID:
-                self._constants[c.CELL_ROWS : c.CELL_AREA + 1] = *membrane.cells_per_meter, membrane.area[0]
+        if isinstance(membrane, WeaveModel):
+            self._constants[c.WEAVE : c.PARAM_COUNT] = membrane.table.reshape(-1)
+        if membrane is not None and topology.shape != NO_GRID:
+            self._constants[c.CELL_ROWS : c.CELL_AREA + 1] = *membrane.cells_per_meter, membrane.area[0]
         columns = {name: getattr(c, one.key.param) for name, one in parameters_of(scene).items() if one.key.param}
         self._names, self._columns = list(columns), np.array(list(columns.values()), int)
 

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import cloth_builder
+from ..geometry.membrane_model import Membrane
 from ..geometry.topology import Topology
 from ..scene.fabric_schema import Fabric
 from ..scene.schema import Cloth, Scene
@@ -142,7 +143,7 @@ def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> 
         return line if stretch >= MIN_REPORTED_STRETCH else ""
     if scene.solver.name == "xpbd":
         mass, fabric, membrane = float(np.median(topology.mass)), scene.fabric, topology.membrane
-        constant = max(fabric.warp, fabric.weft) if membrane is None else float(membrane.tensor.max())
+        constant = max(fabric.warp, fabric.weft) if not isinstance(membrane, Membrane) else float(membrane.tensor.max())
         damped = constant * (1 + scene.fabric.damping_time / h)  # to a correction a damper is a stiffer spring
         fraction = factor * unconverged_fraction(damped, mass, h, iterations)
         stretch = load * fraction * 0.5 * rows * mass * gravity / (constant * rest)  # of the strain of a hanging sheet

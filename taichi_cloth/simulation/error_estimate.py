@@ -23,7 +23,7 @@ from ..geometry.topology import Topology
 from ..scene.fabric_schema import Fabric
 from ..scene.presets import asset_folder
 from ..scene.schema import COLLIDERS, FRAME_SECONDS, Scene, Solver
-from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid, needs_springs
+from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid, needs_other_model
 from ..system.errors import UsageError
 
 # Fewest stable substeps of explicit solvers.
@@ -84,10 +84,10 @@ def settings_for_error(scene: Scene, target: float, only: str | None = None) -> 
         raise UsageError("a target error needs a grid: errors were not measured for a cloth from a mesh file")
     cells = max(scene.cloth.rows, scene.cloth.columns) - 1
     near = [row for row in settings_near(cells) if only in (None, row.solver)]
-    if cloth_builder.is_membrane(scene, "fabric"):
-        if only and not SOLVER_CATALOG[only].membrane:
-            raise UsageError(needs_springs(only))
-        near = [row for row in near if SOLVER_CATALOG[row.solver].membrane]
+    model = scene.fabric.model
+    if only and model not in SOLVER_CATALOG[only].models:
+        raise UsageError(needs_other_model(only, model))
+    near = [row for row in near if model in SOLVER_CATALOG[row.solver].models]
     ignored = only is None and scene.solver.name != "verlet" and scene.fabric != Fabric()
     if ignored:
         near = [row for row in near if row.solver != "verlet"]
@@ -169,8 +169,8 @@ def cost_of(scene: Scene) -> Cost:
     info, no_grid = SOLVER_CATALOG[name], cloth_builder.reason_not_a_grid(scene)
     if no_grid and info.grid_only:
         raise UsageError(needs_a_grid(name, no_grid))
-    if (is_membrane := cloth_builder.is_membrane(scene, info.stiffness_section)) and not info.membrane:
-        raise UsageError(needs_springs(name))
+    if (model := scene.fabric.model) not in info.models:
+        raise UsageError(needs_other_model(name, model))
     if reason := cloth_builder.too_many_particles(scene):
         raise UsageError(reason)
     part = _sample_of(scene)
@@ -190,7 +190,7 @@ def cost_of(scene: Scene) -> Cost:
         work, its_work = work + springs + links // iterations, its_work + 2 * row.cells * (row.cells + 1)
     ms = row.ms * work / its_work
     setting = f"{name} {substeps}" + ("" if info.is_explicit else f"×{iterations}")
-    if no_grid or cloth.layers > 1 or is_membrane:
+    if no_grid or cloth.layers > 1 or cloth_builder.model_of(scene, info.stiffness_section) != "springs":
         ms *= SERIAL_FACTOR
     return Cost(particles, springs, links, setting, substeps, ms, cells <= 2 * row.cells)
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from ..geometry.simd_layout import LANES
 from ..kernels.tensor_fields import simd_available
-from ..scene.solver_catalog import needs_a_grid, needs_springs
+from ..scene.solver_catalog import needs_a_grid, needs_other_model
 from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
 from ..system.taichi_runtime import on_cpu
 from .base import Solver
@@ -15,8 +15,8 @@ LAYOUTS = ("simd", "serial", "parallel")  # the first that suits a cloth is used
 class Unsupported(NamedTuple):
     """Reasons why a cloth cannot be simulated by some solvers or in some layouts, for messages; empty if it can be."""
 
-    springs_only: bool = False
-    """Whether the cloth is a membrane, against solvers without (`SolverInfo.membrane`)."""
+    model: str = "springs"
+    """Value of `fabric.model`, against solvers without it (`SolverInfo.models`)."""
     grid_only: str = ""
     """Reason against solvers that need a grid with complete rows (`SolverInfo.grid_only`)."""
     simd: str = ""
@@ -38,8 +38,8 @@ def choose_layout(
     """
     if unsupported.grid_only and solver.info.grid_only:
         raise UsageError(needs_a_grid(solver.name, unsupported.grid_only))
-    if unsupported.springs_only and not solver.info.membrane:
-        raise UsageError(needs_springs(solver.name))
+    if unsupported.model not in solver.info.models:
+        raise UsageError(needs_other_model(solver.name, unsupported.model))
     if wanted is not None and wanted not in LAYOUTS:
         raise UsageError(f"unknown layout {wanted!r}{choose_from(wanted, LAYOUTS, RENAMED_LAYOUTS)}")
     if not on_cpu():

@@ -380,13 +380,14 @@ def slow_line(session: Session) -> str:
     scene, original, topology = simulation.scene, simulation.original_scene, simulation.topology
     iterations = 1 if simulation.solver.info.is_explicit else int(simulation.params["iterations"])
     running = replace(scene.solver, substeps=simulation.substeps, iterations=iterations)
-    no_grid, is_membrane = unsupported_by(scene, topology).grid_only, scene.fabric.model == "membrane"
+    no_grid, model = unsupported_by(scene, topology).grid_only, scene.fabric.model
     others = [
         with_solver(scene, name, original).solver
         for name, info in SOLVER_CATALOG.items()
         # The substeps of explicit solvers depend on the fabric.
         if name != running.name and not info.is_explicit
-        if not (info.grid_only and no_grid) and ((info.membrane and info.uses_si_constants) or not is_membrane)
+        if not (info.grid_only and no_grid) and model in info.models
+        if info.uses_si_constants or model == "springs"
     ]
     faster = faster_solver(math.sqrt(topology.particle_count) - 1, running, others, ms, limit)
     if not faster:

@@ -16,7 +16,7 @@ import taichi_cloth as tc
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, SceneError, key_table, scene_names, scene_to_toml
 from taichi_cloth.scene.collider_schema import Mesh, RoundCollider
-from taichi_cloth.scene.keys import Key, Keyframes, Section, Vec3, keys_of, toml_value
+from taichi_cloth.scene.keys import MAX_POINTS, Curve, Key, Keyframes, Section, Vec3, keys_of, toml_value
 from taichi_cloth.scene.schema import (
     COLLIDERS,
     GRID_KEYS,
@@ -42,6 +42,9 @@ def values_of(hint: Any, key: Key) -> st.SearchStrategy[Any]:
         row = st.lists(st.floats(-1e5, 1e5, allow_subnormal=False), min_size=3, max_size=3)
         times = st.lists(st.integers(0, 99), unique=True, max_size=3).map(sorted)
         return times.flatmap(lambda t: st.tuples(*(row.map(lambda r, t=one: (float(t), *r)) for one in t)))
+    if hint == Curve:
+        steps = st.lists(st.floats(0.01, 1e3), min_size=1, max_size=MAX_POINTS)
+        return steps.map(lambda found: tuple(zip(np.cumsum(found).tolist(), np.cumsum(found).tolist(), strict=True)))
     if hint not in (int, float, Vec3):
         return st.lists(st.sampled_from(["top", "bottom-left"]) | st.integers(0, 3), max_size=4).map(tuple)
     assert key.min is not None
@@ -99,7 +102,13 @@ def sections_of(part: Section) -> st.SearchStrategy[Any]:
 
 def consistent_scene(scene: Scene) -> Scene:
     """Return the scene, without keys that others of it refuse, and with a name for one collider only."""
-    if scene.fabric.model == "membrane":
+    woven = scene.weave is not None
+    if woven or scene.fabric.model == "weave":
+        model = "weave" if woven else "springs"
+        fabric = replace(scene.fabric, model=model, warp_angle=0.0, c11=0.0, c22=0.0, c12=0.0, c66=0.0)
+        without = {"tearing": None, "strain_limit": None} if woven else {}
+        scene = replace(scene, fabric=fabric, **without)
+    elif scene.fabric.model == "membrane":
         fabric = replace(scene.fabric, c11=900.0, c22=400.0, c12=-500.0, c66=7.0)
         scene = replace(scene, fabric=fabric, tearing=None, strain_limit=None)
     else:
@@ -149,7 +158,7 @@ def test_every_key_is_written_with_its_unit() -> None:
     assert "\n[wind]\nx = 3.0  # m/s\n" in text
     assert text.count("[[boxes]]") == 3
     for part in sections().values():
-        absent: tuple[str, ...] = ("strain_limit", "regions", "maps", "tethers", "tearing", "attachments")
+        absent: tuple[str, ...] = ("weave", "strain_limit", "regions", "maps", "tethers", "tearing", "attachments")
         absent += ("capsules", "planes", "meshes", "self_collision")
         assert (f"[{part.name}]" in text) == (part.name not in absent)
         assert f"[{part.name}]" not in text or all(f"\n{key} = " in text for key in keys_of(part.cls))

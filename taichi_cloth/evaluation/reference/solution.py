@@ -269,8 +269,8 @@ MAX_START_DEPTH = 1e-5  # [m] of a particle on a margin, by the rounding of its 
 
 def reason_unsupported(scene: Scene) -> str:
     """Return why a scene has no reference solution, or an empty string if it has one."""
-    if scene.fabric.model == "membrane" and scene.solver.name != "verlet":
-        return "membranes are not in the reference"
+    if scene.fabric.model != "springs" and scene.solver.name != "verlet":
+        return f"{scene.fabric.model}s are not in the reference"
     if scene.self_collision is not None:
         return "self-collision is not in the reference"
     if any(mesh.clip for mesh in scene.meshes):

@@ -16,7 +16,7 @@ from .check import ALL, ELASTIC, Reference, Result, measure
 
 IMPLICIT = ("xpbd", "lines", "implicit")
 MESHES = ("xpbd", "explicit", "rk4", "implicit")  # for triangle meshes, without `verlet`, which has no SI stiffness
-CONTINUUM = tuple(name for name in ELASTIC if SOLVER_CATALOG[name].membrane)
+CONTINUUM = tuple(name for name in ELASTIC if "membrane" in SOLVER_CATALOG[name].models)
 WITH_SPRING_DAMPING = ("xpbd", "explicit", "lines", "rk4")  # solvers with spring damping; `implicit` ignores it
 
 
