@@ -132,6 +132,21 @@ def friction_correction(push, slide, friction: float):
 
 
 @ti.func
+def arcsine(x):
+    """Return arcsin(x) to float32, of x cut to −1…1. `ti.asin` does not compile for tensor fields.
+
+    arcsin(x) = π/2 − 2·arcsin(√((1 − x)/2)) above ½; the polynomial below is that of Moshier's Cephes library (asinf).
+    """
+    size = ti.min(abs_(x), 1.0)
+    y = ti.select(size > 0.5, ti.sqrt(0.5 - 0.5 * size), size)
+    z = y * y
+    series = (((4.2163199048e-2 * z + 2.4181311049e-2) * z + 4.5470025998e-2) * z + 7.4953002686e-2) * z
+    angle = y + y * z * (series + 1.6666752422e-1)
+    angle = ti.select(size > 0.5, 0.5 * tm.pi - 2.0 * angle, angle)
+    return ti.select(x < 0.0, neg(angle), angle)
+
+
+@ti.func
 def fraction_on_segment(p: tm.vec3, a: tm.vec3, b: tm.vec3):
     """Return the fraction of a → b at which the segment is closest to p."""
     edge = b - a

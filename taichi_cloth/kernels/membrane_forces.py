@@ -1,4 +1,5 @@
-"""The membrane of `geometry/membrane_model.py`: forces of its triangles, and their linearization.
+"""The membrane of `geometry/membrane_model.py`: forces of its triangles, and their linearization. And the weave of
+`geometry/weave_model.py`, which has another stress in the same triangles, and threads that bend.
 
 Stresses and strains are in the order 11, 22, 12; of a strain the last is 2·E₁₂. Functions of plain values take one
 triangle, or eight at once in the SIMD layout (`vec.py`).
@@ -9,9 +10,12 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from .constraint_math import TINY
+from ..geometry.weave_model import MIN_SINE, MIN_STRETCH
+from ..scene.keys import MAX_POINTS
+from .constraint_math import TINY, arcsine
 from .simd_sweep import add_halo, load_halo
 from .step_params import (
+    BENDING_CURVES,
     C11,
     C12,
     C16,
@@ -22,10 +26,14 @@ from .step_params import (
     CELL_COLUMNS,
     CELL_ROWS,
     COMPRESSION,
+    CURVE_COLUMNS,
     DAMPING_TIME,
+    SHEAR_CURVE,
     STIFFNESS_FACTOR,
+    WARP_CURVE,
+    WEFT_CURVE,
 )
-from .vec import dot, scale
+from .vec import abs_, dot, length, scale
 
 
 @ti.func
@@ -72,14 +80,71 @@ def stress_of(features: ti.template(), params: ti.template(), share1, share2, e1
 
 
 @ti.func
-def elastic_stress(features: ti.template(), params: ti.template(), e1, e2, e12, d1, d2, d12):
-    """Return the stress of a strain that changes at the rate d [1/s], with that of damping [N/m]; and zeros."""
-    share1, share2 = share_of(features, params, e1), share_of(features, params, e2)
-    s1, s2, s12 = e1, e2, e12
+def curve_at(params: ti.template(), first, count: ti.template(), x):
+    """Return y of a curve at x; below 0 on its first slope.
+
+    `first`: column of its first knot. `count`: of its pieces, or more.
+    """
+    y = x * params[first + MAX_POINTS]
+    for k in ti.static(range(1, count)):
+        y = y + ti.max(x - params[first + k], 0.0) * params[first + MAX_POINTS + k]
+    return y
+
+
+@ti.func
+def slope_at(params: ti.template(), first, count: ti.template(), x):
+    """Return the slope of a curve at x."""
+    slope = x * 0.0 + params[first + MAX_POINTS]
+    for k in ti.static(range(1, count)):
+        slope = slope + ti.select(x < params[first + k], 0.0, params[first + MAX_POINTS + k])
+    return slope
+
+
+@ti.func
+def weave_stress(features: ti.template(), params: ti.template(), e1, e2, e12, d1, d2, d12):
+    """Return the stress of threads and their crossing at a strain that changes at the rate d [1/s], with damping [N/m].
+
+    With stretches λ and sin φ = 2·E₁₂/(λ₁·λ₂), the energy per area is ∫T₁ dε₁ + ∫T₂ dε₂ + ∫M dφ. Its derivatives by f₁
+    and f₂ are s₁·f₁ + s₁₂·f₂ and s₁₂·f₁ + s₂·f₂ (`geometry/weave_model.py`).
+    """
+    n = ti.static(features.weave)
+    stretch1, stretch2 = ti.sqrt(ti.max(1.0 + 2.0 * e1, 0.0)), ti.sqrt(ti.max(1.0 + 2.0 * e2, 0.0))
+    strain1, strain2 = 2.0 * e1 / (stretch1 + 1.0), 2.0 * e2 / (stretch2 + 1.0)  # λ − 1 would lose small strains
+    over1, over2 = 1.0 / ti.max(stretch1, MIN_STRETCH), 1.0 / ti.max(stretch2, MIN_STRETCH)
+    cosine = ti.max(ti.min(e12 * over1 * over2, 1.0), -1.0)
+    over_sine = 1.0 / ti.sqrt(ti.max(1.0 - cosine * cosine, MIN_SINE * MIN_SINE))
+    angle = arcsine(cosine)
+    t1, t2 = curve_at(params, WARP_CURVE, n, strain1), curve_at(params, WEFT_CURVE, n, strain2)
+    moment = curve_at(params, SHEAR_CURVE, n, abs_(angle)) * ti.select(cosine < 0.0, -1.0, 1.0)
+    own1 = ti.select(stretch1 > MIN_STRETCH, over1 * over1, 0.0)  # a shorter thread acts as one of that length
+    own2 = ti.select(stretch2 > MIN_STRETCH, over2 * over2, 0.0)
     if ti.static(features.spring_damping):
         time = params[DAMPING_TIME]
-        s1, s2, s12 = e1 + d1 * time, e2 + d2 * time, e12 + d12 * time
-    s1, s2, s12 = stress_of(features, params, share1, share2, s1, s2, s12)
+        turning = (d12 * over1 * over2 - cosine * (d1 * own1 + d2 * own2)) * over_sine
+        t1 = t1 + slope_at(params, WARP_CURVE, n, strain1) * d1 * over1 * time
+        t2 = t2 + slope_at(params, WEFT_CURVE, n, strain2) * d2 * over2 * time
+        moment = moment + slope_at(params, SHEAR_CURVE, n, abs_(angle)) * turning * time
+    if ti.static(features.soft_compression):
+        t1 = t1 * ti.select(strain1 < 0.0, params[COMPRESSION], 1.0)
+        t2 = t2 * ti.select(strain2 < 0.0, params[COMPRESSION], 1.0)
+    factor = params[STIFFNESS_FACTOR]
+    across = moment * over_sine * factor
+    s1, s2 = t1 * over1 * factor - across * cosine * own1, t2 * over2 * factor - across * cosine * own2
+    return s1, s2, across * over1 * over2
+
+
+@ti.func
+def elastic_stress(features: ti.template(), params: ti.template(), e1, e2, e12, d1, d2, d12):
+    """Return the stress of a strain that changes at the rate d [1/s], with that of damping [N/m]; and zeros."""
+    s1, s2, s12 = e1, e2, e12
+    if ti.static(features.weave > 0):
+        s1, s2, s12 = weave_stress(features, params, e1, e2, e12, d1, d2, d12)
+    else:
+        share1, share2 = share_of(features, params, e1), share_of(features, params, e2)
+        if ti.static(features.spring_damping):
+            time = params[DAMPING_TIME]
+            s1, s2, s12 = e1 + d1 * time, e2 + d2 * time, e12 + d12 * time
+        s1, s2, s12 = stress_of(features, params, share1, share2, s1, s2, s12)
     return s1, s2, s12, 0.0, 0.0, 0.0
 
 
@@ -177,6 +242,49 @@ def corner_sums(cloth: ti.template(), features: ti.template(), kind: ti.template
         on_1, on_2 = on_1 + (g1 * t1 + g2 * t12), on_2 + (g1 * t12 + g2 * t2)
         factor = area * h * h
     return (on_1 * b[0] + on_2 * b[1]) * factor, (on_1 * b[2] + on_2 * b[3]) * factor
+
+
+@ti.func
+def add_thread_bending(cloth: ti.template(), features: ti.template(), params: ti.template()):
+    """Add the force [N] of bending of every thread of a weave, in the serial and the parallel layout."""
+    if ti.static(cloth.is_parallel):  # each particle gathers from its own bends
+        for i in range(cloth.packet_count[None]):
+            total = cloth.force[i]
+            for k in range(cloth.thread_bends.bend_first[i], cloth.thread_bends.bend_first[i + 1]):
+                n = cloth.thread_bends.bend_rows[k]
+                on_a, on_c = bending_of_thread(cloth, features, params, n)
+                if cloth.thread_bends.corners[n][0] == i:
+                    total += on_a
+                elif cloth.thread_bends.corners[n][2] == i:
+                    total += on_c
+                else:
+                    total -= on_a + on_c
+            cloth.force[i] = total
+    else:
+        for n in range(cloth.thread_bends.count[None]):
+            on_a, on_c = bending_of_thread(cloth, features, params, n)
+            a, b, c = cloth.thread_bends.corners[n]
+            cloth.force[a] = cloth.force[a] + on_a  # `+=` on a field would be atomic
+            cloth.force[b] = cloth.force[b] - (on_a + on_c)
+            cloth.force[c] = cloth.force[c] + on_c
+
+
+@ti.func
+def bending_of_thread(cloth: ti.template(), features: ti.template(), params: ti.template(), n):
+    """Return the forces [N] of bend n on its first and its last particle. The middle one gets the opposite of both."""
+    corners, axis = cloth.thread_bends.corners[n], cloth.thread_bends.axis[n]
+    cells = params[CELL_ROWS + axis]  # 1/ℓ [1/m]
+    before, after = cloth.x[corners[1]] - cloth.x[corners[0]], cloth.x[corners[2]] - cloth.x[corners[1]]
+    length1, length2 = length(before), length(after)
+    over1, over2 = 1.0 / ti.max(length1, MIN_STRETCH / cells), 1.0 / ti.max(length2, MIN_STRETCH / cells)
+    t1, t2 = before * over1, after * over2
+    turn = t2 - t1
+    size = length(turn)
+    moment = curve_at(params, BENDING_CURVES + CURVE_COLUMNS * axis, ti.static(features.weave), size * cells)
+    pull = turn * (moment * cloth.thread_bends.width[n] * params[STIFFNESS_FACTOR] / ti.max(size, TINY))
+    along1 = ti.select(length1 * cells > MIN_STRETCH, dot(t1, pull), 0.0)  # as `own1` in `weave_stress`
+    along2 = ti.select(length2 * cells > MIN_STRETCH, dot(t2, pull), 0.0)
+    return (t1 * along1 - pull) * over1, (t2 * along2 - pull) * over2
 
 
 @ti.func

@@ -11,7 +11,7 @@ import taichi as ti
 from .constraint_math import TINY, damper_force, hooke_force, project_distance, project_distance_xpbd
 from .integration import apply_correction
 from .membrane_constraints import clear_membrane_multipliers, solve_membrane
-from .membrane_forces import MEMBRANE_FORCE, accumulate_membrane
+from .membrane_forces import MEMBRANE_FORCE, accumulate_membrane, add_thread_bending
 from .simd_sweep import PairConstraint, PairForce, accumulate_simd, for_each_spring_simd
 from .step_params import COMPRESSION, DAMPING_TIME, STIFFNESS_FACTOR
 from .vec import dot, length, neg, scale
@@ -107,10 +107,12 @@ BENDING_FORCE = PairForce(bending_force, inputs=("x",), target="force")
 
 @ti.func
 def add_elastic_forces(cloth: ti.template(), features: ti.template(), params: ti.template(), h: float):
-    """Add the force [N] of every spring, or every triangle of a membrane, and every bending link to `cloth.force`."""
+    """Add the force [N] of every spring, or triangle of a membrane or a weave, and of bending to `cloth.force`."""
     if ti.static(features.membrane):
         accumulate_membrane(cloth, features, MEMBRANE_FORCE, params, h)
         add_bending_forces(cloth, features, params, h)
+        if ti.static(features.thread_bending):
+            add_thread_bending(cloth, features, params)
     else:
         accumulate_pair_forces(cloth, cloth, features, SPRING_FORCE, params, h)
         if ti.static(not cloth.is_simd):  # where both are in one pass

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
+from ..scene.keys import MAX_POINTS
+
 # Argument types of the row and the table.
 param_array = ti.types.ndarray(dtype=ti.f32, ndim=1)
 collider_array = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -31,7 +33,10 @@ C11, C22, C12, C16, C26, C66 = 20, 21, 22, 23, 24, 25  # [N/m] tensor of the mem
 CELL_ROWS, CELL_COLUMNS, CELL_AREA = 26, 27, 28  # of a grid: cells per meter along both sides, area of a triangle [m²]
 GRABS = 29  # six for each grab: how far it has moved since it began, at both ends of the frame [m]
 MAX_GRABS = 8
-PARAM_COUNT = GRABS + 6 * MAX_GRABS
+WEAVE = GRABS + 6 * MAX_GRABS  # five curves: knots and changes of slope (`geometry/weave_model.py`)
+CURVE_COLUMNS = 2 * MAX_POINTS
+WARP_CURVE, WEFT_CURVE, SHEAR_CURVE, BENDING_CURVES = (WEAVE + k * CURVE_COLUMNS for k in range(4))  # bending has two
+PARAM_COUNT = WEAVE + 5 * CURVE_COLUMNS
 
 # Columns of the collider table, which has a row for each collider and then one for each attachment.
 COLLIDER_START, COLLIDER_END = 0, 3  # [m] center at both ends of the frame

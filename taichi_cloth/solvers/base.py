@@ -12,6 +12,7 @@ from ..collision.self_broadphase import check_atomic_sums
 from ..collision.shapes import SHAPES
 from ..geometry.stability_bounds import max_damping_time, max_frequency, min_force_substeps
 from ..geometry.topology import Topology
+from ..geometry.weave_model import WeaveModel
 from ..kernels.forces import clear_forces
 from ..kernels.layout import pack, unpack
 from ..kernels.step_params import StepContext, collider_array, param_array
@@ -21,7 +22,13 @@ from ..scene.solver_catalog import SolverInfo
 from ..state import ClothState
 from ..state import field_pool as fields
 from ..state.cloth_state import Layout
-from ..state.constraint_data import attach_bending_links, attach_max_distances, attach_membrane, attach_tethers
+from ..state.constraint_data import (
+    attach_bending_links,
+    attach_max_distances,
+    attach_membrane,
+    attach_tethers,
+    attach_thread_bends,
+)
 from ..state.contact_data import (
     SdfGrids,
     attach_colored_triangles,
@@ -70,7 +77,11 @@ class Features:
     """Friction with colliders is bounded by the sum over the iterations of a substep."""
     bending: bool = False
     membrane: bool = False
-    """The cloth is a membrane, not a network of springs."""
+    """The cloth has triangles of a membrane or a weave, not a network of springs."""
+    weave: int = 0
+    """Most pieces of a curve of a weave."""
+    thread_bending: bool = False
+    """Threads of the weave resist bending by curves."""
     stores_velocity: bool = False
     """The solver stores velocities, instead of x − x_prev."""
     needs_previous_positions: bool = True
@@ -220,6 +231,7 @@ class Solver:
             or features.max_distances
             or features.self_collision
         )
+        weave = topology.membrane if isinstance(topology.membrane, WeaveModel) else None
         self.features = replace(
             features,
             stores_velocity=self.stores_velocity,
@@ -227,6 +239,8 @@ class Solver:
             friction_sums=self.iterates_contact and (any(features.colliders[PROJECTION]) or features.has_surfaces),
             bending=len(topology.bending_links.ends) > 0,
             membrane=topology.membrane is not None,
+            weave=weave.point_count if weave else 0,
+            thread_bending=weave is not None and len(weave.bends.width) > 0,
         )
         colored = self.needs_coloring or features.strain_limit > 0
         self.layout: Layout = cloth
@@ -256,6 +270,8 @@ class Solver:
             attach_bending_links(self.layout, topology)
         if topology.membrane is not None:
             attach_membrane(self.layout, topology.membrane, topology.particle_count)
+        if isinstance(topology.membrane, WeaveModel) and self.features.thread_bending:
+            attach_thread_bends(self.layout, topology.membrane.bends, topology.particle_count)
         if self.features.penetration_free:
             attach_pair_data(self.layout, topology)
         elif self.features.self_collision:

@@ -25,6 +25,7 @@ from .constraint_data import (
     MembraneCells,
     MembraneTriangles,
     Tethers,
+    ThreadBendList,
     allocate_grabbed,
 )
 from .contact_data import ColoredTriangles, FrictionAnchors, FrictionSums, SelfContactData
@@ -70,6 +71,7 @@ class Layout:
     attachments: Attachments | None = None
     bending_links: BendingLinkList | BendingLinkPackets | None = None
     membrane: MembraneTriangles | MembraneCells | None = None
+    thread_bends: ThreadBendList | None = None
     lines: LineList | LinePackets | None = None
     cg: CGState | None = None
     self_contact: SelfContactData | None = None

@@ -1,4 +1,4 @@
-"""Fields of tethers, bending links, membranes, max distances, attachments and grabs, and of conjugate gradients."""
+"""Fields of tethers, bending, membranes, weaves, max distances, attachments and grabs, and of conjugate gradients."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ..geometry import grid
 from ..geometry.bending import BendingLinks
-from ..geometry.membrane_model import Membrane
+from ..geometry.membrane_model import ElasticTriangles
 from ..geometry.simd_layout import LANES
 from ..geometry.tethers import MAX_TETHERS, tethers_of
 from ..geometry.topology import Topology, adjacency
+from ..geometry.weave_model import ThreadBends
 from ..kernels.membrane_constraints import CELL_MULTIPLIERS
 from . import field_pool as fields
 from .field_pool import build, by_packet, capacity, layout_index, layout_size, vector_field_like
@@ -148,7 +149,7 @@ class MembraneCells:
     count: ti.ScalarField
 
 
-def attach_membrane(layout: Layout, membrane: Membrane, particles: int) -> None:
+def attach_membrane(layout: Layout, membrane: ElasticTriangles, particles: int) -> None:
     """Set `layout.membrane`, of a cloth with so many particles."""
     count = capacity(len(membrane.area))
     if layout.is_simd:
@@ -182,6 +183,51 @@ def _allocate_membrane(count: int, particles: int) -> MembraneTriangles:
         count=fields.count_field(),
         triangle_first=fields.scalar_field(particles + 1, dtype=ti.i32),
         triangle_rows=fields.scalar_field(3 * count, dtype=ti.i32),
+    )
+
+
+@dataclass(eq=False)
+class ThreadBendList:
+    """Inner particles of the threads of a weave that resist bending (`geometry/weave_model.py`)."""
+
+    corners: ti.MatrixField
+    """The particle before it, the particle and the one after it, ivec3 (K,)."""
+    width: ti.ScalarField
+    """Width of the cloth that the thread represents [m], (K,)."""
+    axis: ti.ScalarField
+    """0 along the warp, 1 along the weft, (K,)."""
+    count: ti.ScalarField
+    bend_first: ti.ScalarField
+    """First entry of every particle in `bend_rows`, (N + 1,)."""
+    bend_rows: ti.ScalarField
+    """Bends of every particle, (3·K,)."""
+
+
+def attach_thread_bends(layout: Layout, bends: ThreadBends, particles: int) -> None:
+    """Set `layout.thread_bends`, of a cloth with so many particles, in the serial or the parallel layout."""
+    count = capacity(len(bends.width))
+    if layout.thread_bends is None or layout.thread_bends.width.shape[0] < count:
+        layout.thread_bends = build(layout, lambda: _allocate_thread_bends(count, layout.x.shape[0]))
+    found = layout.thread_bends
+    first, rows = adjacency(bends.corners, particles)
+    fields.upload_all(
+        (found.corners, bends.corners),
+        (found.width, bends.width),
+        (found.axis, bends.axis),
+        (found.bend_first, first),
+        (found.bend_rows, rows),
+    )
+    found.count[None] = len(bends.width)
+
+
+def _allocate_thread_bends(count: int, particles: int) -> ThreadBendList:
+    return ThreadBendList(
+        corners=ti.Vector.field(3, ti.i32, count),
+        width=fields.scalar_field(count),
+        axis=fields.scalar_field(count, dtype=ti.i32),
+        count=fields.count_field(),
+        bend_first=fields.scalar_field(particles + 1, dtype=ti.i32),
+        bend_rows=fields.scalar_field(3 * count, dtype=ti.i32),
     )
 
 
