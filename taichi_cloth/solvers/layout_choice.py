@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from ..geometry.simd_layout import LANES
 from ..kernels.tensor_fields import simd_available
-from ..scene.solver_catalog import needs_a_grid, needs_other_model
+from ..scene.solver_catalog import SOLVER_CATALOG, needs_a_grid, needs_other_model
 from ..system.errors import RENAMED_LAYOUTS, UsageError, choose_from
 from ..system.taichi_runtime import on_cpu
 from .base import Solver
@@ -41,7 +41,9 @@ def choose_layout(
     if unsupported.model not in solver.info.models:
         raise UsageError(needs_other_model(solver.name, unsupported.model))
     if wanted is not None and wanted not in LAYOUTS:
-        raise UsageError(f"unknown layout {wanted!r}{choose_from(wanted, LAYOUTS, RENAMED_LAYOUTS)}")
+        is_solver = wanted in SOLVER_CATALOG
+        hint = f"; load_scene(scene, solver={wanted!r}) chooses a solver" if is_solver else ""
+        raise UsageError(f"unknown layout {wanted!r}{choose_from(wanted, LAYOUTS, RENAMED_LAYOUTS)}{hint}")
     if not on_cpu():
         if wanted not in (None, "parallel"):
             raise UsageError(f"layout {wanted} is for --arch cpu; a GPU uses parallel")

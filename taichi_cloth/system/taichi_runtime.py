@@ -44,7 +44,9 @@ if "HOME" not in os.environ and os.name == "posix":  # Taichi caches there, and 
 
 
 _starting = threading.Lock()  # held while `start_if_needed` starts Taichi
-_started: tuple[taichi_compat.ProgramRef, int] | None = None  # the program that `start` started, and its thread
+_started: tuple[taichi_compat.ProgramRef, threading.Thread] | None = (
+    None  # the program that `start` started, and its thread
+)
 _forked = False  # whether this process was forked from one in which Taichi ran
 
 
@@ -85,7 +87,7 @@ def start(arch: str = "cpu", **options: object) -> str:
             raise ValueError(error.args[0]) from None
     _replace_parser()
     taichi_compat.on_start()
-    _started = taichi_compat.ProgramRef(), threading.get_ident()
+    _started = taichi_compat.ProgramRef(), threading.current_thread()  # an id is used again
     return chosen
 
 
@@ -168,10 +170,10 @@ def check_thread() -> None:
     In another thread Taichi would end in a failed assertion, after which no thread could open a simulation.
     """
     check_not_forked()
-    if _started is not None and _started[1] != threading.get_ident() and _started[0].runs():
+    if _started is not None and _started[1] is not threading.current_thread() and _started[0].runs():
         raise UsageError(
             "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes;"
-            " tc.init() starts it anew in this thread"
+            " tc.init() starts it anew in this thread, and ends the simulations of the other"
         )
 
 

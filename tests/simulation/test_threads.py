@@ -5,18 +5,20 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.system import taichi_runtime
 from taichi_cloth.system.taichi_runtime import check_thread
 
 SCENE = {"cloth": {"rows": 5, "columns": 6}}
 LINE = (
     "Taichi works only in the thread that started it: open and use simulations in one thread, or in processes;"
-    " tc.init() starts it anew in this thread"
+    " tc.init() starts it anew in this thread, and ends the simulations of the other"
 )
 
 
@@ -71,6 +73,18 @@ def test_a_simulation_may_be_closed_by_another_thread(pool: ThreadPoolExecutor, 
     assert simulation.closed
     with tc.Simulation(SCENE, "serial") as again:
         again.step()
+
+
+def test_a_later_thread_is_another_even_if_it_gets_the_same_id(
+    simulation: tc.Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = threading.Thread(target=simulation.positions)
+    assert taichi_runtime._started is not None
+    monkeypatch.setattr(taichi_runtime, "_started", (taichi_runtime._started[0], first))
+    monkeypatch.setattr(first, "_ident", threading.get_ident())  # as if it had ended, and this one had its id
+    with pytest.raises(tc.UsageError) as caught:
+        check_thread()
+    assert str(caught.value) == LINE
 
 
 def test_the_check_takes_less_than_a_microsecond_of_a_frame() -> None:
