@@ -5,6 +5,7 @@ from __future__ import annotations
 from mutation import Mutation
 
 MEMBRANE = "solvers/test_membrane.py::"
+WEAVE, WEAVE_MODEL = "solvers/test_weave.py::", "geometry/test_weave_model.py::"
 CONTRACT = "solvers/test_contract.py::"
 
 SOLVERS = [
@@ -98,6 +99,48 @@ SOLVERS = [
         "tension = (3 * (1 + MAX_STRAIN) ** 2 - 1) / 2",
         "tension = 1.0",
         ("geometry/test_membrane_model.py::test_the_bound_is_met_in_tension_along_the_warp",),
+    ),
+    Mutation(
+        "weave-shear-of-one-sign",
+        "kernels/membrane_forces.py",
+        "abs_(angle)) * ti.select(cosine < 0.0, -1.0, 1.0)",
+        "abs_(angle))",
+        (WEAVE + "test_kernel_forces_are_those_of_the_float64_model[0.003-1.0-0.0-flat]",),
+    ),
+    Mutation(
+        "weave-bends-without-reaction",
+        "kernels/membrane_forces.py",
+        "total -= on_a + on_c",
+        "total += on_a + on_c",
+        (WEAVE + "test_all_layouts_move_alike[plain-parallel-explicit]",),
+    ),
+    Mutation(
+        "weave-short-threads-turn",
+        "geometry/weave_model.py",
+        "np.where(stretch > MIN_STRETCH, across * self.cosine / length**2, 0.0)",
+        "across * self.cosine / length**2",
+        (WEAVE_MODEL + "test_forces_are_minus_the_gradient_of_the_energy",),
+    ),
+    Mutation(
+        "weave-bound-without-margin",
+        "geometry/weave_model.py",
+        "margin, shortest = KINK_MARGIN**2",
+        "margin, shortest = 1.0",
+        (WEAVE_MODEL + "test_no_vibration_is_faster_than_the_bound",),
+    ),
+    Mutation(
+        "weave-threads-on-edges-are-whole",
+        "geometry/weave_model.py",
+        "share[:, :, [0, -1]] = 0.5",
+        "share[:, :, [0, -1]] = 1.0",
+        (WEAVE_MODEL + "test_threads_on_edges_represent_half_a_cell",),
+    ),
+    Mutation(
+        "curves-may-be-level",
+        "scene/keys.py",
+        "if high <= low:",
+        "if high < low:",
+        ("scene/test_weave_keys.py::test_a_wrong_curve_is_one_line",),
     ),
     Mutation(
         "verlet-undamped",

@@ -25,7 +25,7 @@ from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
 TENSOR = {"c11": 900.0, "c22": 600.0, "c12": 200.0, "c66": 150.0}  # [N/m]
-SOLVERS = [name for name, info in SOLVER_CATALOG.items() if info.membrane and info.uses_si_constants]
+SOLVERS = [name for name, info in SOLVER_CATALOG.items() if "membrane" in info.models and info.uses_si_constants]
 
 
 def hung(solver: str = "explicit", *, mesh: Path | None = None, **fabric: Any) -> Scene:
