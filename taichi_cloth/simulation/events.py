@@ -335,8 +335,8 @@ class GrabHandle:
 
     @property
     def active(self) -> bool:
-        """Whether it still holds particles. A reset releases all grabs."""
-        return self._simulation.grabs.get(self.number) is self._grab
+        """Whether it still holds particles. A reset releases all grabs, and so does closing the simulation."""
+        return not self._simulation.closed and self._simulation.grabs.get(self.number) is self._grab
 
     @property
     def particles(self) -> NDArray[np.int64]:

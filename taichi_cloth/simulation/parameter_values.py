@@ -186,7 +186,7 @@ class Parameters(MutableMapping[str, "float | bool"]):
             return _no_section(WIND)
         for part, key in targets_of(name) if isinstance(name, str) else ():
             if part and keys_of(part.cls)[key].slider is None:
-                return f": {part.name}.{key} cannot change while the scene runs; load_scene sets it"
+                return f": {part.name}.{key} {SWITCHES.get(part.name, SWITCH_SCENE)}"
             if part and part.name not in {known.section for known in self._known.values()}:
                 return _no_section(part.name)
         return choose_from(name, [*self._known, *[WIND] * self._has_wind])
@@ -195,6 +195,14 @@ class Parameters(MutableMapping[str, "float | bool"]):
 def _no_section(section: str) -> str:
     """Return that a scene has no section of this name, and how to add one."""
     return f": it has no [{section}]; load_scene adds one, as in load_scene(scene, {section}={{...}})"
+
+
+SWITCH_SCENE = "is changed by switch_scene, not by a parameter"
+SWITCHES = {  # how a scene's key changes while it runs, by section
+    "cloth": "cannot change while the scene runs; load_scene sets it",
+    "solver": "is changed by switch_solver, not by a parameter",
+    "fabric": "is changed by switch_fabric and switch_scene, not by a parameter",
+}
 
 
 class HasParameters:

@@ -243,6 +243,9 @@ def test_a_key_that_is_no_parameter_says_why(taichi: None) -> None:
             ("wind_z", r"it has no \[wind\]; load_scene adds one, as in load_scene\(scene, wind=\{\.\.\.\}\)"),
             ("wind", r"it has no \[wind\]; load_scene adds one"),
             ("rows", "cloth.rows cannot change while the scene runs; load_scene sets it"),
+            ("solver", "solver.name is changed by switch_solver, not by a parameter"),
+            ("warp", "fabric.warp is changed by switch_fabric and switch_scene, not by a parameter"),
+            ("fov", "camera.fov is changed by switch_scene, not by a parameter"),
             ("dampin", r"gravity, .*; did you mean 'damping'\?"),
         ):
             with pytest.raises(ValueError, match=f"'{name}' is not a parameter of this scene: {reason}"):

@@ -460,6 +460,6 @@ def test_calls_take_numbers_of_numpy(tmp_path: Path) -> None:
 
 def test_an_unknown_layout_is_refused() -> None:
     with pytest.raises(UsageError, match=r"unknown layout 'xpbd': .*; load_scene\(scene, solver='xpbd'\) chooses"):
-        tc.Simulation(SCENE, "xpbd")
+        Simulation(SCENE, "xpbd")
     with pytest.raises(UsageError, match="unknown layout 'lane': simd, serial, parallel"):
         Simulation(SCENE, layout="lane")

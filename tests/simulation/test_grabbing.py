@@ -56,6 +56,15 @@ def test_a_position_names_the_nearest_particle(hanging: Simulation) -> None:
         hanging.grab((0.0, np.nan, 0.0))
 
 
+def test_closing_releases_grabs() -> None:
+    with Simulation(Scene(cloth=CLOTH)) as simulation:
+        grab = simulation.grab(MIDDLE)
+        assert grab.active
+    assert not grab.active
+    grab.release()
+    assert not grab.force.any()
+
+
 def inverse_masses(simulation: Simulation) -> np.ndarray:
     return simulation.cloth.inverse_mass.to_numpy()[: simulation.topology.particle_count]
 

@@ -65,11 +65,14 @@ def sheet(solver: str, cloth: Cloth, **keys: float) -> Scene:
     return damped(replace(scene, cloth=cloth, fabric=fabric, forces=Forces(gravity=0.0)))
 
 
-def at_rest(simulation: Simulation, start: Floats) -> Floats:
-    """Return the positions at rest (N, 3) [m], from a disturbed start, with the pinned particles where it has them."""
+def at_rest(simulation: Simulation, start: Floats, deviation: float = DISTURBED) -> Floats:
+    """Return the positions at rest (N, 3) [m], with the pinned particles where `start` has them.
+
+    The others start with a random displacement in the plane of x and y, with this standard deviation [m].
+    """
     free = ~simulation.topology.pinned
     disturbed = start.copy()
-    disturbed[free, :2] += np.random.default_rng(0).normal(0.0, DISTURBED, (int(free.sum()), 2))
+    disturbed[free, :2] += np.random.default_rng(0).normal(0.0, deviation, (int(free.sum()), 2))
     simulation.set_state(disturbed)
     advance(simulation, REST_SECONDS)
     positions: Floats = simulation.positions()

@@ -11,12 +11,13 @@ from ...scene.solver_catalog import SOLVER_CATALOG
 from ...system import taichi_runtime as runtime
 from ...system.errors import UsageError, nearest_hint
 from ..worker_pool import run_parallel
-from . import continuum, drape, elasticity, flight, friction, hanging, strand, swing, symmetry
+from . import continuum, drape, elasticity, flight, friction, hanging, strand, swing, symmetry, woven
 from .check import ALL, ELASTIC, Reference, Result, measure
 
 IMPLICIT = ("xpbd", "lines", "implicit")
 MESHES = ("xpbd", "explicit", "rk4", "implicit")  # for triangle meshes, without `verlet`, which has no SI stiffness
 CONTINUUM = tuple(name for name in ELASTIC if "membrane" in SOLVER_CATALOG[name].models)
+WOVEN = tuple(name for name in ELASTIC if "weave" in SOLVER_CATALOG[name].models)
 WITH_SPRING_DAMPING = ("xpbd", "explicit", "lines", "rk4")  # solvers with spring damping; `implicit` ignores it
 
 
@@ -131,6 +132,9 @@ REFERENCES = (
     Reference("A9.3", "picture frame", "sin γ·cos γ/sin(π/4 − γ/2)", continuum.picture_frame, CONTINUUM),
     Reference("A9.4", "bias extension", "π/2 − 2·acos((1 + d/H)/√2)", continuum.bias_extension, CONTINUUM),
     Reference("A9.5", "bending by direction", "heavy elastica", continuum.two_cantilevers, CONTINUUM),
+    Reference("A9.8a", "weave pulled", "the curve that was typed in", woven.pulled, WOVEN),
+    Reference("A9.8b", "weave sheared", "the curve that was typed in", woven.sheared, WOVEN),
+    Reference("A9.8c", "weave bent", "the curve that was typed in", woven.bent, WOVEN),
     Reference(
         "B1",
         "swinging curtain",
