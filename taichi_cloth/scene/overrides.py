@@ -169,7 +169,8 @@ def with_solver(scene: Scene, name: str, original: Scene) -> Scene:
     return replace(scene, solver=replace(scene.solver, name=name, substeps=substeps, iterations=iterations))
 
 
-NOT_REMOVABLE = ("attachments", "regions", "maps")  # optional sections that stay: they may pin the cloth
+# Optional sections that stay: the first three may pin the cloth, the last is its fabric.
+NOT_REMOVABLE = ("attachments", "regions", "maps", "weave")
 
 
 def removable_sections(scene: Scene) -> list[str]:

@@ -11,6 +11,7 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import SceneError, scene_to_toml
 from taichi_cloth.scene.fabric_schema import Fabric, Weave
 from taichi_cloth.scene.keys import MAX_POINTS
+from taichi_cloth.scene.overrides import removable_sections
 from taichi_cloth.scene.schema import Scene, Solver
 
 Write = Callable[[str | bytes], Path]
@@ -107,3 +108,8 @@ def test_objects_are_checked_as_files_are() -> None:
         Scene(fabric=Fabric(model="weave"), weave=Weave(((0.03, 1.0), (0.02, 2.0))))
     with pytest.raises(SceneError, match=r"weave\.weft: is missing"):
         load_scene(Scene(fabric=Fabric(model="weave"), weave=Weave(((0.03, 1.0),)), solver=Solver("rk4")))
+
+
+def test_a_weave_is_no_feature_that_can_be_removed(write: Write) -> None:
+    scene = load_scene(write(text() + "[wind]\n"))
+    assert removable_sections(scene) == ["wind"]
