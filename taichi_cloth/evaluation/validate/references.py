@@ -132,9 +132,7 @@ REFERENCES = (
     Reference("A9.3", "picture frame", "sin γ·cos γ/sin(π/4 − γ/2)", continuum.picture_frame, CONTINUUM),
     Reference("A9.4", "bias extension", "π/2 − 2·acos((1 + d/H)/√2)", continuum.bias_extension, CONTINUUM),
     Reference("A9.5", "bending by direction", "heavy elastica", continuum.two_cantilevers, CONTINUUM),
-    Reference("A9.8a", "weave pulled", "the curve that was typed in", woven.pulled, WOVEN),
-    Reference("A9.8b", "weave sheared", "the curve that was typed in", woven.sheared, WOVEN),
-    Reference("A9.8c", "weave bent", "the curve that was typed in", woven.bent, WOVEN),
+    Reference("A9.8", "weave", "the curves that were typed in", woven.curves, WOVEN),
     Reference(
         "B1",
         "swinging curtain",

@@ -35,10 +35,16 @@ LINKS, LINK = 16, 0.025  # of a strip that is bent; [m]
 NUDGE = 1e-4  # [m] standard deviation of its start; one of 1 mm lets a shallow arc snap through
 
 
-def sheet(solver: str, cloth: Cloth, curves: Weave = CURVES) -> Scene:
+def curves(solver: str) -> Iterator[Check]:
+    """Measure all curves of a weave."""
+    for measured in (pulled, sheared, bent):
+        yield from measured(solver)
+
+
+def sheet(solver: str, cloth: Cloth) -> Scene:
     """Return a weave without gravity that comes to rest."""
     fabric = Fabric(model="weave", bending_stiffness=0.0, bend_spring=0.0)
-    return damped(replace(base(solver), cloth=cloth, fabric=fabric, weave=curves, forces=Forces(gravity=0.0)))
+    return damped(replace(base(solver), cloth=cloth, fabric=fabric, weave=CURVES, forces=Forces(gravity=0.0)))
 
 
 def typed(curve: str, x: float) -> float:
