@@ -220,7 +220,7 @@ class FrameError:
     frame: int
     """Number of the frame."""
     error: float
-    """Distance from the reference [m]."""
+    """Distance from the reference [m], root mean square over all particles, as all distances here."""
     motion: float
     """Distance that the cloth moved in the frame [m]."""
     reference_error: float

@@ -186,7 +186,7 @@ class Simulation(RunningCloth):
         write_checkpoint(self, path)
 
     def load(self, path: str | PathLike[str]) -> None:
-        """Continue from a checkpoint, with the same bits as a run that never stopped.
+        """Continue from a checkpoint, with the same bits as a run that never stopped, in the same layout.
 
         Raises OSError if the file cannot be read, and ValueError if it is not a checkpoint of this scene.
         """
