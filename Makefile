@@ -27,7 +27,7 @@ help:
 	@echo "make bounds       run the tests of kernels and collision with bounds checks of all array accesses"
 	@echo "make long         run the tests that take minutes each; write tests/long_result.toml"
 	@echo "make mutants      mutation testing: a test must fail with each mutation; write tests/mutants_result.toml"
-	@echo "                  (ONLY=NAME: run that mutation; write nothing)"
+	@echo "                  (ONLY=NAME: run that mutation)"
 	@echo "make lint         run ruff and mypy"
 	@echo "make bench        measure frame times on this machine, with C and JavaScript (BENCH=--all: everything)"
 	@echo "make results      bench and performance goals, stored in $(RESULTS); update docs/ (MACHINE=name)"

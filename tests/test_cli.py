@@ -408,7 +408,9 @@ def test_count_noun_uses_singular_and_plural() -> None:
     ("words", "line"),
     [
         (["--out", "o.png"], "--out names a folder of images, not a file: o.png; --video writes one file"),
-        (["--target", "0,2,0"], "unknown option --target"),  # not short for --target-error
+        (["--target", "0,2,0"], "unknown option --target; use --set 'camera.target=[X,Y,Z]'"),  # not --target-error
+        (["--width", "30"], "unknown option --width; use --size WIDTHxHEIGHT"),
+        (["--frame", "2"], "unknown option --frame; did you mean '--frames'?"),
     ],
 )
 def test_wrong_options_of_render_are_named(

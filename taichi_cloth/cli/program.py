@@ -59,6 +59,17 @@ class CommandModule(Protocol):
     def add_commands(self, command: Command) -> None: ...
 
 
+# What a command has in place of an option that others have, or that one would try.
+OPTIONS_OF_OTHERS = {
+    ("bench", "--solver"): "--filter NAME",
+    ("compare", "--solver"): "--a solver=NAME --b solver=NAME",
+    ("render", "--width"): "--size WIDTHxHEIGHT",
+    ("render", "--height"): "--size WIDTHxHEIGHT",
+    ("render", "--eye"): "--set 'camera.eye=[X,Y,Z]'",
+    ("render", "--target"): "--set 'camera.target=[X,Y,Z]'",
+}
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, with the nearest valid word for a mistyped one."""
 
@@ -72,8 +83,12 @@ class Parser(argparse.ArgumentParser):
             if option in RENAMED_OPTIONS:
                 self.error(f"{option} was renamed to {RENAMED_OPTIONS[option]}")
             if option.startswith("-"):
-                self.error(f"unknown option {option}{nearest_hint(option, self._option_string_actions)}")
+                known = OPTIONS_OF_OTHERS.get((self.prog.split()[-1], option))
+                hint = f"; use {known}" if known else nearest_hint(option, self._option_string_actions)
+                self.error(f"unknown option {option}{hint}")
         joined = "; join keys by commas: KEY=VALUE,KEY=VALUE" if all("=" in word for word in words) else ""
+        if "--scene" in self._option_string_actions:
+            joined = "; --error --scene NAME measures on a scene"
         self.error(f"too many arguments: {' '.join(words)}{joined}")
 
 

@@ -1,55 +1,53 @@
-"""The result of `make mutants` as a small file next to the tests: `tests/mutants_result.toml`. A test reads it."""
+"""The results of `make mutants` in a small file next to the tests: `tests/mutants_result.toml`. A test reads it.
+
+Every mutation has a line with its verdict, a digest of its text and tests, and the tested commit. A run of some
+mutations replaces their lines, so that a mutation that is added or changed needs no run of all.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import tomllib
 from collections.abc import Mapping
-from datetime import date
-from typing import Any
 
-from mutation import ROOT
-from mutations import digest
+from mutation import ROOT, Mutation
+from mutations import MUTATIONS
+from result_file import written
 
 from taichi_cloth.system.taichi_runtime import cpu_model, machine
 
 FILE = ROOT / "tests" / "mutants_result.toml"
-TITLE = "# Written by `make mutants`: its last result for the complete table."
+TITLE = "# Written by `make mutants`: the last verdict on every mutation, a digest of it, and the tested commit."
 KILLED, SURVIVED, BROKEN = "killed", "SURVIVED", "BROKEN"
 
 
-def reduced(verdicts: Mapping[str, str], commit: str, seconds: float) -> dict[str, dict[str, Any]]:
-    """Return the counts, and the names of mutations that survived or could not be tried, from the verdicts by name.
-
-    `commit` is the tested commit, `seconds` the duration of the run. The digest of the table tells a result of another
-    table, even of as many mutations.
-    """
-    named = {verdict: [name for name, found in verdicts.items() if found == verdict] for verdict in (SURVIVED, BROKEN)}
-    result = {
-        "date": date.today().isoformat(),
-        "commit": commit,
-        "table": digest(),
-        "mutations": len(verdicts),
-        "killed": sum(verdict == KILLED for verdict in verdicts.values()),
-        "survived": named[SURVIVED],
-        "broken": named[BROKEN],
-        "seconds": round(seconds),
-    }
-    return {"result": result, "machine": {**machine(), "processor": cpu_model()}}
+def digest(mutation: Mutation) -> str:
+    """Return a digest of a mutation with its text and tests, 8 hex digits."""
+    return hashlib.sha256(repr(mutation).encode()).hexdigest()[:8]
 
 
-def retried(
-    stored: Mapping[str, Mapping[str, Any]], verdicts: Mapping[str, str], commit: str
-) -> dict[str, dict[str, Any]] | None:
-    """Return a stored result in which mutations that survived or were broken are killed now; None if nothing changes.
+def line_of(mutation: Mutation, verdict: str, commit: str) -> str:
+    """Return the stored line of a mutation."""
+    return f"{verdict} {digest(mutation)} {commit}"
 
-    `retried` names them, with the commit that was tested. A result of another table cannot change.
-    """
-    result = dict(stored["result"])
-    failed = {*result["survived"], *result["broken"]}
-    killed = [name for name, verdict in verdicts.items() if verdict == KILLED and name in failed]
-    if not killed or result["table"] != digest():
-        return None
-    for verdict in ("survived", "broken"):
-        result[verdict] = [name for name in result[verdict] if name not in killed]
-    result["killed"] += len(killed)
-    result["retried"] = [*result.get("retried", []), *(f"{name}: {commit}" for name in killed)]
-    return {"result": result, "machine": dict(stored["machine"])}
+
+def stored_lines() -> dict[str, str]:
+    """Return the stored lines by name; none if there is no file."""
+    return dict(tomllib.loads(FILE.read_text(encoding="utf-8"))["mutations"]) if FILE.exists() else {}
+
+
+def store(verdicts: Mapping[str, str], commit: str) -> None:
+    """Replace the lines of mutations by these verdicts by name. Lines of mutations that are gone are dropped."""
+    lines = stored_lines()
+    for mutation in MUTATIONS:
+        if mutation.name in verdicts:
+            lines[mutation.name] = line_of(mutation, verdicts[mutation.name], commit)
+    ordered = {mutation.name: lines[mutation.name] for mutation in MUTATIONS if mutation.name in lines}
+    tables = {"mutations": ordered, "machine": {**machine(), "processor": cpu_model()}}
+    FILE.write_text(written(TITLE, tables), encoding="utf-8")
+
+
+def not_killed(lines: Mapping[str, str]) -> list[str]:
+    """Return the names of the mutations that were not killed as they are now: survived, broken, changed or new."""
+    alike = {m.name: line_of(m, KILLED, "") for m in MUTATIONS}
+    return [name for name, line in alike.items() if not lines.get(name, "").startswith(line)]

@@ -7,8 +7,6 @@ mutations for each folder of the program that they change.
 
 from __future__ import annotations
 
-import hashlib
-
 from collision_mutations import COLLISION
 from evaluation_mutations import EVALUATION
 from geometry_mutations import GEOMETRY
@@ -27,8 +25,3 @@ MUTATIONS: list[Mutation] = [
     *INTERFACES,
     *EVALUATION,
 ]
-
-
-def digest() -> str:
-    """Return a digest of the table, 12 hex digits: every mutation with its text and tests, in order."""
-    return hashlib.sha256(repr(MUTATIONS).encode()).hexdigest()[:12]

@@ -2,7 +2,7 @@
 
 `python tests/mutants/run_mutants.py [--only NAME ...] [--jobs 2]`. The exit status is 1 if a mutation survives, and 2
 if the table does not fit the program: a text does not occur once, or a test cannot run or fails without a fault. The
-result of the complete table is written to `tests/mutants_result.toml`; that of selected mutations is not.
+verdicts are written to `tests/mutants_result.toml`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.pool import ThreadPool
@@ -28,7 +27,7 @@ import mutants_result
 from mutants_result import BROKEN, KILLED, SURVIVED
 from mutation import ROOT, Mutation
 from mutations import MUTATIONS
-from result_file import commit, written
+from result_file import commit
 
 TIME_LIMIT = 600  # [s] a mutation may make a loop endless
 NOT_COPIED = shutil.ignore_patterns(
@@ -146,23 +145,6 @@ def table(results: Sequence[Result]) -> str:
     return "\n".join([*rows, f"{len(results)} mutations: {', '.join(counts)}"])
 
 
-def write(results: Sequence[Result], tested_commit: str, seconds: float) -> None:
-    """Store the results in the order of the table."""
-    verdicts = {result.mutation.name: result.verdict for result in results}
-    ordered = {mutation.name: verdicts[mutation.name] for mutation in MUTATIONS}
-    text = written(mutants_result.TITLE, mutants_result.reduced(ordered, tested_commit, seconds))
-    mutants_result.FILE.write_text(text, encoding="utf-8")
-
-
-def retry(results: Sequence[Result], tested_commit: str) -> None:
-    """Store the new results of mutations that survived or did not run, if the stored result is of the same table."""
-    if mutants_result.FILE.exists():
-        stored = tomllib.loads(mutants_result.FILE.read_text(encoding="utf-8"))
-        verdicts = {result.mutation.name: result.verdict for result in results}
-        if changed := mutants_result.retried(stored, verdicts, tested_commit):
-            mutants_result.FILE.write_text(written(mutants_result.TITLE, changed), encoding="utf-8")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
@@ -170,17 +152,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--jobs", type=int, default=2, help="number of parallel jobs (default: 2)")
     options = parser.parse_args(arguments)
-    tested_commit, start = commit(), time.monotonic()  # the working tree may change after it is copied
+    tested_commit = commit()  # the working tree may change after it is copied
     try:
         results = run(selected(options.only), max(options.jobs, 1))
     except ValueError as error:
         print(f"mutants: {error}", file=sys.stderr)
         return 2
     print(table(results))
-    if options.only:
-        retry(results, tested_commit)
-    else:
-        write(results, tested_commit, time.monotonic() - start)
+    mutants_result.store({result.mutation.name: result.verdict for result in results}, tested_commit)
     verdicts = {result.verdict for result in results}
     return 2 if BROKEN in verdicts else int(SURVIVED in verdicts)
 

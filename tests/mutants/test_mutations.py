@@ -1,26 +1,25 @@
 """The table of mutations fits the program: every text occurs once, and every named test exists.
 
-The last result of the complete table is stored, and no mutation survived.
+The last verdict on each is stored, and none survived.
 """
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 
 import mutants_result
-import mutations
 import pytest
 import run_mutants
-from mutants_result import BROKEN, KILLED, SURVIVED
+from mutants_result import BROKEN, KILLED, SURVIVED, digest, not_killed
 from mutation import ROOT, Mutation
-from mutations import MUTATIONS, digest
+from mutations import MUTATIONS
 from result_file import commit, written
 from run_mutants import Result, main, selected
 
@@ -68,21 +67,12 @@ def test_an_unknown_name_is_one_line(capsys: pytest.CaptureFixture[str]) -> None
 # -- stored result -----------------------------------------------------------------------------------------------------
 
 
-def test_the_last_run_is_stored_and_no_mutation_survived() -> None:
-    """The result is that of the present table: after a mutation is added or changed, `make mutants` must run again."""
-    file = mutants_result.FILE
-    if not file.exists():
-        pytest.skip("`make mutants`, which writes tests/mutants_result.toml, has not been completed yet")
-    stored = tomllib.loads(file.read_text(encoding="utf-8"))
-    result = stored["result"]
-    assert result["survived"] == []
-    assert result["broken"] == []
-    assert result["killed"] == result["mutations"] == len(MUTATIONS)
-    assert result["table"] == digest()
-    assert result["seconds"] > 0
-    assert date.fromisoformat(result["date"]) > date(2026, 1, 1)
-    assert result["commit"]
-    assert stored["machine"]["processor"]
+def test_every_mutation_was_killed_as_it_is_now() -> None:
+    """After a mutation is added or changed, `make mutants ONLY=NAME` must run it."""
+    lines = mutants_result.stored_lines()
+    assert not_killed(lines) == []
+    assert list(lines) == [mutation.name for mutation in MUTATIONS]
+    assert all(re.fullmatch(r"killed [0-9a-f]{8} [0-9a-f]{7,}", line) for line in lines.values())
 
 
 @pytest.fixture
@@ -99,59 +89,54 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return mutants_result.FILE
 
 
-def test_the_result_of_the_complete_table_is_stored(file: Path) -> None:
+def test_the_result_of_all_mutations_is_stored_in_the_order_of_the_table(file: Path) -> None:
     assert main([]) == 2
-    tables = tomllib.loads(file.read_text(encoding="utf-8"))
-    result = tables["result"]
-    assert (result["mutations"], result["killed"]) == (len(MUTATIONS), len(MUTATIONS) - 2)
-    assert result["survived"] == [MUTATIONS[-2].name]
-    assert result["broken"] == [MUTATIONS[-1].name]
-    assert result["date"] == date.today().isoformat()
-    assert result["commit"] == commit()
-    assert tables == tomllib.loads(written(mutants_result.TITLE, tables))
+    text = file.read_text(encoding="utf-8")
+    lines = mutants_result.stored_lines()
+    assert list(lines) == [mutation.name for mutation in MUTATIONS]
+    assert lines[MUTATIONS[0].name] == f"killed {digest(MUTATIONS[0])} {commit()}"
+    assert lines[MUTATIONS[-2].name].startswith("SURVIVED ")
+    assert lines[MUTATIONS[-1].name].startswith("BROKEN ")
+    assert not_killed(lines) == [MUTATIONS[-2].name, MUTATIONS[-1].name]
+    tables = tomllib.loads(text)
+    assert tables["machine"]["processor"]
+    assert text == written(mutants_result.TITLE, tables)
 
 
-def test_another_table_has_another_digest(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = digest()
-    assert mutants_result.reduced({}, "", 0.0)["result"]["table"] == before
-    for other in (replace(MUTATIONS[0], new=""), replace(MUTATIONS[0], tests=())):
-        monkeypatch.setattr(mutations, "MUTATIONS", [other, *MUTATIONS[1:]])
-        assert digest() != before
-    monkeypatch.undo()
-    assert digest() == before
+def test_a_changed_mutation_has_another_digest() -> None:
+    first = MUTATIONS[0]
+    assert len({digest(one) for one in (first, replace(first, new=""), replace(first, tests=()), MUTATIONS[1])}) == 4
+    assert digest(replace(first)) == digest(first)
 
 
-def test_survivors_are_listed_in_the_order_of_the_table() -> None:
-    verdicts = {"a": SURVIVED, "b": KILLED, "c": SURVIVED, "d": BROKEN}
-    result = mutants_result.reduced(verdicts, "abc+", 12.6)["result"]
-    assert (result["survived"], result["broken"]) == (["a", "c"], ["d"])
-    assert (result["mutations"], result["killed"], result["seconds"]) == (4, 1, 13)
-    assert result["commit"] == "abc+"
+def test_a_mutation_that_changed_or_is_new_was_not_killed(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert main(["--only", *(mutation.name for mutation in MUTATIONS[1:-2])]) == 2
+    lines = mutants_result.stored_lines()
+    missing = [MUTATIONS[0].name, MUTATIONS[-4].name, MUTATIONS[-3].name, MUTATIONS[-2].name, MUTATIONS[-1].name]
+    assert not_killed(lines) == missing
+    changed = [*MUTATIONS[:1], replace(MUTATIONS[1], new="something else"), *MUTATIONS[2:]]
+    monkeypatch.setattr(mutants_result, "MUTATIONS", changed)
+    assert not_killed(lines) == [missing[0], MUTATIONS[1].name, *missing[1:]]
 
 
-def test_the_result_of_selected_mutations_is_not_stored(file: Path) -> None:
-    assert main(["--only", MUTATIONS[0].name, MUTATIONS[1].name]) == 2
-    assert not file.exists()
-
-
-def test_a_mutation_that_is_killed_in_a_second_run_is_stored_with_its_commit(
+def test_a_run_of_some_mutations_replaces_their_results_and_drops_those_that_are_gone(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert main([]) == 2
-    before = tomllib.loads(file.read_text(encoding="utf-8"))["result"]
-    survivor, broken = before["survived"][0], before["broken"][0]
+    before = mutants_result.stored_lines()
 
     def run(mutations: Sequence[Mutation], jobs: int) -> list[Result]:
         return [Result(mutation, KILLED, 1.0) for mutation in mutations]
 
     monkeypatch.setattr(run_mutants, "run", run)
-    assert main(["--only", MUTATIONS[0].name, survivor]) == 0
-    after = tomllib.loads(file.read_text(encoding="utf-8"))["result"]
-    assert (after["killed"], after["survived"], after["broken"]) == (len(MUTATIONS) - 1, [], [broken])
-    assert after["retried"] == [f"{survivor}: {commit()}"]
-    monkeypatch.setattr(mutants_result, "digest", lambda: "of another table")
-    assert main(["--only", broken]) == 0
-    assert tomllib.loads(file.read_text(encoding="utf-8"))["result"] == after
+    monkeypatch.setattr(run_mutants, "commit", lambda: "1234567")
+    monkeypatch.setattr(mutants_result, "MUTATIONS", MUTATIONS[1:])
+    assert main(["--only", MUTATIONS[-2].name]) == 0
+    after = mutants_result.stored_lines()
+    assert after.pop(MUTATIONS[-2].name) == f"killed {digest(MUTATIONS[-2])} 1234567"
+    assert after == {name: before[name] for name in after}
+    assert list(before)[:1] == [MUTATIONS[0].name]
+    assert MUTATIONS[0].name not in after
 
 
 def test_nothing_is_stored_if_tests_fail_without_a_mutation(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
