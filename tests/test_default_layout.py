@@ -30,7 +30,8 @@ from taichi_cloth.simulation.copies import FrameErrorMeter
 from taichi_cloth.simulation.recording import Recorder, read_recording
 from taichi_cloth.simulation.rollback import REWIND_EVERY, RewindBuffer
 from taichi_cloth.simulation.simulation import Simulation
-from taichi_cloth.viewer.panel import Panel, statistics
+from taichi_cloth.viewer.charts import statistics
+from taichi_cloth.viewer.panel import Panel
 from taichi_cloth.viewer.replay import ReplaySession
 from taichi_cloth.viewer.session import Session
 

@@ -23,7 +23,7 @@ from ..simulation.recording import Recorder
 from ..simulation.simulation import Simulation
 from ..system.errors import error_text, install_command
 from ..system.files import next_free_path
-from .input import Progress, Refusal
+from .toolkit import Progress, Refusal
 
 Size = tuple[int, int]
 Exporter = Callable[[Simulation, Path], Path]  # writes the mesh to a new file in a folder, and returns its path

@@ -11,8 +11,9 @@ from ..render.split_view import camera_for_both, nearest_vertex_map, rms_distanc
 from ..scene import Scene, parameters_of
 from ..system.errors import error_text
 from ..system.files import next_free_path
-from .input import HELD_KEY_RATES, SHORTCUTS, Refusal
+from .input import HELD_KEY_RATES, SHORTCUTS
 from .session import Session
+from .toolkit import Refusal
 
 # Actions on both sides, and actions on the side under the cursor only, so that the sides may differ in more settings.
 SHARED_ACTIONS = (

@@ -17,12 +17,13 @@ import taichi as ti
 from ..render.split_view import SplitRenderer
 from ..scene import parameters_of
 from ..simulation.frame_clock import FrameClock
+from .charts import milliseconds
 from .comparison import SHARED_ACTIONS, SIDE_ACTIONS, Comparison
 from .error_process import error_lines
-from .input import OWN_FABRIC, SHORTCUTS, Progress
-from .panel import HIDDEN_TITLE, NOTE_COLORS, PANEL_MARGIN, PANEL_WIDTH, draw_caption, milliseconds, wrap
+from .input import OWN_FABRIC, SHORTCUTS
+from .panel import HIDDEN_TITLE, NOTE_COLORS, PANEL_MARGIN, PANEL_WIDTH, draw_caption, wrap
 from .session import Session
-from .toolkit import PanelRect, has_changed, saved_panel_rect, sub_window
+from .toolkit import PanelRect, Progress, has_changed, saved_panel_rect, sub_window
 from .window import (
     MAX_HOLD_SECONDS,
     STATISTICS_EVERY,

@@ -6,7 +6,6 @@ Escape and the arrow keys only: no digits, no F-keys, no mouse wheel.
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from ..scene.fabric_schema import PRESET_NAMES
 from ..scene.schema import SOLVER_NAMES
 from ..simulation.copies import feature_times
 from ..system.errors import UsageError
+from .toolkit import Refusal
 
 if TYPE_CHECKING:
     from .session import Session
@@ -92,24 +92,6 @@ def table() -> list[str]:
     left, right = entries[:half], [*entries[half:], ("", "")]
     rows = [f"| {a} | {what} | {b} | {other} |" for (a, what), (b, other) in zip(left, right, strict=False)]
     return ["| mouse, key | | key | |", "|---|---|---|---|", *rows]
-
-
-KEY_COLUMN = 34  # [characters] width of the first column of the help
-FIRST_STEPS = (
-    "Pull the cloth or a ball with the left button; the ring shows what is grabbed. Drag beside them to look around."
-    " Sliders change the scene while it runs; Menu lists scenes, solvers, fabrics and views."
-)
-
-
-def help_lines(columns: int = 2) -> list[str]:
-    """Return the help: how to begin, then keys and mouse, one or two entries to a line."""
-    entries = [f"{key.label:5} {key.help}" for key in SHORTCUTS if key.code not in ARROWS] + ["arrows: pan camera"]
-    entries += [f"{drag}: {help}" for drag, help in MOUSE]
-    begin = textwrap.wrap(FIRST_STEPS, columns * KEY_COLUMN)
-    if columns == 1:
-        return [*begin, *entries]
-    half = (len(entries) + 1) // 2
-    return [*begin, *(f"{a:{KEY_COLUMN}} {b}" for a, b in zip(entries[:half], [*entries[half:], ""], strict=False))]
 
 
 ZOOM_RATE = 8.0  # [steps/s] while a key is held down
@@ -367,22 +349,6 @@ def hide(session: Session) -> None:
 
 def quit(session: Session) -> None:
     session.running = False
-
-
-# -- notes: lines for the user about what was done ---------------------------------------------------------------------
-
-
-class Refusal(str):
-    """A note that something was not done, and why."""
-
-
-class Progress(str):
-    """A note about what is going on."""
-
-
-FROZEN_DRAG = "frozen: hold the button and press Space or N, and what you drag follows the mouse"
-UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
-NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or a change of scene, solver, fabric or features"
 
 
 def display_name(section: str) -> str:

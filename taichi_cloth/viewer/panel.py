@@ -5,7 +5,6 @@ It has pages, since the toolkit has no collapsible sections.
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,21 +13,17 @@ from pathlib import Path
 
 import taichi as ti
 
-from ..geometry.topology import ClothMetrics
-from ..scene.overrides import with_solver
 from ..scene.parameters import Parameter, parameters_of
 from ..scene.presets import load_preset
-from ..scene.schema import FRAME_SECONDS
 from ..scene.solver_catalog import SOLVER_CATALOG
-from ..simulation.builder import unsupported_by
 from ..simulation.copies import FeatureTimes
-from ..simulation.error_estimate import faster_solver
 from ..simulation.simulation import Simulation
 from . import charts
-from .error_process import error_lines, unfinished
-from .input import HELP, MENU, OWN_FABRIC, PAGES, SPEEDS, Progress, Refusal, chosen, display_name, help_lines, names
+from .charts import slow_line
+from .error_process import error_lines
+from .input import ARROWS, HELP, MENU, MOUSE, OWN_FABRIC, PAGES, SHORTCUTS, chosen, display_name, names
 from .session import Session
-from .toolkit import PanelRect, draw_lines, has_changed, saved_panel_rect, sub_window
+from .toolkit import PanelRect, Progress, Refusal, draw_lines, has_changed, saved_panel_rect, sub_window
 
 # -- panel -------------------------------------------------------------------------------------------------------------
 
@@ -330,67 +325,21 @@ def wrapped_lines(lines: Sequence[str]) -> list[str]:
     return [part for line in lines for part in wrap(line)]
 
 
-def statistics(session: Session, times: dict[str, float], fps: float, view: str | None = None) -> str:
-    """Return lines of text: what runs, with speed, accuracy and size of the simulation.
+# -- help --------------------------------------------------------------------------------------------------------------
 
-    `times`: of the steps of a displayed frame besides physics and measuring, by name [ms]. `fps`: displayed frames per
-    second. `view`: shown in place of the session's, for a display with a view of its own.
-    """
-    simulation, metrics, topology = session.simulation, session.metrics, session.simulation.topology
-    steps = times | {"measuring": session.measuring_ms}
-    slow = "" if SPEEDS[session.speed] == 1 else f" · {session.speed} speed"
-    clip = " · recording a clip" if session.capture.clip_is_on else ""
-    strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
-    fabric, links = simulation.scene.fabric.preset or OWN_FABRIC, "springs" if topology.membrane is None else "edges"
-    lines = (
-        f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
-        f"frame {simulation.frame} · {'frozen' if session.frozen else f'{fps:.0f} fps'}{slow}{clip}",
-        f"physics {milliseconds(session.physics_ms)} ms of {1e3 * FRAME_SECONDS:.1f} ms",
-        ", ".join(f"{name} {milliseconds(ms)} ms" for name, ms in steps.items()),
-        f"strain: max {strain:.1f} %, mean {mean:.1f} %",
-        *error_lines(session.meter, frozen=session.frozen),
-        f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
-        f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
-        *intersection_lines(simulation, metrics),
-        f"{simulation.method}: {' '.join(simulation.features)}",
-        f"{topology.particle_count} particles, {topology.spring_count} {links}, {topology.pinned.sum()} pins",
-        *filter(None, [simulation.warnings, unfinished(simulation)]),
-    )
-    return "\n".join(lines)
+KEY_COLUMN = 34  # [characters] width of the first column of the help
+FIRST_STEPS = (
+    "Pull the cloth or a ball with the left button; the ring shows what is grabbed. Drag beside them to look around."
+    " Sliders change the scene while it runs; Menu lists scenes, solvers, fabrics and views."
+)
 
 
-def intersection_lines(simulation: Simulation, metrics: ClothMetrics) -> list[str]:
-    """Return the number of edges that pass through triangles, and whether contact keeps it 0; [] without contact."""
-    if metrics.intersections is None:
-        return []
-    note = "" if simulation.penetration_free_since is None else " (guaranteed)"
-    return [f"self-intersections: {metrics.intersections} edges{note}"]
-
-
-def milliseconds(time: float) -> str:
-    """Return a measured time [ms] as text: a number, or "-" if there is none yet."""
-    return f"{time:.{int(time < 10)}f}" if time > 0 else "-"
-
-
-def slow_line(session: Session) -> str:
-    """Return a line if the simulation falls behind the wall clock, with a faster choice; else an empty one."""
-    simulation, ms, limit = session.simulation, session.history.frame_ms, 1e3 * FRAME_SECONDS / SPEEDS[session.speed]
-    if session.frozen or session.deferred or ms <= limit:
-        return ""
-    scene, original, topology = simulation.scene, simulation.original_scene, simulation.topology
-    iterations = 1 if simulation.solver.info.is_explicit else int(simulation.params["iterations"])
-    running = replace(scene.solver, substeps=simulation.substeps, iterations=iterations)
-    no_grid, model = unsupported_by(scene, topology).grid_only, scene.fabric.model
-    others = [
-        with_solver(scene, name, original).solver
-        for name, info in SOLVER_CATALOG.items()
-        # The substeps of explicit solvers depend on the fabric.
-        if name != running.name and not info.is_explicit
-        if not (info.grid_only and no_grid) and model in info.models
-        if info.uses_si_constants or model == "springs"
-    ]
-    faster = faster_solver(math.sqrt(topology.particle_count) - 1, running, others, ms, limit)
-    if not faster:
-        fewer = {"iterations": iterations > 1, "substeps": simulation.substeps > simulation.min_stable_substeps}
-        faster = next((f"fewer {name}" for name, possible in fewer.items() if possible), "a coarser cloth")
-    return f"too slow: a frame needs {ms:.3g} ms of {limit:.1f}; try {faster}"
+def help_lines(columns: int = 2) -> list[str]:
+    """Return the help: how to begin, then keys and mouse, one or two entries to a line."""
+    entries = [f"{key.label:5} {key.help}" for key in SHORTCUTS if key.code not in ARROWS] + ["arrows: pan camera"]
+    entries += [f"{drag}: {help}" for drag, help in MOUSE]
+    begin = textwrap.wrap(FIRST_STEPS, columns * KEY_COLUMN)
+    if columns == 1:
+        return [*begin, *entries]
+    half = (len(entries) + 1) // 2
+    return [*begin, *(f"{a:{KEY_COLUMN}} {b}" for a, b in zip(entries[:half], [*entries[half:], ""], strict=False))]

@@ -23,8 +23,9 @@ from ..simulation.simulation import Simulation
 from ..system.errors import UsageError, choose_from
 from .capture import Exporter
 from .error_process import ErrorProcess, Job, Measurer, error_lines
-from .input import PAGES, SHORTCUTS, Refusal
+from .input import PAGES, SHORTCUTS
 from .session import Session
+from .toolkit import Refusal
 
 
 class FrameByFrame(ErrorProcess):

@@ -25,26 +25,22 @@ from ..simulation.simulation import Simulation
 from ..system.errors import UsageError
 from .capture import Capture, Exporter
 from .charts import History
-from .dragging import GRAB_RADII, Cursor, Dragger, Mouse, Pointer, Size, pick_under_cursor
+from .dragging import GRAB_RADII, Cursor, Dragger, Size, pick_under_cursor
 from .error_process import ErrorProcess
 from .input import (
     ACTIONS,
     COMPILING_ACTIONS,
-    FROZEN_DRAG,
     HELD_KEY_RATES,
     NEIGHBORS,
-    NOTHING_TO_UNDO,
     OWN_FABRIC,
     PAGES,
     REWIND_RATES,
-    UNDONE,
     Deferred,
-    Progress,
-    Refusal,
     change_to,
     chosen,
     neighbor,
 )
+from .toolkit import FROZEN_DRAG, NOTHING_TO_UNDO, UNDONE, Mouse, Pointer, Progress, Refusal
 
 
 class Session:

@@ -1,6 +1,11 @@
-"""What the UI toolkit does not report: whether a window can open, where its panel is, if a slider moved. Its panels.
+"""What the UI toolkit does not report: whether a window can open, where its panel is, if a slider moved. The mouse.
 
 If a window cannot open, Taichi ends the process.
+
+A press of the mouse selects the panel, the cloth, a sphere or the camera, until the button is released. The toolkit
+does not report whether its panel uses the mouse, so the position of the press decides: is it inside the panel's
+rectangle? That rectangle is out of date for some seconds after the user has moved the panel. If a widget changes during
+a drag, the press was on the panel, and the cloth is released.
 """
 
 from __future__ import annotations
@@ -13,6 +18,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
@@ -163,3 +169,111 @@ def has_changed(after: float, before: float) -> bool:
     The toolkit returns values rounded to float32. After Ctrl+click it returns any number that the user types.
     """
     return math.isfinite(after) and not math.isclose(after, before, rel_tol=1e-6, abs_tol=1e-9)
+
+
+# -- the mouse ---------------------------------------------------------------------------------------------------------
+
+BUTTONS = ("left", "right", "middle")
+ZOOM_STEPS = 20.0  # zoom steps for a drag over the height of the window
+
+
+class Target(Enum):
+    """What the mouse acts on."""
+
+    IDLE = "idle"
+    PANEL = "panel"
+    CLOTH = "cloth"
+    CAMERA = "camera"
+    NOTHING = "nothing"  # the grabbed cloth was released; no action until the button is up
+
+
+@dataclass(frozen=True)
+class Mouse:
+    """The mouse in one displayed frame."""
+
+    x: float
+    """Distance from the window's left edge [heights of the window]."""
+    y: float
+    """Distance from its lower edge [heights of the window]."""
+    held: frozenset[str] = frozenset()
+    """The buttons that are down, a subset of `BUTTONS`."""
+
+
+@dataclass(frozen=True)
+class Gesture:
+    """What the mouse does in one displayed frame."""
+
+    press: bool = False
+    """Try to grab the cloth or a sphere here. The caller calls `Pointer.orbit_instead` if there is none."""
+    release: bool = False
+    """Release it."""
+    orbit: tuple[float, float] = (0.0, 0.0)
+    """Motion of the camera to the right and up [heights of the window]."""
+    zoom: float = 0.0
+    """Zoom steps, positive toward the target."""
+
+
+class Pointer:
+    """Turns buttons and motion into gestures. The first button pressed counts; others are ignored until its release."""
+
+    def __init__(self) -> None:
+        self.owner = Target.IDLE
+        """What the mouse acts on now."""
+        self._button = ""
+        self._last = Mouse(0.0, 0.0)
+
+    def update(self, mouse: Mouse, *, on_panel: bool, widget_changed: bool) -> Gesture:
+        """Process the mouse of one displayed frame. Return its gesture.
+
+        `on_panel`: whether the cursor is inside the panel's rectangle. `widget_changed`: whether a widget of the panel
+        has changed in this frame.
+        """
+        right, up = mouse.x - self._last.x, mouse.y - self._last.y
+        self._last = mouse
+        if self.owner is Target.IDLE:
+            return self._begin(mouse, on_panel)
+        if self._button not in mouse.held:
+            grabbed = self.owner is Target.CLOTH
+            self.owner = Target.IDLE
+            return Gesture(release=grabbed)
+        if self.owner is Target.CLOTH and widget_changed:
+            self.owner = Target.PANEL
+            return Gesture(release=True)
+        if self.owner is Target.CAMERA:
+            return Gesture(zoom=ZOOM_STEPS * up) if self._button == "middle" else Gesture(orbit=(right, up))
+        return Gesture()
+
+    def _begin(self, mouse: Mouse, on_panel: bool) -> Gesture:
+        if not mouse.held:
+            return Gesture()
+        self._button = min(mouse.held, key=BUTTONS.index)
+        if on_panel:
+            self.owner = Target.PANEL
+            return Gesture()
+        self.owner = Target.CLOTH if self._button == "left" else Target.CAMERA
+        return Gesture(press=self.owner is Target.CLOTH)
+
+    def orbit_instead(self) -> None:
+        """Orbit the camera until the button is up: the press hit no cloth."""
+        self.owner = Target.CAMERA
+
+    def ignore(self) -> None:
+        """Ignore the mouse until its button is up: the grabbed cloth was released."""
+        if self.owner is Target.CLOTH:
+            self.owner = Target.NOTHING
+
+
+# -- notes: lines for the user about what was done ---------------------------------------------------------------------
+
+
+class Refusal(str):
+    """A note that something was not done, and why."""
+
+
+class Progress(str):
+    """A note about what is going on."""
+
+
+FROZEN_DRAG = "frozen: hold the button and press Space or N, and what you drag follows the mouse"
+UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
+NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or a change of scene, solver, fabric or features"

@@ -28,10 +28,11 @@ from ..scene.parameters import parameters_of
 from ..simulation.frame_clock import FrameClock
 from ..simulation.simulation import Simulation
 from ..system import taichi_runtime as runtime
-from .charts import CurveDrawing, top
-from .input import HELP, SHORTCUTS, SPEEDS, Progress, Refusal
-from .panel import HIDDEN_TITLE, Panel, draw_caption, statistics
+from .charts import CurveDrawing, statistics, top
+from .input import HELP, SHORTCUTS, SPEEDS
+from .panel import HIDDEN_TITLE, Panel, draw_caption
 from .session import Session
+from .toolkit import Progress, Refusal
 
 
 class FrameLog:

@@ -28,19 +28,18 @@ from ..render.webgl import Solids, air, quantize, remaining_triangles
 from ..scene.parameters import Parameter
 from ..scene.schema import SOLVER_NAMES
 from ..system.errors import short_repr
-from ..viewer.charts import CHART_SECONDS, CHARTS
-from ..viewer.input import HELD_KEY_RATES, LISTS, MOUSE, REWIND_RATES, SHORTCUTS, Progress, Refusal
+from ..viewer.charts import CHART_SECONDS, CHARTS, slow_line, statistics
+from ..viewer.input import HELD_KEY_RATES, LISTS, MOUSE, REWIND_RATES, SHORTCUTS
 from ..viewer.panel import (
     GRAB_RADIUS,
     acting_parameters,
     help_for,
     own_fabric,
-    slow_line,
-    statistics,
     timing_line,
     with_cost,
 )
 from ..viewer.session import Session
+from ..viewer.toolkit import Progress, Refusal
 
 MAX_BYTES = 2048  # size limit of a message [bytes]
 MAX_DISTANCE = 1e6  # [m] limit of a camera's distance and target coordinates

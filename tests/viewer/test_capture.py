@@ -26,7 +26,7 @@ from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers.explicit import Explicit
 from taichi_cloth.system.errors import install_command
 from taichi_cloth.viewer import capture
-from taichi_cloth.viewer.panel import statistics
+from taichi_cloth.viewer.charts import statistics
 from taichi_cloth.viewer.replay import ReplaySession, session_images
 from taichi_cloth.viewer.session import Session
 

@@ -14,7 +14,7 @@ from taichi_cloth.viewer import error_process
 from taichi_cloth.viewer.comparison import Comparison
 from taichi_cloth.viewer.comparison_window import apart, help_lines, statistics
 from taichi_cloth.viewer.error_process import Answer, ErrorProcess, Job
-from taichi_cloth.viewer.input import Refusal
+from taichi_cloth.viewer.toolkit import Refusal
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 

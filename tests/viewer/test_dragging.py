@@ -9,8 +9,8 @@ import pytest
 from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
 
 from taichi_cloth.geometry.scene_loader import load_scene
-from taichi_cloth.viewer.dragging import Target
 from taichi_cloth.viewer.session import Session
+from taichi_cloth.viewer.toolkit import Target
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 

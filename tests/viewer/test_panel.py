@@ -16,7 +16,7 @@ from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer import panel as panel_module
-from taichi_cloth.viewer.charts import CHART_SECONDS, History
+from taichi_cloth.viewer.charts import CHART_SECONDS, History, slow_line, statistics
 from taichi_cloth.viewer.comparison import Comparison
 from taichi_cloth.viewer.comparison_window import HEIGHT as COMPARISON_HEIGHT
 from taichi_cloth.viewer.comparison_window import ComparisonPanel
@@ -25,18 +25,15 @@ from taichi_cloth.viewer.error_process import Answer, error_lines, millimeters
 from taichi_cloth.viewer.input import (
     ARROWS,
     HELP,
-    KEY_COLUMN,
     MENU,
     PAGES,
     SHORTCUTS,
-    Progress,
-    Refusal,
-    help_lines,
 )
 from taichi_cloth.viewer.panel import (
     GRAB_RADIUS,
     HELP_SIZE,
     HIDDEN_TITLE,
+    KEY_COLUMN,
     LINE_LENGTH,
     PANEL_HEIGHT,
     PANEL_MARGIN,
@@ -47,11 +44,10 @@ from taichi_cloth.viewer.panel import (
     description,
     draw_caption,
     help_for,
-    slow_line,
-    statistics,
+    help_lines,
 )
 from taichi_cloth.viewer.session import Session
-from taichi_cloth.viewer.toolkit import TITLE_HEIGHT, PanelRect, saved_panel_rect
+from taichi_cloth.viewer.toolkit import TITLE_HEIGHT, PanelRect, Progress, Refusal, saved_panel_rect
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from taichi_cloth.viewer.dragging import ZOOM_STEPS, Gesture, Mouse, Pointer, Target
+from taichi_cloth.viewer.toolkit import ZOOM_STEPS, Gesture, Mouse, Pointer, Target
 
 NOTHING = Gesture()
 

@@ -23,10 +23,11 @@ from taichi_cloth.simulation.copies import Copy, FrameError, FrameErrorMeter, Fr
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 from taichi_cloth.viewer.capture import Capture
+from taichi_cloth.viewer.charts import statistics
 from taichi_cloth.viewer.error_process import Answer, ErrorProcess, error_lines
-from taichi_cloth.viewer.input import HELD_KEY_RATES, REWIND_RATES, SHORTCUTS, Refusal
-from taichi_cloth.viewer.panel import statistics
+from taichi_cloth.viewer.input import HELD_KEY_RATES, REWIND_RATES, SHORTCUTS
 from taichi_cloth.viewer.session import Session
+from taichi_cloth.viewer.toolkit import Refusal
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
