@@ -201,6 +201,25 @@ def rounded_up(value: float) -> float:
     return next(digit * power for digit in (1, 1.5, 2, 3, 5, 7, 10) if digit * power >= value * (1 - 1e-9))
 
 
+def round_down_125(length: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** floor(log10(length))
+    return float(max(k * power for k in (1, 2, 5) if k * power <= length))
+
+
+def mean_spring_length(topology: Topology) -> float:
+    """Return the mean rest length of the springs [m]; 0.1 m if there are none."""
+    return float(topology.rest.mean()) if topology.spring_count else 0.1
+
+
+MIN_MARKER_RADIUS = 0.008  # smallest radius of a marker, relative to the longer side of the cloth; used on fine grids
+
+
+def marker_radius(topology: Topology) -> float:
+    """Return the radius of the markers on grabbed particles and marked pins [m]."""
+    return max(0.3 * mean_spring_length(topology), MIN_MARKER_RADIUS * topology.longest_side)
+
+
 def unit_pixels(height: int) -> int:
     """Return the side of a pixel of a glyph in an image of `height` [pixels], as whole pixels: strokes of one width."""
     return max(1, round(UNIT * height))

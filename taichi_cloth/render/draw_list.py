@@ -15,7 +15,7 @@ from ..collision.colliders import PosedCollider, is_deforming, is_static, shape_
 from ..collision.shapes import SPHERE
 from ..geometry import closed_surface
 from ..geometry.closed_surface import cylinder
-from ..geometry.topology import Topology
+from ..geometry.cloth_builder import attachment_ids
 from ..scene.collider_schema import Ground
 from ..scene.schema import Scene
 from ..simulation.copies import FrameError
@@ -23,7 +23,17 @@ from ..simulation.simulation import Simulation
 from ..state.field_pool import Pool, upload
 from . import shading
 from .camera import camera_of
-from .colors import STRAIN_SCALE, Scale, distance_scale, pattern_colors, rgb, rounded_up
+from .colors import (
+    STRAIN_SCALE,
+    Scale,
+    distance_scale,
+    marker_radius,
+    mean_spring_length,
+    pattern_colors,
+    rgb,
+    round_down_125,
+    rounded_up,
+)
 
 Floats = NDArray[np.float32]
 TriangleSoup = tuple[Floats, Floats, Floats]  # positions, normals and colors of the corners, each (3·T, 3)
@@ -118,8 +128,8 @@ HORIZONTAL = np.array([1.0, 0.0, 1.0])
 SHADOW_EXTENT = 0.95  # half the side of the shadow map
 GLOSS = 0.35  # strength of the highlight on solids; the cloth has `look.sheen`
 STRAIN_VIEW_CONTRAST = 0.45  # contrast of light and shade in the view `strain`, low so that the colors stay readable
-MIN_MARKER_RADIUS = 0.008  # smallest radius of a marker, relative to the longer side of the cloth; used on fine grids
 PINNED_COLOR, GRABBED_COLOR = (0.85, 0.45, 0.10), (1.0, 0.80, 0.20)  # colors of pinned and of grabbed particles
+IN_PLACE = 1e-4  # [longer sides of the cloth] distance of a pin from its place that is none
 FAMILY_COLORS = {"structural": (0.16, 0.33, 0.55), "shear": (0.62, 0.44, 0.24), "bend": (0.5, 0.5, 0.5)}
 
 
@@ -166,7 +176,8 @@ class DrawList:
         self._distance = distance = float(np.linalg.norm(np.subtract(self._camera.eye, self._camera.target)))  # [m]
         self._away = np.zeros(3)  # [m] how far floor and shadow map have followed the cloth
         self._sphere, self._marker = (closed_surface.unit_sphere(rings).astype(np.float32) for rings in (24, 8))
-        self._pins = simulation.added_pins
+        self.pins = marked_pins(simulation)
+        """The pins with a marker."""
         self._spring_length = mean_spring_length(topology)
         self._marker_radius = marker_radius(topology)
         self._shadow_frame = ti.math.vec4(*self._camera.target, SHADOW_EXTENT * distance)
@@ -183,7 +194,7 @@ class DrawList:
         self._first_static = self._first_solid + sum(len(p) for p, _, _ in pole)
         self._first_moving = self._first_solid + sum(len(p) for p, _, _ in static_meshes)
         self._first_sphere = self._first_moving + sum(len(p) for p, _, _ in self._moving_meshes)
-        sphere_corners = len(scene.spheres) * len(self._sphere) + (1 + len(self._pins)) * len(self._marker)
+        sphere_corners = len(scene.spheres) * len(self._sphere) + (1 + len(self.pins)) * len(self._marker)
         self._first_cloth = self._first_sphere + sphere_corners
         self._rebuild_topology()
         self.mesh = _meshes.acquire(self._first_cloth + max(self._cloth_corners.values()))
@@ -304,7 +315,7 @@ class DrawList:
             self._fill_meshes(0, [(x + self._away * HORIZONTAL, n, color) for x, n, color in self._floor()])
 
     def _update_spheres(self, positions: NDArray[np.float64]) -> None:
-        """Write the spheres of the scene, and the markers of the first grabbed particle and of added pins.
+        """Write the spheres of the scene, and the markers of the first grabbed particle and of pins.
 
         The marker of the grabbed particle has radius 0 if nothing is grabbed: the mesh has a fixed number of corners.
         """
@@ -315,9 +326,9 @@ class DrawList:
             centers, radii = zip(*((posed.center, posed.size[0]) for posed in spheres), strict=True)
             first = self._fill_spheres(first, self._sphere, centers, radii, [SPHERE.color] * len(spheres))
         grabbed = simulation.grabbed[:1].tolist()
-        markers = positions[[*(grabbed or [0]), *self._pins]]
-        sizes = [self._marker_radius if grabbed else 0.0, *[self._marker_radius] * len(self._pins)]
-        self._fill_spheres(first, self._marker, markers, sizes, [GRABBED_COLOR, *[PINNED_COLOR] * len(self._pins)])
+        markers = positions[[*(grabbed or [0]), *self.pins]]
+        sizes = [self._marker_radius if grabbed else 0.0, *[self._marker_radius] * len(self.pins)]
+        self._fill_spheres(first, self._marker, markers, sizes, [GRABBED_COLOR, *[PINNED_COLOR] * len(self.pins)])
 
     def _fill_spheres(self, first: int, unit: Floats, centers: object, radii: object, colors: object) -> int:
         """Write copies of a unit sphere from corner `first` on, and return the corner after the last."""
@@ -379,17 +390,9 @@ class DrawList:
         return np.array(colors, np.float32).reshape(-1, 3)
 
 
-def mean_spring_length(topology: Topology) -> float:
-    """Return the mean rest length of the springs [m]; 0.1 m if there are none."""
-    return float(topology.rest.mean()) if topology.spring_count else 0.1
-
-
-def marker_radius(topology: Topology) -> float:
-    """Return the radius of the markers on grabbed particles and added pins [m]."""
-    return max(0.3 * mean_spring_length(topology), MIN_MARKER_RADIUS * topology.longest_side)
-
-
-def round_down_125(length: float) -> float:
-    """Return the largest of 1, 2 and 5 times a power of ten that is not above `length`."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(max(k * power for k in (1, 2, 5) if k * power <= length))
+def marked_pins(simulation: Simulation) -> NDArray[np.int64]:
+    """Return the pins that have a marker: those that were added, and those of the scene that are not in their place."""
+    topology = simulation.topology
+    away = np.abs(simulation.positions() - topology.start).max(axis=1) > IN_PLACE * topology.longest_side
+    moved = topology.pinned & away & (attachment_ids(simulation.scene, topology) < 0)  # attached ones move as they must
+    return np.union1d(simulation.added_pins, np.flatnonzero(moved))

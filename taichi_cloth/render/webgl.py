@@ -25,6 +25,7 @@ from ..simulation.simulation import Simulation
 from ..system.errors import one_line
 from . import draw_list, shading, split_view
 from .camera import camera_of
+from .colors import round_down_125
 from .draw_list import TriangleSoup, collider_mesh, pole_mesh, with_color
 
 # -- HTML templates ----------------------------------------------------------------------------------------------------
@@ -156,7 +157,7 @@ def air(scene: Scene) -> dict[str, object]:
         "target": camera.target,
         "floorExtent": draw_list.FLOOR_EXTENT * distance,
         "gridExtent": draw_list.GRID_EXTENT * distance,
-        "gridSpacing": draw_list.round_down_125(draw_list.GRID_SPACING * distance),
+        "gridSpacing": round_down_125(draw_list.GRID_SPACING * distance),
         "gridLineWidth": draw_list.GRID_LINE_WIDTH * distance,
         "gridLineColor": draw_list.GRID_LINE_COLOR,
     }

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..collision.colliders import ray_cast
 from ..render.camera import OrbitCamera
+from ..render.colors import mean_spring_length
 from ..simulation.events import GrabHandle
 from ..simulation.parameter_values import MAX_COORDINATE
 from ..simulation.simulation import Simulation
@@ -22,6 +23,8 @@ OVERLAP = 1e-9  # in barycentric coordinates: neighboring triangles overlap, so 
 # Default grab radius and upper end of its slider, as fractions of the cloth's longer side. The default grabs one
 # particle of a coarse cloth and a patch of a fine one.
 GRAB_RADII = 0.02, 0.25
+
+ROWS_FROM_A_PIN = 1.5  # mean lengths of springs from a pin of the scene within which a free particle is grabbed
 
 Floats = NDArray[np.float64]
 
@@ -185,6 +188,8 @@ class Drag:
     plane: DragPlane
     position: NDArray[np.float64]
     """Position of the grab when the last displayed frame was simulated [m]."""
+    moves_pin: bool = False
+    """Whether the particle was pinned when the drag began."""
 
 
 class Dragger:
@@ -192,6 +197,8 @@ class Dragger:
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
+        self.is_pinned_there = False
+        """Whether the last `begin` grabbed nothing because it found only pins of the scene."""
         self._drag: Drag | None = None
 
     @property
@@ -209,9 +216,11 @@ class Dragger:
     def begin(self, camera: OrbitCamera, cursor: Cursor, size: Size, radius: float) -> bool:
         """Grab the particle at a screen point and all within a radius [m] of it, or else a sphere. Ends another drag.
 
-        Return False if there is neither at the point, or if the particle is grabbed already.
+        Return False if there is neither at the point, or if the particle is grabbed already. Of pins of the scene the
+        nearest free particle is grabbed (`free_particle`); if there is none, `is_pinned_there` becomes true.
         """
         self.end()
+        self.is_pinned_there = False
         aspect = size[0] / size[1]
         particle = pick_under_cursor(self.simulation, camera, cursor, size)
         if particle is None:
@@ -222,13 +231,17 @@ class Dragger:
             return row is not None
         if particle in self.simulation.grabbed:
             return False
+        particle = free_particle(self.simulation, particle, radius)
+        if particle is None:
+            self.is_pinned_there = True
+            return False
         position = self.simulation.positions()[particle]
         self._begin(particle, DragPlane(camera, cursor, aspect, position), radius)
         return True
 
     def _begin(self, particle: int, plane: DragPlane, radius: float) -> None:
-        position = self.simulation.positions()[particle]
-        self._drag = Drag(self.simulation.grab(particle, radius), plane, position)
+        position, is_pin = self.simulation.positions()[particle], bool(self.simulation.topology.pinned[particle])
+        self._drag = Drag(self.simulation.grab(particle, radius), plane, position, is_pin)
 
     def _begin_sphere(self, row: int, plane: DragPlane) -> None:
         held = HeldSphere(self.simulation, row)
@@ -267,11 +280,30 @@ class Dragger:
             elif held.row < len(self.simulation.scene.spheres):
                 self._begin_sphere(held.row, other.drag.plane)
 
-    def end(self) -> None:
-        """Release the grab, if there is one."""
-        if self.drag is not None:
-            self.drag.grab.release()
-        self._drag = None
+    def end(self) -> bool:
+        """Release the grab, if there is one. Return whether it has moved a pin."""
+        drag, self._drag = self.drag, None
+        if drag is None:
+            return False
+        particles = drag.grab.particles
+        drag.grab.release()
+        return drag.moves_pin and bool(self.simulation.topology.pinned[particles[0]])
+
+
+def free_particle(simulation: Simulation, particle: int, radius: float) -> int | None:
+    """Return the particle to grab instead of one: the same, unless it is a pin of the scene, which no drag may move.
+
+    Then the nearest on the sheet that is neither pinned nor grabbed, within a radius [m] or to the next row; else None.
+    """
+    topology = simulation.topology
+    if not topology.pinned[particle] or particle in simulation.added_pins:
+        return particle
+    distances = np.linalg.norm(topology.flat - topology.flat[particle], axis=1)
+    distances[topology.pinned] = np.inf
+    distances[simulation.grabbed] = np.inf
+    nearest = int(distances.argmin())
+    reach = max(radius, ROWS_FROM_A_PIN * mean_spring_length(topology))
+    return nearest if distances[nearest] <= reach else None
 
 
 def pick_under_cursor(simulation: Simulation, camera: OrbitCamera, cursor: Cursor, size: Size) -> int | None:

@@ -16,6 +16,7 @@ from ..scene.fabric_schema import PRESET_NAMES
 from ..scene.schema import SOLVER_NAMES
 from ..simulation.copies import feature_times
 from ..system.errors import UsageError
+from .dragging import pick_under_cursor
 from .toolkit import Refusal
 
 if TYPE_CHECKING:
@@ -265,7 +266,11 @@ def undo(session: Session) -> None:
 
 
 def pin(session: Session) -> None:
-    session.pin_under_cursor()
+    """Pin the dragged particle, or else the one under the cursor; unpin it if it is pinned."""
+    index = session.dragger.particle
+    if index is None and session.cursor is not None:
+        index = pick_under_cursor(session.simulation, session.camera, *session.cursor)
+    session.pin(index)
 
 
 def smaller_radius(session: Session) -> None:

@@ -9,12 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import taichi as ti
 
 from ..geometry.scene_loader import load_scene
 from ..geometry.topology import ClothMetrics
 from ..render.camera import OrbitCamera
-from ..render.draw_list import VIEWS, DrawList
+from ..render.draw_list import VIEWS, DrawList, marked_pins
 from ..scene import Scene, SceneError, scene_names
 from ..scene.overrides import removable_sections, scene_without
 from ..simulation.copies import FeatureTimes, FrameError
@@ -25,7 +26,7 @@ from ..simulation.simulation import Simulation
 from ..system.errors import UsageError
 from .capture import Capture, Exporter
 from .charts import History
-from .dragging import GRAB_RADII, Cursor, Dragger, Size, pick_under_cursor
+from .dragging import GRAB_RADII, Cursor, Dragger, Size
 from .error_process import ErrorProcess
 from .input import (
     ACTIONS,
@@ -40,7 +41,7 @@ from .input import (
     chosen,
     neighbor,
 )
-from .toolkit import FROZEN_DRAG, NOTHING_TO_UNDO, UNDONE, Mouse, Pointer, Progress, Refusal
+from .toolkit import FROZEN_DRAG, NOTHING_TO_UNDO, ONLY_PINS, PIN_MOVED, UNDONE, Mouse, Pointer, Progress, Refusal
 
 
 class Session:
@@ -86,7 +87,7 @@ class Session:
         self.forget_measurements()
         if self.meter is not None:
             self.meter.before_change = None
-        self._cursor: tuple[Cursor, Size] | None = None
+        self.cursor: tuple[Cursor, Size] | None = None  # None over the panel
         try:
             self.draw_list = DrawList(self.simulation)
         except BaseException:
@@ -271,14 +272,14 @@ class Session:
         the cursor is inside the panel's rectangle. `widget_changed`: whether a widget of the panel has changed.
         """
         self.size, mouse = size, Mouse(cursor[0] * size[0] / size[1], cursor[1], buttons)
-        self._cursor = None if on_panel else (cursor, size)
+        self.cursor = None if on_panel else (cursor, size)
         gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
         self.camera.orbit(*gesture.orbit)
         self.camera.zoom(gesture.zoom)
         if gesture.press and not self.begin_drag(self.dragger, self.camera, cursor, size):
             self.pointer.orbit_instead()
         if gesture.release:
-            self.dragger.end()
+            self.end_drag(self.dragger)
             self.pointer.ignore()
         self.dragger.follow(self.camera, cursor, size)
 
@@ -287,14 +288,14 @@ class Session:
         if found := dragger.begin(camera, cursor, size, self.grab_radius):
             self.rewind_buffer.mark()
             self.note = Refusal(FROZEN_DRAG) if self.frozen else self.note
+        elif dragger.is_pinned_there:
+            self.note = Refusal(ONLY_PINS)
         return found
 
-    def pin_under_cursor(self) -> None:
-        """Pin the dragged particle, or else the one under the cursor; unpin it if it is pinned."""
-        index = self.dragger.particle
-        if index is None and self._cursor is not None:
-            index = pick_under_cursor(self.simulation, self.camera, *self._cursor)
-        self.pin(index)
+    def end_drag(self, dragger: Dragger) -> None:
+        """Release what a cursor drags. The note says if that was a pin, which stays where it was moved."""
+        if dragger.end():
+            self.note = Refusal(PIN_MOVED)
 
     def pin(self, index: int | None) -> None:
         """Pin a particle and those within the grab radius, or unpin them if it is pinned. None: the note says why."""
@@ -376,7 +377,8 @@ class Session:
             self.note = Refusal(NOTHING_TO_UNDO)
             return
         self.frozen, self.note = True, notes[dict(self.simulation.params) != sliders]
-        if (self.simulation.topology.pinned != pins).any():
+        marked = marked_pins(self.simulation)
+        if (self.simulation.topology.pinned != pins).any() or not np.array_equal(marked, self.draw_list.pins):
             self.refresh()
         self.forget_measurements()
         self.restart_recording()

@@ -274,6 +274,8 @@ class Progress(str):
     """A note about what is going on."""
 
 
+PIN_MOVED = "pin moved; Z puts it back"
+ONLY_PINS = "only pins of the scene here: P unpins them"
 FROZEN_DRAG = "frozen: hold the button and press Space or N, and what you drag follows the mouse"
 UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
 NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or a change of scene, solver, fabric or features"

@@ -46,7 +46,7 @@ class CommandHandler:
     def release(self, client: int) -> None:
         """Release the grab of a client that disconnected or stopped dragging."""
         if client in self._grabs:
-            self.session.dragger_of(self._grabs.pop(client)).end()
+            self.session.end_drag(self.session.dragger_of(self._grabs.pop(client)))
 
     def apply(self, client: int, command: Command) -> None:
         """Apply a command. Raises ProtocolError for a name or feature that this scene does not have."""

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from ..geometry import closed_surface
 from ..render.camera import NEAR, OrbitCamera
-from ..render.colors import merge_vertices, pattern_colors
-from ..render.draw_list import GRABBED_COLOR, PINNED_COLOR, marker_radius, with_color
+from ..render.colors import marker_radius, merge_vertices, pattern_colors
+from ..render.draw_list import GRABBED_COLOR, PINNED_COLOR, with_color
 from ..render.shading import FULL_STRAIN, UNKNOWN, strain_colors
 from ..render.webgl import Solids, air, quantize, remaining_triangles
 from ..scene.parameters import Parameter
@@ -294,7 +294,7 @@ class MessageBuilder:
         x = simulation.positions()
         low, step, steps = quantize(x)
         dragged = [dragger.particle for dragger in self._session.draggers.values() if dragger.particle is not None]
-        markers = x[[*dragged, *simulation.added_pins]]
+        markers = x[[*dragged, *self._session.draw_list.pins]]
         poses, deformed = np.swapaxes(self._solids.poses(), 1, 2), self._solids.deformed()
         present = np.zeros(0, np.uint8) if self._present.all() else np.packbits(self._present, bitorder="little")
         head = {

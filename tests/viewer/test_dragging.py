@@ -10,7 +10,7 @@ from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.viewer.session import Session
-from taichi_cloth.viewer.toolkit import Target
+from taichi_cloth.viewer.toolkit import Refusal, Target
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
@@ -239,6 +239,76 @@ def test_pin_pins_the_dragged_particle_where_it_is_dragged(session: Session) -> 
     point(session, (0.3, 0.3))
     session.advance(5)
     assert cursor_on(session, PARTICLE) == pytest.approx((0.3, 0.3), abs=2e-3)
+
+
+TOP = 14  # of the curtain, a pin of the scene in the middle of its top row
+
+
+def drag(session: Session, start: tuple[float, float], by: tuple[float, float] = (-0.1, -0.1)) -> None:
+    """Drag from a screen point and release, so fast that a pin would follow."""
+    point(session, start)
+    point(session, start, "left")
+    end = start[0] + by[0], start[1] + by[1]
+    for _ in range(3):
+        point(session, end, "left")
+        session.advance(1)
+    point(session, end)
+
+
+def test_a_drag_does_not_move_a_pin_of_the_scene(session: Session) -> None:
+    pinned = session.simulation.topology.pinned
+    start = session.simulation.positions()[pinned]
+    cursor = cursor_on(session, TOP)
+    point(session, cursor)
+    point(session, cursor, "left")
+    assert pinned[TOP]
+    assert grabbed(session) == TOP + 30  # the particle below it
+    point(session, cursor)
+    drag(session, cursor)
+    assert (session.simulation.positions()[pinned] == start).all()
+    assert session.note == ""
+    assert len(session.draw_list.pins) == 0
+
+
+def test_pins_of_the_scene_without_a_free_particle_near_are_not_grabbed(session: Session) -> None:
+    session.simulation.pin(TOP + 30, 3.5 * 0.15)
+    session.refresh()
+    start = session.simulation.positions()[:30]
+    drag(session, cursor_on(session, TOP))
+    assert session.note == "only pins of the scene here: P unpins them"
+    assert isinstance(session.note, Refusal)
+    assert (session.simulation.positions()[:30] == start).all()
+
+
+def test_an_added_pin_moves_with_a_drag_which_the_note_says_and_undo_puts_it_back(session: Session) -> None:
+    session.pin(PARTICLE)
+    session.advance(2)
+    before = session.simulation.positions()[PARTICLE]
+    drag(session, cursor_on(session, PARTICLE))
+    session.advance(5)
+    assert np.linalg.norm(session.simulation.positions()[PARTICLE] - before) > 0.3
+    assert session.note == "pin moved; Z puts it back"
+    assert isinstance(session.note, Refusal)
+    session.act("undo")
+    assert session.simulation.positions()[PARTICLE] == pytest.approx(before, abs=1e-6)
+
+
+def test_a_pin_of_the_scene_that_was_moved_on_purpose_is_marked(session: Session) -> None:
+    session.pin(TOP)  # unpins it
+    cursor = cursor_on(session, TOP)
+    point(session, cursor)
+    point(session, cursor, "left")
+    point(session, (cursor[0], cursor[1] - 0.1), "left")
+    session.advance(2)
+    session.act("pin")
+    point(session, (cursor[0], cursor[1] - 0.1))
+    assert session.simulation.topology.pinned[TOP]
+    assert session.simulation.added_pins.tolist() == []
+    assert session.draw_list.pins.tolist() == [TOP]
+    session.act("undo")
+    assert session.draw_list.pins.tolist() == []
+    session.act("reset")
+    assert session.draw_list.pins.tolist() == []
 
 
 def test_pins_within_the_grab_radius_change_together(session: Session) -> None:

@@ -75,6 +75,22 @@ def test_every_page_has_its_own_grab(pages: Pages) -> None:
     assert len(simulation.grabbed) == 0
 
 
+def test_a_finger_moves_no_pin_of_the_scene_and_the_note_says_which_pin_it_has_moved(pages: Pages) -> None:
+    simulation, (right, up) = pages.session.simulation, pages.session.camera.view()[:2, :3]
+    start = simulation.positions()
+    pages.send(1, "press", pages.view_of_particle(5))
+    assert pages.dragged_by(0) == 16  # in the next row
+    pages.send(1, "release")
+    pages.send(1, "pin", pages.view_of_particle(60))
+    pages.send(1, "press", pages.view_of_particle(60))
+    pages.send(1, "move", pages.view_of(start[60] + 0.2 * right - 0.1 * up))
+    pages.session.advance(2)
+    pages.send(1, "release")
+    pages.session.advance(2)
+    assert pages.session.note == "pin moved; Z puts it back"
+    assert (simulation.positions()[:11] == start[:11]).all()
+
+
 def test_a_grabbed_particle_cannot_be_grabbed_by_another_page(pages: Pages) -> None:
     pages.send(1, "press", pages.view_of_particle(60))
     pages.send(2, "press", pages.view_of_particle(60))
