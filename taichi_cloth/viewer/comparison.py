@@ -56,6 +56,8 @@ class Comparison:
         """The last image of both sides, if there was one."""
         self.hidden = False
         """Whether the panel is hidden."""
+        self.shows_keys = False
+        """Whether the panel lists the keys instead of statistics."""
         self.running = True
         """False once the user has quit."""
         self._buttons: frozenset[str] = frozenset()  # mouse buttons that were down in the last displayed frame
@@ -114,8 +116,7 @@ class Comparison:
         elif action == "screenshot":
             self.take_screenshot()
         elif action == "help":
-            keys = (f"{key.label} {key.help}" for key in SHORTCUTS if key.action in WINDOW_ACTIONS)
-            self.show(f"all other keys: {', '.join(keys)}; I, O and arrows move the camera")
+            self.shows_keys = not self.shows_keys
         else:
             key = next(key for key in SHORTCUTS if key.action == action)
             self.show(Refusal(f"{key.label}: {key.help}: not in a comparison"))

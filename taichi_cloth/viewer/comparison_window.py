@@ -18,10 +18,10 @@ from ..render.split_view import SplitRenderer
 from ..scene import parameters_of
 from ..simulation.frame_clock import FrameClock
 from .charts import milliseconds
-from .comparison import SHARED_ACTIONS, SIDE_ACTIONS, Comparison
+from .comparison import SHARED_ACTIONS, SIDE_ACTIONS, WINDOW_ACTIONS, Comparison
 from .error_process import error_lines
 from .input import OWN_FABRIC, SHORTCUTS
-from .panel import HIDDEN_TITLE, NOTE_COLORS, PANEL_MARGIN, PANEL_WIDTH, draw_caption, wrap
+from .panel import HIDDEN_TITLE, NOTE_COLORS, PANEL_MARGIN, PANEL_WIDTH, draw_caption, wrap, wrapped_lines
 from .session import Session
 from .toolkit import PanelRect, Progress, has_changed, saved_panel_rect, sub_window
 from .window import (
@@ -38,6 +38,10 @@ from .window import (
     window_size,
 )
 
+ORDER_NOTE = "errors of frames add up or cancel: over 1 s the other side is nearer to the springs of the fabric"
+VERLET_NOTE = (
+    "verlet: more iterations stretch the cloth less, and may move it away from these springs (docs/frame_error.md)"
+)
 MAX_APART = 60  # frames between the errors of both sides, up to which they are compared without a warning
 NAME = "compare"
 HEIGHT = 700  # [pixels] of the panel
@@ -167,20 +171,26 @@ class ComparisonPanel:
                 gui.text("frozen: Space resumes", color=NOTE_COLORS[Progress])
             for line in wrap(comparison.note):
                 gui.text(line, color=NOTE_COLORS[type(comparison.note)])
-            for line in lines:
-                gui.text(line)
-            for line in help_lines():
+            for line in help_lines() if comparison.shows_keys else [*lines, *wrap(short_help())]:
                 gui.text(line)
         return changed
 
 
+SCOPES = {"both sides": SHARED_ACTIONS, "side under the cursor": SIDE_ACTIONS, "window": WINDOW_ACTIONS}
+
+
 def help_lines() -> list[str]:
-    """Return the keys that act on both sides, and those that act on the side under the cursor."""
+    """Return the keys with what they do, by what they act on."""
     lines = []
-    for scope, actions in (("both sides", SHARED_ACTIONS), ("side under the cursor", SIDE_ACTIONS)):
-        keys = ", ".join(f"{key.label} {key.help}" for key in SHORTCUTS if key.action in actions)
-        lines += wrap(f"{scope}: {keys}")
-    return lines
+    for scope, actions in SCOPES.items():
+        lines += [f"{scope}:", *(f"  {key.label:6} {key.help}" for key in SHORTCUTS if key.action in actions)]
+    return [*lines, "  I, O, arrows: camera", "A: statistics"]
+
+
+def short_help() -> str:
+    """Return the keys that act on one side, and the one that lists all."""
+    keys = ", ".join(key.label for key in SHORTCUTS if key.action in SIDE_ACTIONS)
+    return f"A: list of keys; {keys} act on the side under the cursor"
 
 
 def statistics(comparison: Comparison, draw_ms: float) -> list[str]:
@@ -192,7 +202,8 @@ def statistics(comparison: Comparison, draw_ms: float) -> list[str]:
     ]
     distance = f"{comparison.rms_distance:.2%} of the cloth's side"
     frame = f"frame {comparison.left.simulation.frame}: RMS distance {distance}"
-    return [*lines, *wrap(frame), *wrap(apart(comparison)), f"view: {comparison.view}, drawing: {draw_ms:.1f} ms"]
+    notes = [frame, apart(comparison), *explanations(comparison)]
+    return [*lines, *wrapped_lines(notes), f"view: {comparison.view}, drawing: {draw_ms:.1f} ms"]
 
 
 def apart(comparison: Comparison) -> str:
@@ -203,12 +214,22 @@ def apart(comparison: Comparison) -> str:
     return f"the errors are of frames {abs(frames[0] - frames[1])} apart"
 
 
+def explanations(comparison: Comparison) -> list[str]:
+    """Return lines about errors that seem to contradict each other: of a frame and over a second, and of `verlet`."""
+    answers = [side.meter.answer for side in comparison.sides if side.meter and side.meter.answer]
+    known = [(one.error.error, one.growth) for one in answers if one.error and one.growth]
+    lines = []
+    if len(known) == 2 and (known[0][0] < known[1][0]) != (known[0][1] < known[1][1]):
+        lines.append(ORDER_NOTE)
+    is_verlet = any(side.simulation.solver.name == "verlet" for side in comparison.sides)
+    return [*lines, VERLET_NOTE] if answers and is_verlet else lines
+
+
 def side_statistics(name: str, side: Session) -> list[str]:
     """Return lines of text with the solver, time, strain and error of one side."""
     simulation, metrics = side.simulation, side.metrics
     error, *parts = error_lines(side.meter, frozen=side.frozen)
-    # The largest error of a particle belongs to the colors; otherwise there is room for the estimate.
-    errors = [error, *(parts[:2] if side.view == "error" else parts[1:])]
+    errors = [error, *(parts if side.view == "error" else parts[1:])]  # colors show the largest error of a particle
     return [
         *wrap(f"{name}: {simulation.method} · {simulation.scene.fabric.preset or OWN_FABRIC}"),
         f"  {milliseconds(side.physics_ms)} ms, strain {100 * metrics.max_strain:.1f} %",

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,9 +11,10 @@ import pytest
 from PIL import Image
 
 from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.simulation.copies import FrameError
 from taichi_cloth.viewer import error_process
 from taichi_cloth.viewer.comparison import Comparison
-from taichi_cloth.viewer.comparison_window import apart, help_lines, statistics
+from taichi_cloth.viewer.comparison_window import ORDER_NOTE, VERLET_NOTE, apart, explanations, help_lines, statistics
 from taichi_cloth.viewer.error_process import Answer, ErrorProcess, Job
 from taichi_cloth.viewer.toolkit import Refusal
 
@@ -145,12 +147,39 @@ def test_a_key_that_a_comparison_does_not_support_says_so(comparison: Comparison
     assert isinstance(comparison.note, Refusal)
 
 
-def test_the_key_for_help_names_the_keys_that_the_panel_does_not_list(comparison: Comparison) -> None:
+def test_the_key_for_help_lists_the_keys_instead_of_statistics(comparison: Comparison) -> None:
     comparison.request("help")
-    assert comparison.note == (
-        "all other keys: F frame cloth, H show/hide panel, S take screenshot, Esc quit; I, O and arrows move the camera"
-    )
-    assert "take screenshot" not in " ".join(help_lines())
+    assert comparison.shows_keys
+    assert {"  N      step one frame", "  T      next solver", "  S      take screenshot"} <= set(help_lines())
+    comparison.request("help")
+    assert not comparison.shows_keys
+
+
+def test_the_estimates_for_a_second_are_shown_and_explained(comparison: Comparison) -> None:
+    """More iterations of `verlet` have the smaller error of a frame, and can be farther from the springs after 1 s."""
+    assert explanations(comparison) == []
+    comparison.request("errors")
+    assert explanations(comparison) == []
+    found = FrameError(7, 0.0017, 0.01, 1e-6, 0.0005, 0.0018, np.zeros(110), 0.01)
+    for view in ("shaded", "error"):
+        for side, error, growth in zip(comparison.sides, (0.0017, 0.0011), (0.011, 0.040), strict=True):
+            assert side.meter is not None
+            side.view, side.meter.answer = view, Answer(replace(found, error=error), growth)
+        lines = [line.strip() for line in statistics(comparison, 1.0)]
+        assert [line for line in lines if line.startswith("estimate")] == [
+            "estimate for 1 s without input: 11 mm",
+            "estimate for 1 s without input: 40 mm",
+        ]
+        assert "verlet: more iterations stretch the cloth less, and" in lines
+    assert explanations(comparison) == [ORDER_NOTE, VERLET_NOTE]
+    assert comparison.right.meter is not None
+    comparison.right.meter.answer = Answer(replace(found, error=0.0011), 0.009)
+    assert explanations(comparison) == [VERLET_NOTE]
+    comparison.right.meter.answer = Answer(refusal="its reference diverges")
+    assert explanations(comparison) == [VERLET_NOTE]
+    comparison.left.change_solver("lines")
+    comparison.right.change_solver("lines")
+    assert explanations(comparison) == []
 
 
 @pytest.mark.parametrize(("frames", "apart_by"), [((300, 360), ""), ((300, 361), "61"), ((2713, 157), "2556")])

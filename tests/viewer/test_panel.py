@@ -473,13 +473,14 @@ def test_statistics_have_times_and_charts_have_a_legend(drawn: Drawn) -> None:
 
 
 @pytest.mark.parametrize("scene", scene_names())
-def test_the_panel_of_a_comparison_fits_with_errors_and_a_long_note(scene: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("view", ["shaded", "error"])
+def test_the_panel_of_a_comparison_fits_with_errors_and_a_long_note(scene: str, view: str, tmp_path: Path) -> None:
     found = FrameError(123456, 1.0, 1.0, 1e-9, 2.0, 2.0, np.zeros(1), 0.01)  # its parts partly cancel
     with closing(Comparison(load_scene(scene), load_scene(scene, solver="xpbd"), 1.0, tmp_path)) as comparison:
         comparison.act("errors")
-        for side in comparison.sides:
+        for side, error in zip(comparison.sides, (1.0, 0.9), strict=True):
             assert side.meter is not None
-            side.meter.answer = Answer(found, 0.123)
+            side.view, side.meter.answer = view, Answer(replace(found, error=error), abs(error - 0.95 + 0.01))
         comparison.left.note = "explicit needs 200,001 substeps a frame, more than 200,000: its springs are stiff"
         gui, size = FakeGui(), (1240, 720)  # the default of `compare`
         ComparisonPanel(size, tmp_path / "imgui.ini").draw(gui, comparison, comparison_statistics(comparison, 123.4))
