@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import connection, get_context
 from typing import TYPE_CHECKING
 
@@ -40,6 +42,8 @@ if TYPE_CHECKING:
 SHARE_OF_TIME = 0.1  # of one core, which measuring may take
 STALE_SECONDS = 3.0  # [s] after which a frame of an earlier scene is given up: it may compile for a minute
 FRAMES_BEFORE = 60  # frames that a scene runs before the process starts: the first second of a window is its own
+ABANDON = "abandon"  # sent to the process: drop the measurement that is under way, at its next frame
+ABANDONED_SECONDS = 1.0  # limit of the time after which another frame is measured, after one was abandoned
 MAX_GROWTH_SECONDS = 3.0  # time up to which the growth of the error is measured
 NICENESS = 10  # of the process, where the system has priorities
 
@@ -91,6 +95,7 @@ class ErrorProcess:
         self._is_starting = False  # whether the process is not ready for a job
         self._sent = 0.0  # wall time of that job [s]
         self._sent_scene: Scene | None = None  # of that job
+        self._took: float | None = None  # wall time of the last measurement of this scene [s]
         self._next = 0.0  # wall time of the next job [s]
         self._process: SpawnProcess | None = None
         self._pipe: connection.Connection | None = None
@@ -100,7 +105,7 @@ class ErrorProcess:
         self._frames += 1
         if simulation.scene is not self._scene:
             self.forget()
-            self._scene = simulation.scene
+            self._scene, self._took = simulation.scene, None
         self.receive()
         if self.is_held or not self.is_free:
             simulation.step()
@@ -111,6 +116,9 @@ class ErrorProcess:
 
     def forget(self) -> None:
         """Drop the last measurement, and the one that is under way: the cloth has changed otherwise than by a frame."""
+        if self._pipe is not None and self._is_busy and not self._is_stale:
+            with suppress(OSError):
+                self._pipe.send(ABANDON)
         self.before_change = self.error or self.before_change
         self.answer, self._is_stale = None, True
 
@@ -125,7 +133,8 @@ class ErrorProcess:
             return f"not measured yet: starting ({seconds})"
         if self._is_stale:
             return f"not measured yet: busy with a frame before the change ({seconds})"
-        return f"being measured ({seconds})"
+        whole = f" of about {self._took:.0f} s" if self._took else ""
+        return f"being measured ({seconds}{whole})"
 
     @property
     def error(self) -> FrameError | None:
@@ -177,6 +186,7 @@ class ErrorProcess:
             answer = Answer(refusal="the process that measures it has ended", is_final=True)
         if not self._is_stale:
             self.answer = answer
+        self._took = self._took if self._is_stale else time.perf_counter() - self._sent
         self._is_busy = self._is_starting = False
         self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
 
@@ -240,23 +250,54 @@ def serve(pipe: connection.Connection) -> None:
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     runtime.start("cpu", cpu_max_num_threads=1)
-    measurer = Measurer()
+    measurer = Measurer(pipe.poll)
     with suppress(EOFError, OSError):
         pipe.send(Answer())
         while True:
-            pipe.send(measurer.answer(pipe.recv()))
+            if (job := pipe.recv()) != ABANDON:  # which may come after its answer was sent
+                pipe.send(measurer.answer(job))
+
+
+class Abandoned(Exception):
+    """The measurement that is under way is not needed any more."""
+
+
+class InterruptibleMeter(FrameErrorMeter):
+    """A meter whose measurements end with `Abandoned`, before a frame of its copies, once they are not needed."""
+
+    def __init__(self, scene: Scene, layout: str | None, is_abandoned: Callable[[], bool]) -> None:
+        super().__init__(scene, layout)
+        for copy in (self._same, self._reference):
+            vars(copy)["step"] = partial(self._step, copy.step, is_abandoned)
+
+    @staticmethod
+    def _step(step: Callable[[], None], is_abandoned: Callable[[], bool], frames: int = 1) -> None:
+        for _ in range(frames):
+            if is_abandoned():
+                raise Abandoned
+            step()
 
 
 class Measurer:
     """Answers jobs with copies of the scene, which are compiled when the scene changes."""
 
-    def __init__(self) -> None:
+    def __init__(self, is_abandoned: Callable[[], bool] = lambda: False) -> None:
+        """`is_abandoned`: called before each frame of a copy; if true, the answer to the present job is empty."""
+        self._is_abandoned = is_abandoned
         self._scene: Scene | None = None
         self._meter: FrameErrorMeter | None = None
         self._refusal = ""
 
     def answer(self, job: Job) -> Answer:
         """Measure a frame, and then the growth of its error if it does not take too long."""
+        self._began = time.process_time()
+        try:
+            return self._with_growth(job)
+        except Abandoned:
+            used = min(time.process_time() - self._began, ABANDONED_SECONDS)
+            return Answer(seconds=used / (1 / SHARE_OF_TIME - 1))  # so that the next begins after as much time
+
+    def _with_growth(self, job: Job) -> Answer:
         found, began = self.measure(job), time.process_time()  # after compiling
         # The reference ran three times the coarser substeps.
         if self._meter and found.error and not found.refusal and HORIZON * found.seconds / 3 < MAX_GROWTH_SECONDS:
@@ -284,7 +325,7 @@ class Measurer:
             return
         self.close()
         self._scene, self._refusal = job.scene, ""
-        self._meter = FrameErrorMeter(job.scene, job.layout)
+        self._meter = InterruptibleMeter(job.scene, job.layout, self._is_abandoned)
 
     def close(self) -> None:
         """Release the copies."""

@@ -16,7 +16,7 @@ from taichi_cloth.scene import Scene
 from taichi_cloth.simulation.copies import FrameErrorMeter, FrameStart
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.viewer import error_process
-from taichi_cloth.viewer.error_process import Answer, ErrorProcess, Job, Measurer
+from taichi_cloth.viewer.error_process import ABANDON, Answer, ErrorProcess, Job, Measurer
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
 
@@ -64,6 +64,9 @@ def test_an_answer_that_comes_after_the_cloth_has_changed_is_dropped(process: Er
         def recv(self) -> Answer:
             return Answer(growth=1.0)
 
+        def send(self, message: object) -> None:
+            pass
+
         def close(self) -> None:
             pass
 
@@ -94,8 +97,8 @@ def test_a_frame_of_an_earlier_scene_is_given_up(process: ErrorProcess, monkeypa
         def poll(self) -> bool:
             return False
 
-        def send(self, job: Job) -> None:
-            self.sent += 1
+        def send(self, message: object) -> None:
+            self.sent += isinstance(message, Job)
 
         def close(self) -> None:
             pass
@@ -114,6 +117,83 @@ def test_a_frame_of_an_earlier_scene_is_given_up(process: ErrorProcess, monkeypa
         simulation.switch_solver("xpbd")
         process.run_frame(simulation)
         assert ended
+
+
+def test_a_change_abandons_the_measurement_that_is_under_way(process: ErrorProcess) -> None:
+    class Pipe:
+        def __init__(self) -> None:
+            self.sent: list[object] = []
+            self.answers: list[Answer] = []
+
+        def poll(self) -> bool:
+            return bool(self.answers)
+
+        def recv(self) -> Answer:
+            return self.answers.pop()
+
+        def send(self, message: object) -> None:
+            self.sent.append(message)
+
+        def close(self) -> None:
+            pass
+
+    pipe = Pipe()
+    process._pipe = pipe  # type: ignore[assignment]
+    with Simulation(scene()) as simulation:
+        process.forget()
+        assert pipe.sent == []  # nothing is under way
+        while not pipe.sent:
+            process.run_frame(simulation)
+        for _ in range(3):  # a slider moves
+            process.forget()
+            process.run_frame(simulation)
+        assert len(pipe.sent) == 2
+        assert pipe.sent[1] == ABANDON
+        pipe.answers = [Answer(error=None)]
+        process.run_frame(simulation)  # the next frame is measured at once
+        assert process.answer is None
+        assert isinstance(pipe.sent[2], Job)
+        assert process.state == "being measured (0 s)"
+        process._sent -= 8.0
+        pipe.answers = [Answer(growth=1.0)]
+        process.run_frame(simulation)
+        process._sent, process.answer = process._sent - 2.0, None
+        assert process.state == "being measured (2 s of about 8 s)"
+
+
+def test_an_abandoned_measurement_ends_before_its_next_frame_and_the_next_is_whole(measurer: Measurer) -> None:
+    with Simulation(scene()) as simulation:
+        job = job_of(simulation)
+        whole = measurer.answer(job)
+        frames: list[int] = []
+
+        def is_abandoned() -> bool:
+            frames.append(1)
+            return len(frames) == limit
+
+        with closing(Measurer(is_abandoned)) as other:
+            for limit in (2, 20):  # in the measurement, and in the second that follows it
+                frames.clear()
+                assert other.answer(job).error is None
+                assert len(frames) == limit
+            limit = 0
+            again = other.answer(job)
+    assert whole.error is not None
+    assert again.error is not None
+    np.testing.assert_allclose(again.error.by_particle, whole.error.by_particle, rtol=0.02, atol=1e-6)
+    assert again.growth == pytest.approx(whole.growth, rel=0.02)
+
+
+def test_the_process_measures_the_frame_after_a_change_soon(process: ErrorProcess) -> None:
+    with Simulation(scene()) as simulation:
+        run_until_answered(process, simulation)
+        for _ in range(3):
+            process._next = 0.0
+            while not process._is_busy:
+                process.run_frame(simulation)
+            simulation.reset()
+            process.forget()
+        assert run_until_answered(process, simulation).error is not None
 
 
 def test_another_process_measures_the_errors_of_the_scenes_that_run(process: ErrorProcess) -> None:
