@@ -22,7 +22,7 @@ from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.builder import unsupported_by
 from ..simulation.error_estimate import faster_solver
 from ..simulation.simulation import Simulation
-from .error_process import error_lines, unfinished
+from .error_process import MEASURED_AGAINST, error_lines, unfinished
 from .input import OWN_FABRIC, SPEEDS
 
 if TYPE_CHECKING:
@@ -219,6 +219,7 @@ def statistics(session: Session, times: dict[str, float], fps: float, view: str 
         ", ".join(f"{name} {milliseconds(ms)} ms" for name, ms in steps.items()),
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
         *error_lines(session.meter, frozen=session.frozen),
+        *([MEASURED_AGAINST] if session.meter and session.meter.error else []),
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
         f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
         *intersection_lines(simulation, metrics),

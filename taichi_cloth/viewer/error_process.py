@@ -86,6 +86,8 @@ class ErrorProcess:
         """The last measurement of the scene that runs."""
         self.before_change: FrameError | None = None
         """The last error before the cloth was changed otherwise than by a frame; None after another scene."""
+        self.by_solver: dict[str, str] = {}
+        """The last error of each solver that was measured, as text; cleared with another scene."""
         self.is_held = False
         """Whether no frame is to be measured now, also if the process is free."""
         self._frames = 0
@@ -186,6 +188,8 @@ class ErrorProcess:
             answer = Answer(refusal="the process that measures it has ended", is_final=True)
         if not self._is_stale:
             self.answer = answer
+        if not self._is_stale and self.error and self._sent_scene:
+            self.by_solver[self._sent_scene.solver.name] = short_text(self.error)
         self._took = self._took if self._is_stale else time.perf_counter() - self._sent
         self._is_busy = self._is_starting = False
         self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
@@ -204,6 +208,14 @@ class ErrorProcess:
             self._process.terminate()
             self._process.join(1.0)
         self._pipe = self._process = None
+
+
+MEASURED_AGAINST = "  of one frame, against a fine run of explicit"
+
+
+def short_text(found: FrameError) -> str:
+    """Return the error of a frame in a few letters."""
+    return millimeters(found.error) if found.is_resolved else f"< {millimeters(2 * found.reference_error)}"
 
 
 def error_lines(meter: ErrorProcess | None, *, frozen: bool = False) -> list[str]:

@@ -47,6 +47,8 @@ FIRST_HELP = (
     "Drag cloth or a ball; drag beside it to orbit; I, O: zoom; A: help; Tab: next page. Move a slider for its help."
 )
 GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
+ERRORS_HERE = "mm: the last error of a frame that was measured in this scene"
+ERRORS_OF_SOLVERS = "errors and times of all solvers in this scene: docs/scene_errors.md"
 # Kind of list of each page.
 LIST_PAGES = {"Scenes": "scene", "Solvers": "solver", "Fabrics": "fabric", "Views": "view", "Speeds": "speed"}
 
@@ -142,13 +144,16 @@ class Panel:
         self._list_part += int(parts > 1 and gui.button(f"More {session.page.lower()}"))
         first = self._list_part % parts * length
         labels = {name: name or own_fabric(session) for name in listed[first : first + length]}
+        errors = session.meter.by_solver if kind == "solver" and session.meter else {}
+        labels |= {name: f"{label}: {errors[name]}" for name, label in labels.items() if name in errors}
         pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
         for name in pressed:
             if kind == "speed":
                 session.speed = name
             else:
                 session.choose(kind, name)
-        for line in wrap(description(session, kind).replace("–", "-")):  # the font has no "–"
+        more = [ERRORS_HERE if errors else "", ERRORS_OF_SOLVERS] if kind == "solver" else []
+        for line in wrapped_lines([description(session, kind).replace("–", "-"), *more]):  # the font has no "–"
             gui.text(line)
         return bool(pressed)
 

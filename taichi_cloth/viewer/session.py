@@ -87,6 +87,7 @@ class Session:
         self.forget_measurements()
         if self.meter is not None:
             self.meter.before_change = None
+            self.meter.by_solver.clear()
         self.cursor: tuple[Cursor, Size] | None = None  # None over the panel
         try:
             self.draw_list = DrawList(self.simulation)

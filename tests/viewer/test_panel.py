@@ -187,6 +187,52 @@ def test_a_list_marks_what_is_in_use_and_a_press_chooses(
     assert chosen_by(session) == press
 
 
+def test_the_solvers_have_the_errors_that_were_measured_in_this_scene(drawn: Drawn, tmp_path: Path) -> None:
+    session, gui, _ = drawn("drape15", "Solvers")
+    where = ["errors and times of all solvers in this scene:", "  docs/scene_errors.md"]
+    assert [text for text in gui.texts if text in where] == where
+    session.measure_errors(True)
+    assert session.meter is not None
+    found = FrameError(7, 0.00123, 0.01, 1e-6, 0.0005, 0.0008, np.zeros(225), 0.01)
+    for solver, error in (("verlet", found), ("rk4", replace(found, error=1e-6))):
+        session.change_solver(solver)
+        session.advance(1)  # the process starts after some frames only
+        session.meter._sent_scene = session.simulation.scene
+        session.meter._is_busy, session.meter._is_stale = True, False
+        session.meter._pipe = ReadyPipe(Answer(error))  # type: ignore[assignment]
+        session.advance(1)
+    session.meter._pipe = None
+    session.frozen = True
+    gui = FakeGui()
+    Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, "")
+    assert {"verlet: 1.2 mm", "> rk4: < 0.002 mm", "xpbd"} <= set(gui.labels)
+    assert statistics(session, {}, 60.0).splitlines().count("  of one frame, against a fine run of explicit") == 1
+    session.open_scene("curtain")
+    session.page = "Solvers"
+    gui = FakeGui()
+    Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, "")
+    assert "> verlet" in gui.labels
+
+
+class ReadyPipe:
+    """A connection on which an answer has arrived."""
+
+    def __init__(self, answer: Answer) -> None:
+        self._answer = answer
+
+    def poll(self) -> bool:
+        return True
+
+    def recv(self) -> Answer:
+        return self._answer
+
+    def send(self, message: object) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
 def test_a_long_list_has_a_button_for_its_next_part(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(panel_module, "LIST_LENGTH", 10)
     session, _, _ = drawn("drape15", "Scenes")
