@@ -113,6 +113,16 @@ HELD_KEY_RATES = {
 REWIND_RATES = {"rewind": 1.0, "forward": -1.0}
 
 
+def hold(session: Session, action: str, seconds: float) -> None:
+    """Continue the action of a key that is held down, for that much wall time [s]."""
+    if action in REWIND_RATES:
+        session.go_back(session.rewind_buffer.further_back(REWIND_RATES[action] * seconds))
+        return
+    zoom, right, up = HELD_KEY_RATES[action]
+    session.camera.zoom(zoom * seconds)
+    session.camera.pan(right * seconds, up * seconds)
+
+
 class Deferred:
     """Actions that may compile for seconds, which wait until a frame was displayed whose note names them.
 

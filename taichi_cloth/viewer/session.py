@@ -24,24 +24,13 @@ from ..simulation.recording import Recorder
 from ..simulation.rollback import DivergenceGuard, RewindBuffer
 from ..simulation.simulation import Simulation
 from ..system.errors import UsageError
+from . import toolkit
 from .capture import Capture, Exporter
 from .charts import History
 from .dragging import GRAB_RADII, Cursor, Dragger, Size
 from .error_process import ErrorProcess
-from .input import (
-    ACTIONS,
-    COMPILING_ACTIONS,
-    HELD_KEY_RATES,
-    NEIGHBORS,
-    OWN_FABRIC,
-    PAGES,
-    REWIND_RATES,
-    Deferred,
-    change_to,
-    chosen,
-    neighbor,
-)
-from .toolkit import FROZEN_DRAG, NOTHING_TO_UNDO, ONLY_PINS, PIN_MOVED, UNDONE, Mouse, Pointer, Progress, Refusal
+from .input import ACTIONS, COMPILING_ACTIONS, NEIGHBORS, OWN_FABRIC, PAGES, Deferred, change_to, chosen, hold, neighbor
+from .toolkit import Mouse, Pointer, Progress, Refusal
 
 
 class Session:
@@ -188,12 +177,7 @@ class Session:
 
     def on_key_held(self, action: str, seconds: float) -> None:
         """Continue the action of a key that is held down, for that much wall time [s]."""
-        if action in REWIND_RATES:
-            self.go_back(self.rewind_buffer.further_back(REWIND_RATES[action] * seconds))
-            return
-        zoom, right, up = HELD_KEY_RATES[action]
-        self.camera.zoom(zoom * seconds)
-        self.camera.pan(right * seconds, up * seconds)
+        hold(self, action, seconds)
 
     def choose(self, kind: str, name: str, step: int = 0) -> None:
         """Change to a name of a list, after displaying a frame whose note names it. `step` as for `input.change_to`."""
@@ -288,15 +272,15 @@ class Session:
         """Grab what is under a cursor, as `Dragger.begin` does. Return whether there is something."""
         if found := dragger.begin(camera, cursor, size, self.grab_radius):
             self.rewind_buffer.mark()
-            self.note = Refusal(FROZEN_DRAG) if self.frozen else self.note
+            self.note = Refusal(toolkit.FROZEN_DRAG) if self.frozen else self.note
         elif dragger.is_pinned_there:
-            self.note = Refusal(ONLY_PINS)
+            self.note = Refusal(toolkit.ONLY_PINS)
         return found
 
     def end_drag(self, dragger: Dragger) -> None:
         """Release what a cursor drags. The note says if that was a pin, which stays where it was moved."""
         if dragger.end():
-            self.note = Refusal(PIN_MOVED)
+            self.note = Refusal(toolkit.PIN_MOVED)
 
     def pin(self, index: int | None) -> None:
         """Pin a particle and those within the grab radius, or unpin them if it is pinned. None: the note says why."""
@@ -322,7 +306,7 @@ class Session:
     def advance(self, frames: int) -> None:
         """Advance the cloth by a number of frames, unless it is frozen. Call it once for each displayed frame."""
         self.note = self.capture.status() or self.note
-        if self.note == FROZEN_DRAG and not any(dragger.drag for dragger in self.draggers.values()):
+        if self.note in toolkit.DRAG_NOTES and not any(dragger.drag for dragger in self.draggers.values()):
             self.note = ""
         if not self.frozen:
             self.simulate(frames)
@@ -366,7 +350,7 @@ class Session:
 
     def undo(self) -> None:
         """Restore the state before the last pull or change of pins. The note says if there is none."""
-        self._restore(self.rewind_buffer.undo, UNDONE)
+        self._restore(self.rewind_buffer.undo, toolkit.UNDONE)
 
     def _restore(self, restore: Callable[[], bool], notes: tuple[str, str]) -> None:
         if self.capture.clip_is_on:
@@ -375,7 +359,7 @@ class Session:
         self.release_all()
         pins, sliders = self.simulation.topology.pinned, dict(self.simulation.params)
         if not restore():
-            self.note = Refusal(NOTHING_TO_UNDO)
+            self.note = Refusal(toolkit.NOTHING_TO_UNDO)
             return
         self.frozen, self.note = True, notes[dict(self.simulation.params) != sliders]
         marked = marked_pins(self.simulation)
@@ -395,5 +379,7 @@ class Session:
         start = time.perf_counter()
         self.metrics = self.simulation.metrics()
         self.measuring_ms = 1e3 * (time.perf_counter() - start)
+        if self.metrics.max_strain > toolkit.TOO_FAR and len(self.simulation.grabbed):
+            self.note = Refusal(toolkit.PULLED_TOO_FAR)
         self.history.add(self.simulation.seconds, self.metrics, self.physics_ms)
         return self.metrics

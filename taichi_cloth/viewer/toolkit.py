@@ -275,7 +275,10 @@ class Progress(str):
 
 
 PIN_MOVED = "pin moved; Z puts it back"
+PULLED_TOO_FAR = "pulled too far; L grabs more"
+TOO_FAR = 1.0  # largest strain of a cloth that is pulled, above which the note says so
 ONLY_PINS = "only pins of the scene here: P unpins them"
 FROZEN_DRAG = "frozen: hold the button and press Space or N, and what you drag follows the mouse"
+DRAG_NOTES = FROZEN_DRAG, PULLED_TOO_FAR  # shown until the drag ends
 UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
 NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or a change of scene, solver, fabric or features"

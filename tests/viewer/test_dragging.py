@@ -293,6 +293,23 @@ def test_an_added_pin_moves_with_a_drag_which_the_note_says_and_undo_puts_it_bac
     assert session.simulation.positions()[PARTICLE] == pytest.approx(before, abs=1e-6)
 
 
+def test_a_drag_beyond_the_reach_of_the_cloth_is_named_until_it_ends(session: Session) -> None:
+    cursor = grab(session)
+    session.measure()
+    assert session.note == ""
+    point(session, (cursor[0] + 0.1, cursor[1] - 0.45), "left")
+    session.advance(3)
+    assert session.measure().max_strain > 1
+    assert session.note == "pulled too far; L grabs more"
+    assert isinstance(session.note, Refusal)
+    session.advance(1)
+    assert session.note
+    point(session, cursor)
+    session.advance(1)
+    session.measure()
+    assert session.note == ""
+
+
 def test_a_pin_of_the_scene_that_was_moved_on_purpose_is_marked(session: Session) -> None:
     session.pin(TOP)  # unpins it
     cursor = cursor_on(session, TOP)
