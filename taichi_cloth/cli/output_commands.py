@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..export.output import FORMATS, UP_AXES, Output, check_format, default_path, format_of
 from ..system import taichi_runtime as runtime
 from ..system.errors import OutputConflict, UsageError, choose_from
+from ..system.files import next_free_path
 from .program import (
     ARCH_HELP,
     DEFAULT_FRAMES,
@@ -30,6 +31,7 @@ from .scenes import summary
 if TYPE_CHECKING:
     from ..render.image import RenderPlan
     from ..simulation.recording import Recording
+    from ..simulation.simulation import Simulation
     from ..viewer.replay import ReplaySession
     from ..viewer.session import Session
 
@@ -228,6 +230,19 @@ def run_replay(args: argparse.Namespace) -> int:
     return 0 if session.was_equal else 1
 
 
+def save_running_scene(simulation: Simulation, folder: Path) -> Path:
+    """Write a scene with the present values of its parameters to a new file in a folder. Return its path.
+
+    Raises OSError, SceneError and UsageError.
+    """
+    from ..export.clip import Simulation as PublicSimulation
+    from ..geometry.scene_loader import save_scene
+
+    path = next_free_path(folder, "scene").with_suffix(".toml")
+    save_scene(PublicSimulation.tuned_scene(simulation), path)
+    return path
+
+
 def run_session(recording: Recording, args: argparse.Namespace, obstacle: str | None) -> ReplaySession:
     """Replay in a window, or if there is an `obstacle` to it, as a video, as images, or without drawing.
 
@@ -243,7 +258,7 @@ def run_session(recording: Recording, args: argparse.Namespace, obstacle: str | 
         from ..viewer import window
 
         def open_session() -> ReplaySession:
-            session = ReplaySession(recording, export=export_snapshot)
+            session = ReplaySession(recording, export=export_snapshot, save=save_running_scene)
             session.measure_errors(any(event == Event("view", ("error",)) for _, event in recording.rows))
             return session
 

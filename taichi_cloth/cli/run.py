@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from ..scene import Scene
 from ..system import taichi_runtime as runtime
 from ..system.errors import Diverged, UsageError, install_command
-from .output_commands import check_video, log_option, samples_option, write_video
+from .output_commands import check_video, log_option, samples_option, save_running_scene, write_video
 from .program import (
     DEFAULT_FRAMES,
     VIEWS,
@@ -158,7 +158,7 @@ def open_session(scene: Scene, args: argparse.Namespace, export: Exporter | None
     """Return a session that measures the errors of frames unless `--no-errors` is set."""
     from ..viewer.session import Session
 
-    session = Session(scene, args.layout, export=export)
+    session = Session(scene, args.layout, export=export, save=save_running_scene)
     session.measure_errors(not args.no_errors)
     return session
 

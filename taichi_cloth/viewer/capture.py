@@ -1,4 +1,4 @@
-"""Screenshots, clips and meshes (keys S, C and E): numbered files; images and clips with their recording.
+"""Screenshots, clips, meshes (keys S, C and E) and scenes: numbered files; images and clips with their recording.
 
 Clips are rendered from their recordings, by another process (`taichi-cloth replay FILE --video`), after they end:
 rendering an image takes longer than a frame may, so the window would stutter.
@@ -19,18 +19,19 @@ from ..render.draw_list import DrawList
 from ..render.image import render_pixels
 from ..render.image_files import available_formats, write_png
 from ..render.rasterizer import Rasterizer
+from ..scene import SceneError
 from ..simulation.recording import Recorder
 from ..simulation.simulation import Simulation
-from ..system.errors import error_text, install_command
+from ..system.errors import UsageError, error_text, install_command
 from ..system.files import next_free_path
 from .toolkit import Progress, Refusal
 
 Size = tuple[int, int]
-Exporter = Callable[[Simulation, Path], Path]  # writes the mesh to a new file in a folder, and returns its path
+Exporter = Callable[[Simulation, Path], Path]  # writes mesh or scene to a new file in a folder, and returns its path
 
 
 class Capture:
-    """Writes screenshots, clips and meshes to `out/SCENE`, never over existing files.
+    """Writes screenshots, clips, meshes and scenes to `out/SCENE`, never over existing files.
 
     Methods that return a string return one line for the user, or an empty string if there is nothing to report.
     """
@@ -50,7 +51,7 @@ class Capture:
             write_png(image, render_pixels(Rasterizer(*size), draw_list, camera, view))
         except OSError as error:
             return Refusal(f"screenshot failed: {error_text(error)}")
-        return f"wrote {self._relative(image)}"
+        return f"wrote {self._relative(image)} and its recording, {file.name}"
 
     def mesh(self, export: Exporter, simulation: Simulation) -> str:
         """Write the cloth as it is now."""
@@ -58,6 +59,14 @@ class Capture:
             path = export(simulation, self._out / simulation.scene.name)
         except OSError as error:
             return Refusal(f"cannot write the mesh: {error_text(error)}")
+        return f"wrote {self._relative(path)}"
+
+    def scene(self, save: Exporter, simulation: Simulation) -> str:
+        """Write the scene with the present values of its parameters."""
+        try:
+            path = save(simulation, self._out / simulation.scene.name)
+        except (OSError, SceneError, UsageError) as error:
+            return Refusal(f"cannot save the scene: {error_text(error)}")
         return f"wrote {self._relative(path)}"
 
     def begin_clip(self) -> str:

@@ -336,6 +336,12 @@ def export(session: Session) -> None:
     session.note = session.capture.mesh(write, session.simulation) if write else Refusal("no mesh export here")
 
 
+def save_scene(session: Session) -> None:
+    """Write the scene with the present values of the sliders."""
+    save = session.save
+    session.note = session.capture.scene(save, session.simulation) if save else Refusal("no scenes are saved here")
+
+
 def first_view(session: Session) -> None:
     """Return to the scene's view, from farther away if the cloth is not in the picture."""
     session.camera.reset()
@@ -376,6 +382,6 @@ ACTIONS: dict[str, Callable[[Session], None]] = {
     for action in (
         *(freeze, step, reset, wind, view, solver, fabric, feature, time_features, pin, smaller_radius, larger_radius),
         *(restore_defaults, charts, errors, page, menu, help, previous_scene, next_scene, export, first_view),
-        *(screenshot, clip, hide, quit, undo),
+        *(screenshot, save_scene, clip, hide, quit, undo),
     )
 }

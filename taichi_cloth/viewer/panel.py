@@ -130,10 +130,10 @@ class Panel:
     # Each page declares its widgets, and returns whether the user changed one.
 
     def _menu_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
-        """A button for each other page."""
+        """A button for each other page, and one that saves the scene."""
         pressed = [page for page in PAGES if gui.button(page)]
         session.page = next(iter(pressed), session.page)
-        return bool(pressed)
+        return apply_changes(gui, session, buttons=[("save_scene", "Save scene")]) or bool(pressed)
 
     def _list_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
         """A button for each name of a list, or of a part of it. The one in use is marked."""

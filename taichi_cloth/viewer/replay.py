@@ -87,15 +87,21 @@ class ReplaySession(Session):
     Its first image shows the start of the recording. Grabs that are active at the end of the recording are released.
     """
 
-    def __init__(self, recording: Recording, out: Path = Path("out"), export: Exporter | None = None) -> None:
-        """Open the recording's scene, and apply the events before its first frame. `export`: as for `Session`.
+    def __init__(
+        self,
+        recording: Recording,
+        out: Path = Path("out"),
+        export: Exporter | None = None,
+        save: Exporter | None = None,
+    ) -> None:
+        """Open the recording's scene, and apply the events before its first frame. `export`, `save`: as for `Session`.
 
         Raises UsageError if the scene does not support a recorded event. So do all methods that simulate.
         """
         self.recording = recording
         self.was_equal: bool | None = None
         """`is_equal` of the last replay that reached the end; R may have begun another."""
-        super().__init__(recording.scene, recording.layout, out, export)
+        super().__init__(recording.scene, recording.layout, out, export, save)
         try:
             self._begin()
         except BaseException:

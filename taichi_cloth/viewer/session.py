@@ -37,10 +37,15 @@ class Session:
     """One running scene with its camera and grabs. `act` runs the actions that `input.SHORTCUTS` names."""
 
     def __init__(
-        self, scene: Scene, layout: str | None = None, out: Path = Path("out"), export: Exporter | None = None
+        self,
+        scene: Scene,
+        layout: str | None = None,
+        out: Path = Path("out"),
+        export: Exporter | None = None,
+        save: Exporter | None = None,
     ) -> None:
         """`layout`: as for `Simulation`. Screenshots and clips are written to `out`, in a folder named after the scene.
-        `export` writes the mesh of a simulation to a new file in that folder, and returns its path.
+        `export` writes the mesh of a simulation to a new file in that folder, and returns its path; `save` its scene.
 
         Raises SceneError and UsageError as `Simulation` does.
         """
@@ -57,7 +62,7 @@ class Session:
         self.meter: ErrorProcess | None = None  # if errors of frames are measured
         self.deferred = Deferred()  # until the next frame was displayed
         self.capture = Capture(out)
-        self._initial_scene, self.layout, self.export = scene, layout, export
+        self._initial_scene, self.layout, self.export, self.save = scene, layout, export, save
         self._open(scene)
 
     @property

@@ -115,7 +115,7 @@ def test_a_screenshot_is_the_last_image_of_its_recording(session: Session) -> No
     play(session)
     session.camera.view_shift = 0.3  # makes room for the panel in the window, but not in the image
     session.act("screenshot")
-    assert session.note == str(Path("wrote out/small/shot_001.png"))
+    assert session.note == str(Path("wrote out/small/shot_001.png")) + " and its recording, shot_001.toml"
     assert sorted(path.name for path in OUT.iterdir()) == ["shot_001.png", "shot_001.toml"]
     recording = read_recording(OUT / "shot_001.toml")
     assert recording.size == SIZE

@@ -187,6 +187,12 @@ def test_a_list_marks_what_is_in_use_and_a_press_chooses(
     assert chosen_by(session) == press
 
 
+def test_the_menu_saves_the_scene(drawn: Drawn) -> None:
+    session, _, used = drawn("drape15", MENU, **{"Save scene": True})
+    assert used
+    assert session.note == "no scenes are saved here"  # by a session without the function
+
+
 def test_the_solvers_have_the_errors_that_were_measured_in_this_scene(drawn: Drawn, tmp_path: Path) -> None:
     session, gui, _ = drawn("drape15", "Solvers")
     where = ["errors and times of all solvers in this scene:", "  docs/scene_errors.md"]

@@ -12,6 +12,7 @@ import pytest
 import taichi as ti
 from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
 
+from taichi_cloth.cli.output_commands import save_running_scene
 from taichi_cloth.geometry.mesh_reader import read_obj
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import OrbitCamera
@@ -135,6 +136,29 @@ def test_a_failed_export_is_reported(session: Session) -> None:
     assert isinstance(session.note, Refusal)
     session.advance(1)
     assert session.simulation.frame == 1
+
+
+def test_a_scene_is_saved_with_the_values_of_its_sliders(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    session.act("save_scene")
+    assert session.note == "no scenes are saved here"
+    session.save = save_running_scene
+    out = Path("out").resolve()
+    monkeypatch.chdir("/")  # the window changes the folder, too
+    session.simulation.params["gravity"] = 3.0
+    session.simulation.params["sphere_radius"] = 0.4
+    session.change_solver("lines")
+    session.set_features({"spheres": True, "ground": False})
+    for number in (1, 2):
+        session.act("save_scene")
+        assert (session.note, type(session.note)) == (f"wrote out/curtain/scene_00{number}.toml", str)
+    saved = load_scene(out / "curtain" / "scene_001.toml")
+    assert (saved.forces.gravity, saved.spheres[0].radius, saved.solver.name) == (3.0, 0.4, "lines")
+    assert saved.ground is None
+    assert saved.cloth == session.simulation.scene.cloth
+    session.capture = Capture(out / "curtain" / "scene_001.toml")  # a file
+    session.act("save_scene")
+    assert session.note.startswith("cannot save the scene: ")
+    assert isinstance(session.note, Refusal)
 
 
 def test_every_key_has_an_action(session: Session, tmp_path: Path) -> None:
