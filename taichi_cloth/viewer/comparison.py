@@ -112,7 +112,7 @@ class Comparison:
         elif action == "hide":
             self.hidden = not self.hidden
         elif action == "quit":
-            self.running = False
+            self.running, self.shows_keys = self.shows_keys, False
         elif action == "screenshot":
             self.take_screenshot()
         elif action == "help":

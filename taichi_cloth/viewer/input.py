@@ -73,7 +73,7 @@ SHORTCUTS = (
     Shortcut("Right", "Right", "pan_right", "pan right", held=True),
     Shortcut("Up", "Up", "pan_up", "pan up", held=True),
     Shortcut("Down", "Down", "pan_down", "pan down", held=True),
-    Shortcut("Escape", "Esc", "quit", "quit"),
+    Shortcut("Escape", "Esc", "quit", "close page or quit"),
 )
 
 ARROWS = ("Left", "Right", "Up", "Down")  # the panel has one help entry for all four
@@ -369,7 +369,11 @@ def hide(session: Session) -> None:
 
 
 def quit(session: Session) -> None:
-    session.running = False
+    """Close the help, or leave another page of the panel for the sliders; quit from there."""
+    if session.page == HELP or (session.page != PAGES[0] and not session.hidden):
+        session.page = PAGES[0]
+    else:
+        session.running = False
 
 
 def display_name(section: str) -> str:

@@ -153,6 +153,11 @@ def test_the_key_for_help_lists_the_keys_instead_of_statistics(comparison: Compa
     assert {"  N      step one frame", "  T      next solver", "  S      take screenshot"} <= set(help_lines())
     comparison.request("help")
     assert not comparison.shows_keys
+    comparison.request("help")
+    comparison.request("quit")
+    assert (comparison.shows_keys, comparison.running) == (False, True)
+    comparison.request("quit")
+    assert not comparison.running
 
 
 def test_the_estimates_for_a_second_are_shown_and_explained(comparison: Comparison) -> None:

@@ -166,9 +166,25 @@ def test_every_key_has_an_action(session: Session, tmp_path: Path) -> None:
     for key in SHORTCUTS:
         session.on_key_held(key.action, 0.1) if key.held else session.act(key.action)
     assert {key.action for key in SHORTCUTS if key.held} == {*HELD_KEY_RATES, *REWIND_RATES}
-    assert not session.running
+    assert (session.page, session.running) == ("Sliders", True)  # Esc has closed the help
     with pytest.raises(ValueError, match="dance"):
         session.act("dance")
+
+
+@pytest.mark.parametrize(("page", "hidden", "quits"), [
+    ("Sliders", False, True), ("Menu", False, False), ("Solvers", False, False), ("Solvers", True, True),
+    ("Help", False, False), ("Help", True, False),
+])  # fmt: skip
+def test_escape_closes_help_or_page_and_quits_from_the_sliders(
+    session: Session, page: str, hidden: bool, quits: bool
+) -> None:
+    session.page, session.hidden = page, hidden
+    session.request("quit")
+    assert session.running is not quits
+    if not quits:
+        assert session.page == "Sliders"
+        session.request("quit")
+        assert not session.running
 
 
 def test_a_held_camera_key_moves_equally_at_any_frame_rate(session: Session) -> None:

@@ -111,6 +111,15 @@ def test_the_window_shows_cloth_and_panel_and_leaves_no_files(open_window: Start
     assert list(app.temporary_folder.iterdir()) == []
 
 
+def test_escape_closes_the_help_and_a_page_before_it_quits(open_window: Start) -> None:
+    app = open_window("drape15")
+    for key, page in (("a", HELP), ("Escape", "Sliders"), ("Tab", PAGES[1]), ("Escape", "Sliders")):
+        app.press_key(key)
+        app.wait_until(lambda line, page=page: line["page"] == page, f"the page {page} after {key}")
+    app.press_key("Escape")
+    assert app.exit_code() == 0
+
+
 def test_the_window_closes_after_the_given_number_of_frames(open_window: Start, tmp_path: Path) -> None:
     app = open_window("curtain", "--frames", "5")
     app.wait_until(lambda line: line["displayed"] == 4, "the last displayed frame")
