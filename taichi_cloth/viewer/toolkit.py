@@ -282,3 +282,24 @@ FROZEN_DRAG = "frozen: hold the button and press Space or N, and what you drag f
 DRAG_NOTES = FROZEN_DRAG, PULLED_TOO_FAR  # shown until the drag ends
 UNDONE = "undone; Space continues", "undone, and slider changes since; Space continues"  # with equal, other sliders
 NOTHING_TO_UNDO = "nothing to undo: no grab or pin since the start or a change of scene, solver, fabric or features"
+
+# What notes and statistics call by a key: the names of controls of the browser page, which a phone has too.
+CONTROLS = {
+    "hold the button and press Space or N, and what you drag follows the mouse": (
+        "hold it and press Freeze or Step, and what you drag follows"
+    ),
+    "Space continues": "press Freeze to continue",
+    "Z puts it back": "Undo puts it back",
+    "L grabs more": "a larger Grab radius grabs more",
+    "P unpins them": "the key P unpins them",
+    "G turns it on": "Wind in Features turns it on",
+    "not measured (U)": "not measured: see Measure errors",
+    "N runs a frame": "Step runs a frame",
+}
+
+
+def without_keys(text: str) -> str:
+    """Return lines for the user with names of controls in place of keys."""
+    for key, control in CONTROLS.items():
+        text = text.replace(key, control)
+    return text

@@ -39,7 +39,7 @@ from ..viewer.panel import (
     with_cost,
 )
 from ..viewer.session import Session
-from ..viewer.toolkit import Progress, Refusal
+from ..viewer.toolkit import Progress, Refusal, without_keys
 
 MAX_BYTES = 2048  # size limit of a message [bytes]
 MAX_DISTANCE = 1e6  # [m] limit of a camera's distance and target coordinates
@@ -366,10 +366,10 @@ class MessageBuilder:
                 "frozen": session.frozen,
                 "speed": session.speed,
                 "errors": session.meter is not None,
-                "note": session.note,
+                "note": without_keys(session.note),
                 "noteKind": NOTE_KINDS[type(session.note)],
                 "slow": slow_line(session),
-                "statistics": statistics(session, {"sending": sending_ms}, update_rate, PAGE_VIEW),
+                "statistics": without_keys(statistics(session, {"sending": sending_ms}, update_rate, PAGE_VIEW)),
                 "parameters": {name: simulation.params[name] for name in self._parameters}
                 | {GRAB_RADIUS: session.grab_radius},
                 "wind": simulation.params["wind"],

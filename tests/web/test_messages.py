@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,32 @@ from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.colors import pattern_colors
 from taichi_cloth.scene.fabric_schema import Look
 from taichi_cloth.scene.schema import Scene
+from taichi_cloth.viewer import toolkit
 from taichi_cloth.viewer.session import Session
 from taichi_cloth.web.protocol import MessageBuilder, pack_message
+
+
+def test_lines_for_the_user_name_the_controls_of_the_page() -> None:
+    """A phone has no keys."""
+    notes = [*toolkit.UNDONE, toolkit.FROZEN_DRAG, toolkit.PIN_MOVED, toolkit.ONLY_PINS, toolkit.PULLED_TOO_FAR]
+    assert [toolkit.without_keys(note) for note in notes] == [
+        "undone; press Freeze to continue",
+        "undone, and slider changes since; press Freeze to continue",
+        "frozen: hold it and press Freeze or Step, and what you drag follows",
+        "pin moved; Undo puts it back",
+        "only pins of the scene here: the key P unpins them",
+        "pulled too far; a larger Grab radius grabs more",
+    ]
+    texts = "".join(path.read_text("utf-8") for path in Path(toolkit.__file__).parent.glob("*.py"))
+    assert [key for key in toolkit.CONTROLS if texts.count(key) < 2] == [], "no line has these words any more"
+
+
+def test_a_page_gets_the_note_with_the_names_of_its_controls(session: Session) -> None:
+    session.pin(20)
+    session.act("undo")
+    message = Decoded(MessageBuilder(session, 0).metrics(1.0, 30.0, 1)).head
+    assert (message["note"], message["noteKind"]) == ("undone; press Freeze to continue", "success")
+    assert "error of a frame: not measured: see Measure errors" in message["statistics"].splitlines()
 
 
 class Decoded:

@@ -230,6 +230,7 @@ def test_a_key_opens_the_help_and_a_button_undoes_a_pull(page: Browser) -> None:
     page.key("KeyA", "a")
     assert page.value(shown)
     assert page.value("find('.keys').textContent.includes('undo grab or pin')")
+    assert page.value("find('.keys').textContent.includes('two fingerszoom')")
     page.key("KeyA", "a")
     assert not page.value("find('.keys-help').open")
     page.key("KeyH", "h")
