@@ -175,7 +175,9 @@ class Panel:
         if has_changed(zoom, level):
             session.camera.zoom(zoom - level)
             changed = True
-        return apply_changes(gui, session, buttons=[("restore_defaults", "Restore defaults")]) or changed
+        if apply_changes(gui, session, buttons=[("restore_defaults", "Restore defaults")]):
+            changed, self._moved = True, ""
+        return changed
 
     def _features_page(self, gui: ti.ui.Gui, session: Session, statistics: str) -> bool:
         """Switches for features, and a button to time them."""
@@ -247,7 +249,8 @@ def description(session: Session, kind: str) -> str:
     scene = session.simulation.scene
     if kind == "fabric":
         return fabric_title(scene.fabric.preset) if scene.fabric.preset else ""
-    return {"scene": scene.title, "solver": SOLVER_CATALOG[scene.solver.name].summary}.get(kind, "")
+    known = {"scene": scene.title, "solver": SOLVER_CATALOG[scene.solver.name].summary}
+    return (known | {"view": "what the picture shows", "speed": "simulated seconds per second"})[kind]
 
 
 def apply_changes(gui: ti.ui.Gui, session: Session, switches: Switches = (), buttons: Buttons = ()) -> bool:

@@ -293,6 +293,8 @@ def test_every_page_shows_what_runs(drawn: Drawn) -> None:
         ("Scenes", "a ball shot into a curtain at 24 m/s, caught in one"),
         ("Solvers", "position-based dynamics with Verlet integration"),
         ("Fabrics", ""),
+        ("Views", "what the picture shows"),
+        ("Speeds", "simulated seconds per second"),
     ],
 )
 def test_lists_describe_what_is_in_use(drawn: Drawn, page: str, line: str) -> None:
@@ -487,9 +489,10 @@ def test_a_slider_that_is_moved_shows_its_help(drawn: Drawn) -> None:
 
 
 def test_restore_defaults_restores_the_values_of_the_scene(drawn: Drawn) -> None:
-    session, _, _ = drawn("curtain", Gravity=3.0, Grab=0.4, **{"Restore defaults": True})
+    session, gui, _ = drawn("curtain", Gravity=3.0, Grab=0.4, **{"Restore defaults": True})
     assert session.simulation.params["gravity"] == 9.81
     assert session.grab_radius == session.default_grab_radius
+    assert not any("along the cloth" in text for text in gui.texts), "the help of a slider that was moved before"
 
 
 def test_a_feature_is_switched_off(drawn: Drawn) -> None:
