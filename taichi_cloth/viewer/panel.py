@@ -38,6 +38,7 @@ SUMMARY_LINES = 5  # lines of the statistics that most pages show, and then the 
 BRIEF_LINES = 2  # the same without room for all: below a list, or in a panel that is lower than
 FULL_HEIGHT = 560  # [pixels]
 HIDDEN_TITLE = "message (H shows the panel)"  # of the caption of a note while the panel is hidden
+GRAY_TITLE = "gray: no error is known"
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
 LIST_LENGTH = 20  # names on a page, fewer in a low panel; a longer list has several pages
 ROW_HEIGHT, LIST_EXTRA_HEIGHT = 23, 200  # [pixels] of a button; of a page with a list, without the names
@@ -233,6 +234,14 @@ Buttons = Sequence[tuple[str, str]]  # action, label
 def draw_caption(gui: ti.ui.Gui, window_size: tuple[int, int], title: str, lines: Sequence[str]) -> None:
     """Draw lines where the panel would be. `window_size`: of the window when it opens [pixels]."""
     draw_lines(gui, title, wrapped_lines(lines), (PANEL_MARGIN, PANEL_MARGIN, PANEL_WIDTH), window_size)
+
+
+def draw_gray_reason(gui: ti.ui.Gui, session: Session, window_size: tuple[int, int]) -> None:
+    """Draw, in place of the color scale, why the view `error` has no colors, if there is room beside the panel."""
+    left = window_size[0] - PANEL_MARGIN - PANEL_WIDTH
+    if session.view == "error" and session.draw_list.scale("error") is None and left > PANEL_WIDTH + 2 * PANEL_MARGIN:
+        line = error_lines(session.meter, frozen=session.frozen)[0]
+        draw_lines(gui, GRAY_TITLE, wrap(line), (left, PANEL_MARGIN, PANEL_WIDTH), window_size)
 
 
 def own_fabric(session: Session) -> str:

@@ -30,7 +30,7 @@ from ..simulation.simulation import Simulation
 from ..system import taichi_runtime as runtime
 from .charts import CurveDrawing, statistics, top
 from .input import HELP, SHORTCUTS, SPEEDS
-from .panel import HIDDEN_TITLE, Panel, draw_caption
+from .panel import HIDDEN_TITLE, Panel, draw_caption, draw_gray_reason
 from .session import Session
 from .toolkit import Progress, Refusal
 
@@ -203,6 +203,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         widget_used = not session.hidden and panel.draw(gui, session, text)
         if session.page == HELP:
             panel.draw_help(gui)
+        draw_gray_reason(gui, session, panel.window_size)
         if session.caption:
             title = HIDDEN_TITLE if session.is_allowed("hide") else "replay"
             draw_caption(gui, panel.window_size, title, session.caption)

@@ -43,6 +43,7 @@ from taichi_cloth.viewer.panel import (
     acting_parameters,
     description,
     draw_caption,
+    draw_gray_reason,
     help_for,
     help_lines,
 )
@@ -408,6 +409,20 @@ def test_every_page_says_once_that_the_view_error_has_no_error_yet(drawn: Drawn)
         gui = FakeGui()
         Panel(SIZE, Path("imgui.ini")).draw(gui, session, statistics(session, {"drawing": 1.0}, 60.0))
         assert gui.texts.count("error of a frame: not measured (U)") == 1
+
+
+def test_a_gray_cloth_in_the_view_error_says_why(drawn: Drawn) -> None:
+    session, _, _ = drawn("drape15")
+    session.measure_errors(True)
+    for view, size, shown in (("shaded", SIZE, False), ("error", SIZE, True), ("error", (640, 480), False)):
+        session.view, gui = view, FakeGui()
+        draw_gray_reason(gui, session, size)
+        assert gui.texts == ["error of a frame: not measured yet"] * shown
+    found = FrameError(7, 0.00123, 0.01, 1e-6, 0.0005, 0.0008, np.linspace(0.0, 0.0034, 225), 0.01)
+    session.draw_list.show_error(found)
+    gui = FakeGui()
+    draw_gray_reason(gui, session, SIZE)
+    assert gui.texts == []
 
 
 def test_every_page_shows_rms_and_largest_error_in_the_view_error(drawn: Drawn) -> None:
