@@ -221,7 +221,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
             self._frame_error = None
         super().notify(event)
 
-    def tuned_scene(self: BaseSimulation) -> Scene:
+    def tuned_scene(self) -> Scene:
         """Return the scene with the present values of `params`, without its wind if that is off, for `save_scene`."""
         values: dict[str, object] = {}
         for name, one in parameters_of(self.scene).items():
