@@ -145,7 +145,7 @@ def test_pins_that_reset_removes_are_no_longer_drawn(recorder: Recorder, tmp_pat
         drawn = []
         while not session.is_over:
             session.replay_frame()
-            drawn.append(session.draw_list._pins.tolist())
+            drawn.append(session.draw_list.pins.tolist())
         assert drawn == [[12], []]
 
 
