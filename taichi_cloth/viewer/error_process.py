@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 SHARE_OF_TIME = 0.1  # of one core, which measuring may take
 STALE_SECONDS = 3.0  # [s] after which a frame of an earlier scene is given up: it may compile for a minute
 FRAMES_BEFORE = 60  # frames that a scene runs before the process starts: the first second of a window is its own
+SETTLED_SECONDS = 0.3  # [s] after a change in which no measurement begins: another abandons it while a slider moves
 ABANDON = "abandon"  # sent to the process: drop the measurement that is under way, at its next frame
 ABANDONED_SECONDS = 1.0  # limit of the time after which another frame is measured, after one was abandoned
 MAX_GROWTH_SECONDS = 3.0  # time up to which the growth of the error is measured
@@ -123,6 +124,11 @@ class ErrorProcess:
                 self._pipe.send(ABANDON)
         self.before_change = self.error or self.before_change
         self.answer, self._is_stale = None, True
+        self._wait(SETTLED_SECONDS)
+
+    def _wait(self, seconds: float) -> None:
+        """Let no measurement begin for some time [s]."""
+        self._next = max(self._next, time.perf_counter() + seconds)
 
     @property
     def state(self) -> str:
@@ -192,7 +198,7 @@ class ErrorProcess:
             self.by_solver[self._sent_scene.solver.name] = short_text(self.error)
         self._took = self._took if self._is_stale else time.perf_counter() - self._sent
         self._is_busy = self._is_starting = False
-        self._next = time.perf_counter() + answer.seconds * (1 / SHARE_OF_TIME - 1)
+        self._wait(answer.seconds * (1 / SHARE_OF_TIME - 1))
 
     def _give_up_stale_job(self) -> None:
         """End the process if it works for another scene and takes long; the next job starts a process."""

@@ -29,7 +29,9 @@ def scene(**changes: Any) -> Scene:
 
 @pytest.fixture
 def process(monkeypatch: pytest.MonkeyPatch) -> Iterator[ErrorProcess]:
+    """It measures the third frame of a scene, and has no pause after a change."""
     monkeypatch.setattr(error_process, "FRAMES_BEFORE", 2)
+    monkeypatch.setattr(error_process, "SETTLED_SECONDS", 0.0)
     process = ErrorProcess()
     yield process
     process.close()
@@ -117,6 +119,24 @@ def test_a_frame_of_an_earlier_scene_is_given_up(process: ErrorProcess, monkeypa
         simulation.switch_solver("xpbd")
         process.run_frame(simulation)
         assert ended
+
+
+def test_nothing_is_measured_while_a_slider_moves(process: ErrorProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(error_process, "SETTLED_SECONDS", 0.3)
+    monkeypatch.setattr(error_process, "FRAMES_BEFORE", 0)
+    now = [100.0]
+    monkeypatch.setattr(error_process.time, "perf_counter", lambda: now[0])
+    process._frames = 1
+    assert process.is_free
+    for _ in range(20):  # for two seconds
+        process.forget()
+        now[0] += 0.1
+        assert not process.is_free
+    now[0] += 0.25
+    assert process.is_free
+    process._next = now[0] + 5.0  # of the share of time
+    process.forget()
+    assert process._next == now[0] + 5.0
 
 
 def test_a_change_abandons_the_measurement_that_is_under_way(process: ErrorProcess) -> None:
@@ -349,7 +369,8 @@ def test_a_process_that_has_died_is_reported_and_delays_nothing(process: ErrorPr
         assert simulation.frame == frame + 1
 
 
-def test_closing_ends_the_process() -> None:
+def test_closing_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(error_process, "SETTLED_SECONDS", 0.0)
     process = ErrorProcess()
     process.close()
     with Simulation(scene()) as simulation:
