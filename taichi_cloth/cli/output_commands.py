@@ -7,7 +7,7 @@ import itertools
 import sys
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..export.output import FORMATS, UP_AXES, Output, check_format, default_path, format_of
 from ..system import taichi_runtime as runtime
@@ -235,12 +235,11 @@ def save_running_scene(simulation: Simulation, folder: Path) -> Path:
 
     Raises OSError, SceneError and UsageError.
     """
-    from ..export.clip import Simulation as PublicSimulation
+    from ..export.clip import tuned_scene
     from ..geometry.scene_loader import save_scene
 
     path = next_free_path(folder, "scene").with_suffix(".toml")
-    running = cast("PublicSimulation", simulation)  # `tuned_scene` uses only what every simulation has
-    save_scene(PublicSimulation.tuned_scene(running), path)
+    save_scene(tuned_scene(simulation), path)
     return path
 
 

@@ -117,23 +117,23 @@ def export_clip(
     export(simulation, output, on_frame or (lambda _: None))
 
 
+def tuned_scene(simulation: BaseSimulation) -> Scene:
+    """Return the scene with the present values of the parameters, as `Simulation.tuned_scene` does."""
+    values: dict[str, object] = {}
+    for name, one in parameters_of(simulation.scene).items():
+        index = f"[{one.index}]" if sections()[one.section].is_array else ""
+        values[f"{one.section}{index}.{one.key_name}"] = simulation.params[name]
+    tuned = load_scene(simulation.scene, **values)
+    return tuned if tuned.wind is None or simulation.params["wind"] else load_scene(tuned, wind=None)
+
+
 # What other modules of this package use. It is not documented, and the completion of names leaves it out.
-INNER_NAMES = frozenset(
-    (
-        "built",
-        "check_between_frames",
-        "check_particle",
-        "depenetration",
-        "displacements",
-        "frames_stepped",
-        "free_positions",
-        "grabs",
-        "h",
-        "has_changed",
-    )
-    + ("has_self_contact", "is_held_still", "notify", "origin", "place", "rebuild", "requested_layout", "restart_guard")
-    + ("reduces_damping", "scene_colliders", "set_frame", "set_origin", "set_grabs", "set_pins", "set_torn")
-)
+_INNER = """
+built check_between_frames check_particle depenetration displacements frames_stepped free_positions grabs h
+has_changed has_self_contact is_held_still notify origin place rebuild reduces_damping requested_layout
+restart_guard scene_colliders set_frame set_grabs set_origin set_pins set_torn
+"""
+INNER_NAMES = frozenset(_INNER.split())
 
 
 CHECKED_EVERY = 10  # frames between checks for divergence, which take 0.16 ms, a quarter of a frame of 15×15 particles
@@ -223,12 +223,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     def tuned_scene(self) -> Scene:
         """Return the scene with the present values of `params`, without its wind if that is off, for `save_scene`."""
-        values: dict[str, object] = {}
-        for name, one in parameters_of(self.scene).items():
-            index = f"[{one.index}]" if sections()[one.section].is_array else ""
-            values[f"{one.section}{index}.{one.key_name}"] = self.params[name]
-        tuned = load_scene(self.scene, **values)
-        return tuned if tuned.wind is None or self.params["wind"] else load_scene(tuned, wind=None)
+        return tuned_scene(self)
 
     def _meter(self) -> FrameErrorMeter:
         if self._measured is None or self._measured[0] != self.scene:
