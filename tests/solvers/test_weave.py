@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 import taichi as ti
 from meshes import irregular, write_obj
-from serial_kernels import run_serially
+from serial_kernels import check_elastic_forces
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.geometry.spring_model import spring_model
-from taichi_cloth.kernels import step_params as c
 from taichi_cloth.kernels.constraint_math import arcsine
-from taichi_cloth.kernels.springs import add_elastic_forces
 from taichi_cloth.scene.fabric_schema import Fabric, Weave
 from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
-from taichi_cloth.simulation.builder import StepRow, feature_names
+from taichi_cloth.simulation.builder import feature_names
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
@@ -37,21 +35,6 @@ def hung(solver: str = "explicit", curves: dict[str, Any] | None = None, **fabri
     keys = {"model": "weave"} | fabric
     weave = Weave(**(FLAT_CURVES if curves is None else curves))
     return Scene(cloth=cloth, fabric=Fabric(**keys), weave=weave, solver=Solver(solver, damping=4.0))
-
-
-NO_COLLIDER = np.zeros((1, c.COLLIDER_COLUMNS), np.float32)
-
-
-def frame_params(simulation: Simulation) -> np.ndarray:
-    """Return the parameter row of a frame with the curves."""
-    row = StepRow(simulation.scene, simulation.topology, simulation.scene.fabric.damping_time)
-    values = {name: simulation.params[name] for name in simulation.params}
-    return row.at(values, wind_on=False, grabs={}, origin=simulation.origin, seconds=0.0, h=1e-3)
-
-
-@ti.func
-def elastic_forces(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    add_elastic_forces(cloth, features, ctx.params, ctx.h)
 
 
 @ti.kernel
@@ -81,13 +64,7 @@ def test_kernel_forces_are_those_of_the_float64_model(
         x = simulation.topology.start + random.normal(scale=scale, size=simulation.topology.start.shape)
         v = random.normal(scale=0.1, size=x.shape)
         simulation.set_state(x, v)
-        layout, params = simulation.solver.layout, frame_params(simulation)
-        run_serially(elastic_forces, layout, simulation.solver.features, 0, 1, 1e-3, 0, params, NO_COLLIDER)
-        found = simulation.solver.cloth.to_numpy(layout.force)
-        model, velocities = spring_model(scene, simulation.topology), simulation.velocities().T
-        expected = model.elastic_force(simulation.positions().T)
-        expected += model.damping_force(simulation.positions().T, velocities)
-        assert found == pytest.approx(expected.T, abs=2e-4 * np.abs(expected).max())
+        check_elastic_forces(simulation)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
