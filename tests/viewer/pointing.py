@@ -1,9 +1,10 @@
-"""Where the cursor points in tests of a session, and what it grabs."""
+"""What tests of a session share: where the cursor points, what it grabs, and an answer about errors."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from taichi_cloth.viewer.error_process import Answer
 from taichi_cloth.viewer.session import Session
 
 SIZE = (1280, 720)
@@ -34,3 +35,22 @@ def grab(session: Session) -> tuple[float, float]:
     point(session, cursor, "left")
     assert grabbed(session) == PARTICLE
     return cursor
+
+
+class ReadyPipe:
+    """A connection on which an answer has arrived."""
+
+    def __init__(self, answer: Answer) -> None:
+        self._answer = answer
+
+    def poll(self) -> bool:
+        return True
+
+    def recv(self) -> Answer:
+        return self._answer
+
+    def send(self, message: object) -> None:
+        pass
+
+    def close(self) -> None:
+        pass

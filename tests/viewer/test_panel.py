@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pointing import ReadyPipe
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
@@ -219,25 +220,6 @@ def test_the_solvers_have_the_errors_that_were_measured_in_this_scene(drawn: Dra
     gui = FakeGui()
     Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, "")
     assert "> verlet" in gui.labels
-
-
-class ReadyPipe:
-    """A connection on which an answer has arrived."""
-
-    def __init__(self, answer: Answer) -> None:
-        self._answer = answer
-
-    def poll(self) -> bool:
-        return True
-
-    def recv(self) -> Answer:
-        return self._answer
-
-    def send(self, message: object) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
 
 
 def test_a_long_list_has_a_button_for_its_next_part(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:

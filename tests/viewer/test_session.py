@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import taichi as ti
-from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
+from pointing import ASPECT, PARTICLE, ReadyPipe, cursor_on, grab, grabbed, point
 
 from taichi_cloth.cli.output_commands import save_running_scene
 from taichi_cloth.geometry.mesh_reader import read_obj
@@ -562,22 +562,6 @@ def test_an_error_that_arrives_while_the_cloth_is_frozen_is_shown(
     session.advance(1)
     assert session.frame_error is found
     assert error_lines(session.meter)[0].startswith("error of frame 1: ")
-
-
-class ReadyPipe:
-    """A connection on which an answer has arrived."""
-
-    def __init__(self, answer: Answer) -> None:
-        self._answer = answer
-
-    def poll(self) -> bool:
-        return True
-
-    def recv(self) -> Answer:
-        return self._answer
-
-    def close(self) -> None:
-        pass
 
 
 def test_a_scene_that_the_layout_does_not_support_is_refused_and_the_next_follows() -> None:
