@@ -91,7 +91,7 @@ def draw_web() -> None:
         page.mouse("Pressed", 640, 330, button="left", clickCount=1)
         page.until("drag?.state === 'grabbing'")
         for k in range(40):
-            page.mouse("Moved", 640 - 2 * k, 330 + k, button="left", buttons=1)
+            page.mouse("Moved", 640 - k, 330 + k // 2, button="left", buttons=1)
         page.until(f"update.frame > {page.value('update.frame')} + 30")
         write(PICTURES / "web.png", page.picture())
         pipe.close()

@@ -211,6 +211,7 @@ def statistics(session: Session, times: dict[str, float], fps: float, view: str 
     slow = "" if SPEEDS[session.speed] == 1 else f" · {session.speed} speed"
     clip = " · recording a clip" if session.capture.clip_is_on else ""
     strain, mean = 100 * metrics.max_strain, 100 * metrics.mean_strain
+    error, *parts = error_lines(session.meter, frozen=session.frozen)
     fabric, links = simulation.scene.fabric.preset or OWN_FABRIC, "springs" if topology.membrane is None else "edges"
     lines = (
         f"{simulation.scene.name} · {simulation.method.partition(' · ')[0]} · {fabric} · {view or session.view}",
@@ -218,8 +219,9 @@ def statistics(session: Session, times: dict[str, float], fps: float, view: str 
         f"physics {milliseconds(session.physics_ms)} ms of {1e3 * FRAME_SECONDS:.1f} ms",
         ", ".join(f"{name} {milliseconds(ms)} ms" for name, ms in steps.items()),
         f"strain: max {strain:.1f} %, mean {mean:.1f} %",
-        *error_lines(session.meter, frozen=session.frozen),
+        error,
         *([MEASURED_AGAINST] if session.meter and session.meter.error else []),
+        *parts,
         f"energy: kinetic {metrics.kinetic_energy:.3g} J, potential {metrics.potential_energy:.3g} J",
         f"max collider penetration: {1e3 * metrics.penetration:.3g} mm",
         *intersection_lines(simulation, metrics),

@@ -216,7 +216,7 @@ class ErrorProcess:
         self._pipe = self._process = None
 
 
-MEASURED_AGAINST = "  of one frame, against a fine run of explicit"
+MEASURED_AGAINST = "  against a fine run with explicit"
 
 
 def short_text(found: FrameError) -> str:

@@ -218,6 +218,7 @@ class SlowMeter(ErrorProcess):
 
 def test_errors_of_both_sides_are_of_the_same_frames(comparison: Comparison, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(error_process, "FRAMES_BEFORE", 2)
+    monkeypatch.setattr(error_process, "SETTLED_SECONDS", 0.0)
     meters = [SlowMeter(frames) for frames in (3, 17)]
     for side, meter in zip(comparison.sides, meters, strict=True):
         side.meter = meter
@@ -231,6 +232,7 @@ def test_a_side_that_cannot_be_measured_does_not_stop_the_other(
     comparison: Comparison, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(error_process, "FRAMES_BEFORE", 2)
+    monkeypatch.setattr(error_process, "SETTLED_SECONDS", 0.0)
     left, right = (SlowMeter(1) for _ in range(2))
     comparison.left.meter, comparison.right.meter = left, right
     comparison.advance(2)
