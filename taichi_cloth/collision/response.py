@@ -31,7 +31,7 @@ from ..kernels.step_params import (
     COLLIDER_SIZE,
     COLLIDER_STIFFNESS,
 )
-from ..kernels.vec import any_nonzero, broadcast, cross, dot, length, scale, select
+from ..kernels.vec import any_at_most, any_nonzero, broadcast, cross, dot, is_scalar, length, scale, select
 from ..scene.collider_schema import PROJECTION, REFLECTION, REPULSION, Collider, Ground
 from .colliders import SURFACE_TOLERANCE, Floats, pose_colliders, signed_distance, table_range, teleports
 from .shapes import SHAPES
@@ -118,11 +118,14 @@ def project(cloth: ti.template(), features: ti.template(), ctx: ti.template(), s
                     start = to_local(start_axes, cloth.x_prev[i] - broadcast(start_center, x))
                     path = to_local(axes, offset) - start
                     impact, normal = shape.time_of_impact(features, size, margin - SURFACE_TOLERANCE, start, path)
-                    tangential = path - scale(normal, dot(normal, path))  # after the impact it slides on
-                    stopped = to_world(axes, start + scale(path, impact) + scale(tangential, 1.0 - impact))
-                    push = select(
-                        impact <= 1.0, stopped - offset + shape.push_out(features, axes, size, margin, stopped), push
-                    )
+                    hits = 1
+                    if ti.static(not is_scalar(x)):  # mostly none of the eight hits it
+                        hits = any_at_most(impact, 1.0)
+                    if hits == 1:
+                        tangential = path - scale(normal, dot(normal, path))  # after the impact it slides on
+                        stopped = to_world(axes, start + scale(path, impact) + scale(tangential, 1.0 - impact))
+                        stopped_push = shape.push_out(features, axes, size, margin, stopped)
+                        push = select(impact <= 1.0, stopped - offset + stopped_push, push)
             move = push
             if ti.static(ctx.update_velocity) and friction > 0.0:
                 surface = broadcast(travel * fraction, x) + cross(broadcast(rotation * fraction, x), offset + push)

@@ -358,5 +358,6 @@ def spring_strains(topology: Topology, positions: Floats, springs: NDArray[np.in
 def energies(topology: Topology, positions: Floats, velocities: Floats, gravity: float) -> tuple[float, float]:
     """Return the kinetic energy and the potential energy of gravity [J]. Pinned particles have no kinetic energy."""
     moving = np.where(topology.pinned, 0, topology.mass)
-    kinetic = 0.5 * float(np.sum(moving * np.sum(velocities**2, axis=1)))
+    squares = velocities * velocities
+    kinetic = 0.5 * float(np.sum(moving * (squares[:, 0] + squares[:, 1] + squares[:, 2])))  # `sum(axis=1)` is slower
     return kinetic, float(np.sum(topology.mass * gravity * positions[:, 1]))

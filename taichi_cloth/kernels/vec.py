@@ -53,6 +53,12 @@ def any_nonzero(vector) -> int:
 
 
 @ti.func
+def any_at_most(row, bound: float) -> int:
+    """Return 1 if a number of a row of eight is at most the bound, else 0."""
+    return ti.select(max_lane(neg(row)) >= -bound, 1, 0)
+
+
+@ti.func
 def component(vector, c: ti.template()):
     """Return component c."""
     if ti.static(is_scalar(vector)):

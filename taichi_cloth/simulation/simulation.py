@@ -114,7 +114,7 @@ class Simulation(RunningCloth):
         """
         shape = self.topology.start.shape
         x, v = check_vectors(positions, "positions", shape), check_vectors(velocities, "velocities", shape, (3,))
-        self.apply(Event("set_state", (x.tolist(), v.tolist())))
+        self.apply(Event("set_state", (x, v)))
 
     def switch_solver(self, name: str) -> None:
         """Continue with another solver, from the same positions and velocities, with the springs of its own section.

@@ -110,3 +110,19 @@ def test_eight_particles_at_once_match_one_by_one() -> None:
         read_back(*filler, found)
     assert np.abs(wanted).min() > 0.0
     np.testing.assert_allclose(found[:8, :3], wanted, rtol=2e-6)
+
+
+@pytest.mark.parametrize("lane", [*range(vec.LANES), None])
+def test_a_number_within_the_bound_is_found_in_every_lane(lane: int | None) -> None:
+    w = materialized(lambda: fields.scalar_field(1, simd=True))
+    numbers = np.full((1, vec.LANES), 1.5)
+    if lane is not None:
+        numbers[0, lane] = 1.0  # the bound itself counts
+
+    @ti.kernel
+    def find() -> int:
+        return vec.any_at_most(w[0], 1.0)
+
+    fields.upload_all((w, numbers))
+    with no_scalarization(True):
+        assert find() == (lane is not None)
