@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import stored
 from error_blocks import default_row, errors_on_scenes, scene_rows, seconds_of_scenes
@@ -10,6 +11,8 @@ from tables import Rows, table, with_runs
 
 from taichi_cloth.evaluation.stress.setup import ROBUST
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
+
+PAGES = Path(__file__).parent  # of the documentation
 
 
 def choosing() -> str:
@@ -228,20 +231,23 @@ def validation_summary() -> str:
     return with_runs(table(["solver", "rows", "pass", "excellent"], rows), "validate")
 
 
-PLURALS = {"falls short": "fall short", "pass": "more pass"}  # "pass" does not count excellent rows
+def quoted(page: str, end: str) -> str:
+    """Return what a page of results says between its title and the first line that matches `end`, without links."""
+    lines = (PAGES / page).read_text(encoding="utf-8").splitlines()
+    last = next(k for k, line in enumerate(lines) if re.match(end, line))
+    return re.sub(r" \[[^]]*\]\([^)]*\) has them all\.", "", "\n".join(lines[2:last]).strip())
 
 
-def validation_line() -> str:
+def validation_page() -> str:
+    """Return the summary of docs/validation.md as it is, and how far defaults are from the solution."""
     words = stored.load("validation")
-    if words is None:
-        return "No run is stored."
-    found = stored.verdicts(words)["all"]
-    passed = sum(found[verdict] for verdict in stored.PASSED)
-    shares = f"{passed / found.total():.1%} pass, {found['excellent'] / found.total():.1%} are excellent"
-    states = ", ".join(
-        f"{count} {verdict if count == 1 else PLURALS.get(verdict, verdict)}" for verdict, count in found.most_common()
-    )
-    return with_runs(f"{found.total()} rows: {shares} ({states}).\n{unfinished(words)}".strip(), "validate")
+    lines = [line for line in quoted("validation.md", r"\| solver").splitlines() if line]
+    return with_runs("\n".join([*lines, *filter(None, [unfinished(words) if words else ""])]), "validate")
+
+
+def stability_page() -> str:
+    """Return the summary of docs/stability.md as it is."""
+    return with_runs(quoted("stability.md", r"\d+ starts per variant"), "stress")
 
 
 def unfinished(words: stored.Words) -> str:
@@ -262,7 +268,8 @@ BLOCKS = (
     choosing,
     unconverged,
     solver,
-    validation_line,
+    validation_page,
+    stability_page,
     validation_summary,
     bar_friction,
     nobody,

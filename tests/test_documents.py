@@ -144,7 +144,7 @@ def blocks_of(document: Path) -> dict[str, str]:
 
 
 BLOCKS = {
-    "README.md": {"solvers", "validation_line", "stability_summary"},
+    "README.md": {"solvers", "validation_page", "stability_page"},
     "docs/performance.md": {"goals", "frames", "sheets", "gpu"},
     "docs/accuracy.md": {"validation_summary", "elbow"},
     "docs/limits.md": {"bar_friction", "stability_summary", "nobody", "soak"},

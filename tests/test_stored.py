@@ -97,7 +97,7 @@ def write(folder: Path, name: str, words: Words) -> None:
 
 
 def test_documents_state_that_no_run_is_stored(errors: ModuleType, verdicts: ModuleType) -> None:
-    blocks = [verdicts.stability_summary, verdicts.validation_summary, verdicts.validation_line, verdicts.nobody]
+    blocks = [verdicts.stability_summary, verdicts.validation_summary, verdicts.nobody]
     blocks.append(verdicts.soak)
     for block in (*blocks, verdicts.bar_friction, errors.frames, errors.sheets, errors.scene_summary):
         assert "o run is stored" in block(), block
@@ -171,13 +171,20 @@ def test_documents_count_cases_as_the_report_of_stress_does(monkeypatch: pytest.
     assert found == {setting: {state: n for state, n in states.items() if n} for setting, states in counted}
 
 
+def test_the_readme_quotes_the_summaries_of_both_pages_whole(verdicts: ModuleType) -> None:
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    tops = {}
+    for page, end in (("validation.md", "| solver"), ("stability.md", "10 starts per variant")):
+        text = (DOCS / page).read_text(encoding="utf-8")
+        tops[page] = text[: text.index("\n" + end)].splitlines()[2:]
+        link = f" [{page[:-3]}_rows.md]({page[:-3]}_rows.md) has them all."
+        assert [line for line in tops[page] if line.replace(link, "") not in readme] == []
+    assert sum("pass in every row" in line for line in tops["validation.md"]) == 1
+    assert sum("only with the other material" in line for line in tops["stability.md"]) == 1
+
+
 def test_rows_of_references_are_counted_by_verdict(results: Path, verdicts: ModuleType) -> None:
     write(results, "validation", VALIDATION)
-    assert verdicts.validation_line().splitlines() == [
-        "5 rows: 60.0% pass, 40.0% are excellent (2 excellent, 1 falls short, 1 pass, 1 too slow).",
-        "",
-        "Runs: `validate`: one · 2 cores · date not stored · commit not stored.",
-    ]
     assert verdicts.validation_summary().splitlines()[2:5] == [
         "| all | 5 | 60.0% | 40.0% |",
         "| `xpbd` | 3 | 66.7% | 33.3% |",

@@ -6,6 +6,7 @@ It has pages, since the toolkit has no collapsible sections.
 from __future__ import annotations
 
 import textwrap
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -14,7 +15,7 @@ from pathlib import Path
 import taichi as ti
 
 from ..scene.parameters import Parameter, parameters_of
-from ..scene.presets import load_preset
+from ..scene.presets import load_preset, scene_names, scene_path
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.copies import FeatureTimes
 from ..simulation.simulation import Simulation
@@ -33,6 +34,7 @@ PANEL_WIDTH = 392  # [pixels] a slider takes 65 % of it, which leaves 17 charact
 PANEL_HEIGHT = 700  # [pixels] room for the longest page
 # Characters in a line: the toolkit's padding is 8 pixels, its scroll bar 14, and a character is 7 pixels wide.
 LINE_LENGTH = (PANEL_WIDTH - 2 * 8 - 14) // 7
+ENTRY_LENGTH = LINE_LENGTH - len("> ") - 1  # of an entry of a list: a button has a margin of 4 pixels on both sides
 HELP_SIZE = (500, 420)  # [pixels] of the help over the picture: its lines are 68 characters
 SUMMARY_LINES = 5  # lines of the statistics that most pages show, and then the error of a frame
 BRIEF_LINES = 2  # the same without room for all: below a list, or in a panel that is lower than
@@ -88,7 +90,8 @@ class Panel:
         """
         changed = False
         with sub_window(gui, PANEL_NAME, self._initial_place, self.window_size):
-            changed |= apply_changes(gui, session, buttons=[("menu", "Menu")])
+            page = "" if session.page == MENU else f" ({session.page})"
+            changed |= apply_changes(gui, session, buttons=[("menu", f"Menu{page}")])
             if session.page not in LIST_PAGES:
                 freeze = ("freeze", "Freeze", session.frozen)
                 buttons = [("reset", "Reset"), ("undo", "Undo")]
@@ -144,7 +147,8 @@ class Panel:
         parts = -(-len(listed) // length)
         self._list_part += int(parts > 1 and gui.button(f"More {session.page.lower()}"))
         first = self._list_part % parts * length
-        labels = {name: name or own_fabric(session) for name in listed[first : first + length]}
+        shown = listed[first : first + length]
+        labels = {name: with_title(kind, name) if name else own_fabric(session) for name in shown}
         errors = session.meter.by_solver if kind == "solver" and session.meter else {}
         labels |= {name: f"{label}: {errors[name]}" for name, label in labels.items() if name in errors}
         pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
@@ -251,6 +255,18 @@ def own_fabric(session: Session) -> str:
 
 
 fabric_title = cache(lambda name: load_preset(name).title)  # which reads a file
+
+
+@cache
+def with_title(kind: str, name: str) -> str:
+    """Return the label of a name of a list: a shipped scene or fabric with its title, as far as a line has room."""
+    if kind == "scene" and name in scene_names():
+        title = str(tomllib.loads(scene_path(name).read_text(encoding="utf-8"))["title"])
+    elif kind == "fabric":
+        title = fabric_title(name).partition(": ")[2]
+    else:
+        return name
+    return textwrap.shorten(f"{name}: {title}", ENTRY_LENGTH, placeholder=" ...")
 
 
 def description(session: Session, kind: str) -> str:

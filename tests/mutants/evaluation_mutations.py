@@ -494,9 +494,23 @@ EVALUATION = [
     Mutation(
         "cause-confirmed-by-one-seed",
         "evaluation/stress/causes.py",
-        "for seed in (end.failure.seed, *others[: STARTS - 1])",
+        "for seed in (end.failure.seed, *others[: count - 1])",
         "for seed in (end.failure.seed,)",
-        (CAUSES + "test_the_failed_start_and_two_others_must_survive",),
+        (CAUSES + "test_the_failed_start_and_others_must_survive",),
+    ),
+    Mutation(
+        "cause-confirmed-by-starts-that-survive-anyway",
+        "evaluation/stress/causes.py",
+        "count = STARTS_IF_SOME_SURVIVE if end.failure.start else STARTS",
+        "count = STARTS",
+        (CAUSES + "test_the_failed_start_and_others_must_survive",),
+    ),
+    Mutation(
+        "continuous-collision-explains-everything",
+        "evaluation/stress/causes.py",
+        "    if not fits or setting.continuous or",
+        "    if setting.continuous or",
+        (CAUSES + "test_continuous_collision_explains_only_what_it_can",),
     ),
     Mutation(
         "rounding-error-of-world-coordinates",

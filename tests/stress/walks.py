@@ -34,8 +34,15 @@ class Walk(Trial):
     Violated bounds do not end it: `broken` collects their names.
     """
 
-    def __init__(self, seed: int = 0, *, strains: Sequence[float] = (0.0,), speeds: Sequence[float] = (0.0,)) -> None:
-        super().__init__(SETTING, seed)
+    def __init__(
+        self,
+        seed: int = 0,
+        *,
+        setting: Setting = SETTING,
+        strains: Sequence[float] = (0.0,),
+        speeds: Sequence[float] = (0.0,),
+    ) -> None:
+        super().__init__(setting, seed)
         self.scenes: list[Scene] = []
         self.started: list[np.ndarray] = []
         self.pins: list[np.ndarray] = []
@@ -43,6 +50,7 @@ class Walk(Trial):
         self.grabs: list[np.ndarray] = []
         self.far: list[float] = []
         self.rest: list[float | None] = []
+        self.rest_scenes: list[Scene | None] = []
         self.rest_speeds: list[float | None] = []
         self.settled = self.frames = 0
         self.broken: list[str] = []
@@ -54,6 +62,7 @@ class Walk(Trial):
         self.scenes.append(scene)
         self.far.append(how.get("far", 0.0))
         self.rest.append(how.get("rest_strain"))
+        self.rest_scenes.append(how.get("rest"))
         self.simulation.listeners[:] = [self._on_event]
         return x
 
@@ -107,9 +116,6 @@ def few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in CASE_MODULES:
         if hasattr(module, "CELLS"):
             monkeypatch.setattr(module, "CELLS", CELLS)
-    monkeypatch.setattr(contact, "TABLE_CELLS", 4)
-    for cells in ("LAYER_CELLS", "MANY_CELLS"):
-        monkeypatch.setattr(layered_cloth, cells, 2)
 
 
 def walk(run: Callable[[Trial], object], seed: int = 0, **how: Any) -> Walk:

@@ -36,6 +36,7 @@ from taichi_cloth.viewer.panel import (
     HIDDEN_TITLE,
     KEY_COLUMN,
     LINE_LENGTH,
+    LIST_PAGES,
     PANEL_HEIGHT,
     PANEL_MARGIN,
     PANEL_NAME,
@@ -137,6 +138,7 @@ def test_labels_are_unique_and_every_page_fits_the_panel(scene: str, tmp_path: P
             assert not panel.draw(gui, session, statistics(session, {"drawing": 12.3}, 59.9)), "no widget was used"
             assert len(set(gui.labels)) == len(gui.labels)
             room = (PANEL_WIDTH - 0.65 * PANEL_WIDTH - PADDING - SPACING) / LETTER  # beside a slider
+            room = LINE_LENGTH if page in LIST_PAGES else room
             assert max(len(label) for label in gui.labels if label not in gui.boxes) <= room
             assert max(map(len, gui.boxes), default=0) <= LINE_LENGTH - (WIDGET_ROW + SPACING) // LETTER
             assert max(map(len, gui.texts)) <= LINE_LENGTH
@@ -159,7 +161,7 @@ def test_the_key_help_has_two_separate_columns() -> None:
 
 def test_every_page_has_a_button_for_the_menu_which_has_one_for_every_page(drawn: Drawn) -> None:
     for page in PAGES:
-        session, _, used = drawn("drape15", page, Menu=True)
+        session, _, used = drawn("drape15", page, **{f"Menu ({page})": True})
         assert used
         assert session.page == MENU
     session, gui, _ = drawn("drape15", MENU, Help=True)
@@ -172,9 +174,14 @@ def test_every_page_has_a_button_for_the_menu_which_has_one_for_every_page(drawn
 @pytest.mark.parametrize(
     ("page", "in_use", "press", "chosen_by"),
     [
-        ("Scenes", "drape15", "curtain", lambda session: session.simulation.scene.name),
+        (
+            "Scenes",
+            "drape15: 225 particles hung by two corners, ...",
+            "curtain: a curtain on a pole, in the wind, ...",
+            lambda session: session.simulation.scene.name,
+        ),
         ("Solvers", "verlet", "xpbd", lambda session: session.simulation.solver.name),
-        ("Fabrics", "own fabric", "silk", lambda session: session.fabric),
+        ("Fabrics", "own fabric", "silk: a light crêpe de chine", lambda session: session.fabric),
         ("Views", "shaded", "wireframe", lambda session: session.view),
         ("Speeds", "1", "1/4", lambda session: session.speed),
     ],
@@ -186,7 +193,7 @@ def test_a_list_marks_what_is_in_use_and_a_press_chooses(
     assert used
     assert f"> {in_use}" in gui.labels
     assert [label for label in gui.labels if label.startswith(">")] == [f"> {in_use}"]
-    assert chosen_by(session) == press
+    assert chosen_by(session) == press.partition(":")[0]
 
 
 def test_the_menu_saves_the_scene(drawn: Drawn) -> None:
@@ -232,7 +239,8 @@ def test_a_long_list_has_a_button_for_its_next_part(drawn: Drawn, monkeypatch: p
     for more in (False, True, True, True):
         gui = FakeGui(**{"More scenes": True} if more else {})
         assert not panel.draw(gui, session, ""), "it changes nothing"
-        seen.append([label.removeprefix("> ") for label in gui.labels if label.removeprefix("> ") in session.scenes])
+        listed = [label.removeprefix("> ").partition(":")[0] for label in gui.labels]
+        seen.append([name for name in listed if name in session.scenes])
     assert [len(part) for part in seen[:2]] == [10, 10]
     assert seen[3] == seen[0]
     assert [name for part in seen[:3] for name in part] == list(session.scenes)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ...geometry.scene_loader import load_scene
 from ...scene import Scene
 from ...scene.collider_schema import Sphere
+from ...scene.fabric_schema import VerletSprings
 from ...scene.schema import FRAME_SECONDS, SOLVER_NAMES
 from ...simulation.simulation import Simulation
 from ...solvers import SOLVERS
@@ -238,10 +239,21 @@ def end(trial: Trial) -> None:
     trial.settle()
 
 
+def shares(share: float) -> VerletSprings:
+    """Return the springs of `verlet` that have this share of the base sheet's stiffness."""
+    usual = base().verlet
+    return VerletSprings(share * usual.structural, share * usual.shear, share * usual.bend)
+
+
 def stiffer(trial: Trial, times: float) -> None:
-    """Multiply the constant of all springs by `times`."""
-    last = with_fabric(base(), constant=CONSTANT * times)
-    begin(trial, base(), last, far=8 * DENSITY * 9.81 / (CONSTANT * min(times, 1.0)))
+    """Multiply the constant of all springs by `times`.
+
+    `verlet` has shares instead, up to 1: they change by the same factor, and the bound stays that of the base sheet.
+    """
+    first, last = base(), with_fabric(base(), constant=CONSTANT * times)
+    if trial.setting.solver.name == "verlet":
+        first, last = (replace(base(), verlet=shares(min(share, 1.0))) for share in (1 / times, times))
+    begin(trial, first, last, far=8 * DENSITY * 9.81 / (CONSTANT * min(times, 1.0)))
     without_a_jump(trial, partial(trial.change_scene, last))
     end(trial)
 

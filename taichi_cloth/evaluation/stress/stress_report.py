@@ -12,8 +12,8 @@ from ...system.console import count_noun, markdown_table, new_file, page_files, 
 from .case_catalog import CASES
 from .causes import EXPERIMENT_SECONDS, FINER
 from .extremes import HANGING_FRAMES, LONG_HANGING, LONG_SWINGING
-from .layered_cloth import LAYER_CELLS, LOOK_EVERY, MANY_CELLS, MANY_LAYERS, MANY_SIDE
-from .setup import CELLS, ROBUST, ROBUST_SLACK, SIDE, THICKNESS
+from .layered_cloth import LOOK_EVERY
+from .setup import CELLS, ROBUST, ROBUST_SLACK, SIDE, THICKNESS, THIN
 from .store import Store
 from .trial import REST_SPEED, REST_STRAIN, SLOW_MS, TIMED_EVERY
 from .unit import ALIVE, FAILED, SLOW, Key, Result
@@ -22,13 +22,14 @@ NOT_RUN = "not run"
 UNEXPLAINED = "unexplained"  # by all experiments
 NOT_EXAMINED = "not examined"  # by any experiment
 HEADINGS = (
-    "case", "variant", "setting", "state", "starts", "energy", "strain", "speed", "depth", "frames", "ms", "other",
+    "case", "variant", "setting", "state", "starts", "energy", "strain", "at rest", "speed", "depth", "frames", "ms",
+    "other",
 )  # fmt: skip
 LEGEND = (
     "Worst values of all starts that ran; starts after the first failure of a variant are skipped. Energy: excess\n"
     "over that at the start and the work done since, relative to the available energy · strain of structural springs,\n"
-    "as a fraction · speed [m/s] · depth of the deepest free particle in a collider [mm] · ms: median of a frame\n"
-    "· other: values that the case records, with bounds, and notes"
+    "as a fraction, and at rest with its bound · speed [m/s] · depth of the deepest free particle in a collider [mm]\n"
+    "· ms: median of a frame · other: values that the case records, with bounds, and notes"
 )
 LEGEND_OF_REPEATED = " · 1 again: a later version repeated the last start only"
 
@@ -102,12 +103,18 @@ def count_line(cells: Cells) -> str:
 def besides(result: Result) -> str:
     """Return the values that the case recorded, with their bounds, and its notes.
 
-    Strain and speed at rest are left out: nearly every variant has them, with the same bounds.
+    Strain and speed at rest are left out: the strain has a column, and the speed nearly always has the same bound.
     """
     own = [figure for figure in result.figures if figure.what not in (REST_STRAIN, REST_SPEED)]
     bounds = ("" if figure.bound is None else f" (≤ {figure.bound:.2g})" for figure in own)
     values = [f"{figure.what} {figure.value:.2g}{bound}" for figure, bound in zip(own, bounds, strict=True)]
     return "; ".join(values + result.notes)
+
+
+def strain_at_rest(result: Result) -> str:
+    """Return the strain at rest with its bound; empty if the variant failed before, or is not judged at rest."""
+    found = [figure for figure in result.figures if figure.what == REST_STRAIN]
+    return " ".join(f"{figure.value:.2g} (≤ {figure.bound:.2g})" for figure in found)
 
 
 def row(result: Result) -> tuple[str, ...]:
@@ -120,6 +127,7 @@ def row(result: Result) -> tuple[str, ...]:
         f"{result.ran} of {result.starts}" + (", 1 again" if result.repeated else ""),
         f"{result.energy:+.1%}" if abs(result.energy) < 100 else f"{result.energy:+.0e}",
         f"{result.strain:.3g}",
+        strain_at_rest(result),
         f"{result.speed:.3g}",
         f"{1e3 * result.penetration:.2g}",
         str(result.frames),
@@ -237,10 +245,8 @@ def main_page(store: Store, rows: str) -> list[str]:
     lines += PAGE.format(
         robust=robust_words(), cells=CELLS, compression=ROBUST_SLACK.compression, damping=ROBUST_SLACK.solver.damping,
         cases=cases, rows=rows, slow=SLOW_MS, every=TIMED_EVERY, finer=FINER, experiment=EXPERIMENT_SECONDS,
-        thickness=THICKNESS, look_every=LOOK_EVERY, twist=100 * THICKNESS * SIDE / CELLS,
-        layers=100 * THICKNESS * SIDE / LAYER_CELLS, many=100 * THICKNESS * MANY_SIDE / MANY_CELLS,
-        shorter=shorter_runs(store), many_particles=MANY_LAYERS * (MANY_CELLS + 1) ** 2, hanging=HANGING_FRAMES,
-        long_hanging=LONG_HANGING, long_swinging=LONG_SWINGING,
+        thickness=THICKNESS, look_every=LOOK_EVERY, distance=100 * THICKNESS * SIDE / CELLS, thin=100 * THIN,
+        shorter=shorter_runs(store), hanging=HANGING_FRAMES, long_hanging=LONG_HANGING, long_swinging=LONG_SWINGING,
     ).splitlines()  # fmt: skip
     lines += ["", "## Variants alive", "", *markdown_table(matrix(store, cells)), ""]
     lines += [f"## Failures of `{ROBUST.name}`, and causes", ""]
@@ -361,17 +367,15 @@ square sheet.
 A solver may refuse the cloth of case 24: because of its defect, because of the substeps it would need, or because the
 solver needs a grid. This counts as alive, and the row has the message.
 
-Sheets that collide with themselves keep a distance of {thickness:g} cells: {twist:.1f} cm in case 14, {layers:.1f} cm
-in case 15 and {many:.1f} cm in case 16. Intersections of case 14 and gaps of case 15 are looked for every
-{look_every} frames, intersections of cases 14 to 16 at the end, and the gap of case 16 once, after 5 s. A gap is the
-distance between adjacent layers: of particles from triangles, and of edges from edges. Case 16 has {many_particles:,}
-particles; the published run whose time bounds its frames has 246,000.
+Sheets that collide with themselves keep a distance of {thickness:g} cells ({distance:.1f} cm) in cases 14 and 15,
+and of {thin:g} cm in cases 16 and 39. Intersections of case 14 and gaps of case 15 are looked for every {look_every}
+frames, intersections of cases 14 to 16 at the end, and the gap of case 16 once, after 5 s. A gap is the distance
+between adjacent layers: of particles from triangles, and of edges from edges.
 
 A case runs for ten seconds or longer. Variants that ran to their end in less time: {shorter}. Case 32 runs
 {hanging:,} frames; with `--soak` it runs {long_hanging:,} frames at rest and {long_swinging:,} in motion. Case 28
 judges chatter, a velocity that changes its sign from frame to frame. While the wind blows, slower motion passes; in the
-second after the sheet has come to rest, all motion counts. The friction of case 39 is a mean over 0.1 s. `verlet` has
-no constants in N/m, so the two variants of case 31 that change them leave its cloth as it is.
+second after the sheet has come to rest, all motion counts. The friction of case 39 is a mean over 0.1 s.
 
 **Energy** is the sum of kinetic, gravitational, spring and bending energy, with the constants k of the fabric. For
 implicit solvers, whose springs act softer the longer the substep h is, it is computed with k/(1 + c·k·h²·Σw). Here c
@@ -389,9 +393,10 @@ not timed. A variant that is too slow counts neither as alive nor as failed.
 
 **Causes** are looked for by experiments on the start that failed, with `--explain`. Three continue from the state in
 which it failed: Newton's method in float64, five more seconds of the same run, and the same substeps in float64. The
-others repeat this start and two more with one change: continuous collision detection, {finer} times the iterations,
-{finer} times the substeps, or both. The first experiment that succeeds gives the cause. An experiment whose frames take
-more than {experiment:g} s for one start, or will do so by the time of the failure, is stopped and gives none. A failure
+others repeat this start and two more, or nine if the first start survived, with one change: {finer} times the
+iterations, {finer} times the substeps, or both, or, where particles went through a collider or energy appeared,
+continuous collision detection. The first experiment that succeeds gives the cause. An experiment whose frames take more
+than {experiment:g} s for one start, or will do so by the time of the failure, is stopped and gives none. A failure
 that no experiment explains is unexplained. A failure without experiments is not examined. So is a failure that later
 violates another bound, or the same bound by more.
 
