@@ -247,7 +247,7 @@ def validation_page() -> str:
 
 def stability_page() -> str:
     """Return the summary of docs/stability.md as it is."""
-    return with_runs(quoted("stability.md", r"\d+ starts per variant"), "stress")
+    return with_runs(quoted("stability.md", r"\d+ (starts per variant|results were confirmed)"), "stress")
 
 
 def unfinished(words: stored.Words) -> str:
