@@ -12,6 +12,7 @@ from ...system.console import count_noun, markdown_table, new_file, page_files, 
 from .case_catalog import CASES
 from .causes import EXPERIMENT_SECONDS, FINER
 from .extremes import HANGING_FRAMES, LONG_HANGING, LONG_SWINGING
+from .invariants import Measurement
 from .layered_cloth import LOOK_EVERY
 from .setup import CELLS, ROBUST, ROBUST_SLACK, SIDE, THICKNESS, THIN
 from .store import Store
@@ -100,21 +101,14 @@ def count_line(cells: Cells) -> str:
     )
 
 
+def with_bound(figure: Measurement) -> str:
+    return f"{figure.value:.2g}" + ("" if figure.bound is None else f" (≤ {figure.bound:.2g})")
+
+
 def besides(result: Result) -> str:
-    """Return the values that the case recorded, with their bounds, and its notes.
-
-    Strain and speed at rest are left out: the strain has a column, and the speed nearly always has the same bound.
-    """
-    own = [figure for figure in result.figures if figure.what not in (REST_STRAIN, REST_SPEED)]
-    bounds = ("" if figure.bound is None else f" (≤ {figure.bound:.2g})" for figure in own)
-    values = [f"{figure.what} {figure.value:.2g}{bound}" for figure, bound in zip(own, bounds, strict=True)]
-    return "; ".join(values + result.notes)
-
-
-def strain_at_rest(result: Result) -> str:
-    """Return the strain at rest with its bound; empty if the variant failed before, or is not judged at rest."""
-    found = [figure for figure in result.figures if figure.what == REST_STRAIN]
-    return " ".join(f"{figure.value:.2g} (≤ {figure.bound:.2g})" for figure in found)
+    """Return the values that the case recorded, with their bounds, and its notes. Strain at rest has a column."""
+    own = [f"{one.what} {with_bound(one)}" for one in result.figures if one.what not in (REST_STRAIN, REST_SPEED)]
+    return "; ".join(own + result.notes)
 
 
 def row(result: Result) -> tuple[str, ...]:
@@ -127,7 +121,7 @@ def row(result: Result) -> tuple[str, ...]:
         f"{result.ran} of {result.starts}" + (", 1 again" if result.repeated else ""),
         f"{result.energy:+.1%}" if abs(result.energy) < 100 else f"{result.energy:+.0e}",
         f"{result.strain:.3g}",
-        strain_at_rest(result),
+        " ".join(with_bound(figure) for figure in result.figures if figure.what == REST_STRAIN),
         f"{result.speed:.3g}",
         f"{1e3 * result.penetration:.2g}",
         str(result.frames),
