@@ -13,6 +13,7 @@ from geometry_mutations import GEOMETRY
 from interface_mutations import INTERFACES
 from kernel_mutations import KERNELS
 from mutation import Mutation
+from reference_mutations import REFERENCES
 from simulation_mutations import SIMULATION
 from solver_mutations import SOLVERS
 
@@ -24,4 +25,5 @@ MUTATIONS: list[Mutation] = [
     *SIMULATION,
     *INTERFACES,
     *EVALUATION,
+    *REFERENCES,
 ]

@@ -177,6 +177,12 @@ def test_repulsion_lets_a_sheet_sink_in_by_its_weight() -> None:
     assert run(scene, 90).x[1] == pytest.approx(np.full(9, 0.02 - 0.2 * 9.81 / 1000), abs=1e-6)
 
 
+def test_repulsion_does_not_act_above_the_margin() -> None:
+    scene = replace(FREE, cloth=replace(PATCH, center=(0.0, 0.5, 0.0)))
+    floor = Ground(margin=0.02, response="repulsion", stiffness=1000.0)
+    assert np.array_equal(run(replace(scene, ground=floor), 10).x, run(scene, 10).x)
+
+
 def test_a_box_pushes_particles_out_of_the_nearest_face() -> None:
     table = Box(center=(0.0, 0.5, 0.0), size=(1.0, 0.2, 1.0), margin=0.01, friction=0.0)
     lying = run(replace(FREE, cloth=replace(PATCH, center=(0.0, 0.65, 0.0)), boxes=(table,)), 40)
