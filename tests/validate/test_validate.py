@@ -370,7 +370,7 @@ def test_the_reasons_and_the_summary_line() -> None:
 def test_the_page_names_laws_that_allow_far_more_than_the_error(bound: float, wide: bool) -> None:
     row = relative("distance [m]", 1.0, 2.0, 0.1, 0.01)
     found = [Result("A0", "test", "nobody", "rk4", row.by_law("x²", bound, 0.0)), *results()]
-    line = "Laws that allow more than 3 times the error (1 row): A0 with rk4."
+    line = "Laws that allow more than 3 times the error (1 row): A0 with rk4 (3.1 times)."
     assert report.wide_bounds(found) == ([line, ""] if wide else [])
     assert (line in report.main_page(report.Measured({"cpu": "one"}, found), "rows.md")) == wide
 

@@ -277,10 +277,14 @@ WIDE = 3.0  # times the error of a row
 def wide_bounds(results: Sequence[Result]) -> list[str]:
     """Return lines about the laws that allow far more than the error of their row. A wide bound explains little."""
     explained = [(one, one.row.limit) for one in results if one.row.explained and one.row.limit]
-    found = [one for one, limit in explained if limit.max_error > WIDE * one.row.error]
-    rows = dict.fromkeys(f"{one.number} with {one.solver}" for one in found)
-    number = count_noun(len(found), "row")
-    return [f"Laws that allow more than {WIDE:g} times the error ({number}): {', '.join(rows)}.", ""] if found else []
+    wide = [(one, limit) for one, limit in explained if limit.max_error > WIDE * one.row.error]
+    largest: dict[str, float] = {}  # of each pair of a reference and a solver
+    for one, limit in wide:
+        pair = f"{one.number} with {one.solver}"
+        largest[pair] = max(limit.max_error / one.row.error, largest.get(pair, 0.0))
+    pairs = ", ".join(f"{pair} ({factor:.1f} times)" for pair, factor in largest.items())
+    number = count_noun(len(wide), "row")
+    return [f"Laws that allow more than {WIDE:g} times the error ({number}): {pairs}.", ""] if wide else []
 
 
 def later_lines(results: Sequence[Result]) -> list[str]:
