@@ -441,7 +441,7 @@ def test_a_pile_is_checked_while_it_settles() -> None:
     class Closing(Walk):
         def settle(self, *, after_frame: Callable[[], object], **how: object) -> None:
             x = self.simulation.positions()
-            self.simulation.set_state(x * [1.0, 0.01, 1.0])
+            self.simulation.set_state(x * [1.0, 0.001, 1.0])
             for _ in range(layered_cloth.LOOK_EVERY):
                 after_frame()
             self.simulation.set_state(x)

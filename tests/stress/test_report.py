@@ -50,17 +50,18 @@ def test_the_cells_of_a_row() -> None:
         result(energy=0.5, strain=0.25, speed=1.5, penetration=0.002, frames=7, ms=1.234),
         figures=[
             Measurement("distance [m]", 3.0, 4.0),
-            Measurement("strain 5 s after", 0.02, 0.03),  # not shown, as nearly every variant has it
+            Measurement("strain 5 s after", 0.02, 0.03),  # has a column
             Measurement("speed 5 s after [m/s]", 0.05, 0.1),
             Measurement("sag", 0.1, None),
         ],
         notes=["a note"],
     )
     assert report.row(one) == (
-        *("1 test", "a", "xpbd", "alive", "10 of 10", "+50.0%", "0.25", "1.5", "2", "7", "1.23"),
+        *("1 test", "a", "xpbd", "alive", "10 of 10", "+50.0%", "0.25", "0.02 (≤ 0.03)", "1.5", "2"),
+        *("7", "1.23"),
         "distance [m] 3 (≤ 4); sag 0.1; a note",
     )
-    assert report.row(slow())[10] == "250.00"
+    assert report.row(slow())[11] == "250.00"
 
 
 def test_a_failure_line_says_how_to_repeat_it() -> None:
