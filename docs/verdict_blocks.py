@@ -42,7 +42,7 @@ def error_at_default(solver: str, rows: Rows) -> str:
 
 ALWAYS_SHOWN = ("A3.1", "A2.5")  # references with sheets in equilibrium under their weight
 TOO_EARLY = "iterations end"  # how a reason begins
-OTHER_SETTING = "×"  # in what is measured: substeps and iterations that are not the default
+OWN_SETTINGS = ("B3", "B4", "B5", "B6")  # references with substeps and iterations of their own
 
 
 def unconverged() -> str:
@@ -67,12 +67,11 @@ def distance(solver: str) -> str:
 
 
 def shown_references(words: stored.Words, solver: str) -> list[str]:
-    """Return the references to compare a default setting with: those that its iterations end too early for, too."""
+    """Return the references to compare a default setting with: with those for which its iterations end too early."""
     missed = [row for row in words["rows"] if row["solver"] == solver and row["verdict"] not in stored.PASSED]
     early = [row for row in missed if (row.get("reason") or "").startswith(TOO_EARLY) and row["exact"]]
-    return list(
-        dict.fromkeys([*ALWAYS_SHOWN, *(row["reference"] for row in early if OTHER_SETTING not in row["what"])])
-    )
+    of_default = [row["reference"] for row in early if not row["reference"].startswith(OWN_SETTINGS)]
+    return list(dict.fromkeys([*ALWAYS_SHOWN, *of_default]))
 
 
 def worst_row(rows: list[stored.Words]) -> str:
@@ -259,10 +258,10 @@ def stability_page() -> str:
 
 
 def unfinished() -> str:
-    """Return the default settings whose iterations end before the solution, and by how much they are off."""
+    """Return the default settings that miss the references of `shown_references`, and by how much."""
     words, parts = stored.load("validation"), []
     if words is None:
-        return "Defaults whose iterations end before the solution: no run is stored."
+        return "Defaults that do not reach the solution: no run is stored."
     for solver in SOLVER_CATALOG:
         worst = []
         for number in shown_references(words, solver):
@@ -271,7 +270,7 @@ def unfinished() -> str:
             shares = [row["measured"] / row["exact"] - 1 for row in missed if row["exact"]]
             worst += [f"{signed(max(shares, key=abs))} in {number}"] if shares else []
         parts += [f"`{solver}` ({', '.join(worst)})"] if worst else []
-    return f"Defaults whose iterations end before the solution: {', '.join(parts) or 'none'}."
+    return f"Defaults that do not reach the solution: {', '.join(parts) or 'none'}."
 
 
 BLOCKS = (

@@ -216,11 +216,12 @@ def test_the_error_of_a_default_setting_is_that_of_its_worst_rows(results: Path,
         exact_row("A2.5", "rk4", "sag [m]", "too slow", 1.0, None),
         exact_row("A9.9", "explicit", "for another reason", "falls short", 1.0, 9.0) | {"reason": "rounding"},
         exact_row("B3", "xpbd", "10×5: longer by [m]", "falls short", 1.0, 9.0) | {"reason": TOO_EARLY},
+        exact_row("B6.1", "xpbd", "longer by [m]", "falls short", 1.0, 9.0) | {"reason": TOO_EARLY},
         exact_row("A8.3", "xpbd", "difference [m]", "falls short", 0.0, 9.0) | {"reason": TOO_EARLY},
     ]
     write(results, "validation", {"machine": "a machine", "rows": rows})
     assert verdicts.unfinished() == (
-        "Defaults whose iterations end before the solution: `xpbd` (+120\N{NO-BREAK SPACE}% in A3.1,"
+        "Defaults that do not reach the solution: `xpbd` (+120\N{NO-BREAK SPACE}% in A3.1,"
         " −14\N{NO-BREAK SPACE}% in A5.1)."
     )
     differs = "it differs from exact values by"

@@ -119,7 +119,7 @@ def project(cloth: ti.template(), features: ti.template(), ctx: ti.template(), s
                     path = to_local(axes, offset) - start
                     impact, normal = shape.time_of_impact(features, size, margin - SURFACE_TOLERANCE, start, path)
                     hits = 1
-                    if ti.static(not is_scalar(x)):  # mostly none of the eight hits it
+                    if ti.static(not is_scalar(x)):  # a branch saves time: mostly none of the eight hits it
                         hits = any_at_most(impact, 1.0)
                     if hits == 1:
                         tangential = path - scale(normal, dot(normal, path))  # after the impact it slides on
