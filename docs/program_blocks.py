@@ -7,6 +7,7 @@ import re
 import runpy
 import textwrap
 from collections import Counter
+from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import key_table, schema
 from taichi_cloth.scene.fabric_schema import PRESET_NAMES
 from taichi_cloth.scene.keys import KEYS_TITLE, keys_of
-from taichi_cloth.scene.presets import load_preset
+from taichi_cloth.scene.presets import MIN_EIGENVALUE, Preset, load_preset, membrane_constants_of
 from taichi_cloth.viewer import input as controls
 
 DOCS = Path(__file__).parent
@@ -58,23 +59,48 @@ UNITS = {"area_density": "kg/m²", "warp": "N/m", "weft": "N/m", "bias": "N/m", 
 def presets() -> str:
     header = ["preset", "fabric", *(f"{name.replace('_', ' ')} [{unit}]" for name, unit in UNITS.items())]
     fabrics = [load_preset(name) for name in PRESET_NAMES]
-    rows = [[f"[`{f.name}`](#{f.name})", f.title, *(f"{getattr(f, name):g}" for name in UNITS)] for f in fabrics]
+    rows = [[f"[`{f.name}`](#{f.name})", f.title, *(shown_value(f, name) for name in UNITS)] for f in fabrics]
     return table(header, rows)
 
 
+def shown_value(fabric: Preset, name: str) -> str:
+    """Return a property of a fabric for a table, with both numbers of one that differs along warp and weft."""
+    if name == "bending" and fabric.bending_weft:
+        return f"{fabric.bending:.3g}, weft {fabric.bending_weft:.3g}"
+    value = getattr(fabric, name)
+    return f"{value:.5g}" if value else "not measured"
+
+
 def sources() -> str:
-    blocks = []
-    for fabric in map(load_preset, PRESET_NAMES):
-        shares = f"structural {fabric.structural:g}, shear {fabric.shear:g}, bend {fabric.bend:g}"
-        rows = [
-            [name.replace("_", " "), f"{getattr(fabric, name):g} {unit}", fabric.sources[name]]
-            for name, unit in UNITS.items()
-        ]
-        if "poisson" in fabric.sources:
-            rows.append(["Poisson's ratio", f"{fabric.poisson:g}", fabric.sources["poisson"]])
-        rows.append(["stiffness for `verlet`", shares, fabric.sources["verlet"]])
-        blocks.append(f"### {fabric.name}\n\n{fabric.title}.\n\n" + table(["property", "value", "source"], rows))
-    return "\n\n".join(blocks)
+    return "\n\n".join(f"### {one.name}\n\n{sources_of(one)}" for one in map(load_preset, PRESET_NAMES))
+
+
+def sources_of(fabric: Preset) -> str:
+    """Return the title of a fabric and a table of its numbers with their sources."""
+    rows = []
+    if "tensor" in fabric.sources:
+        strips = fabric.warp, fabric.weft, fabric.bias
+        tensor = membrane_constants_of(*strips, fabric.poisson)
+        rows.append(["C₁₁, C₂₂, C₁₂, C₆₆", listed(fabric.measured_tensor or tensor, "N/m"), fabric.sources["tensor"]])
+        if fabric.measured_tensor is not None:
+            least = f"with eigenvalues of at least {MIN_EIGENVALUE:g} of the largest"
+            rows.append(["projected", listed(tensor, "N/m"), f"computed: the nearest tensor {least}."])
+        rows.append(["warp, weft, bias", listed(strips, "N/m"), "computed from the tensor: strips of a membrane."])
+    for name, unit in UNITS.items():
+        if name in fabric.sources:
+            rows.append([name.replace("_", " "), f"{getattr(fabric, name):.5g} {unit}", fabric.sources[name]])
+    if "bending_weft" in fabric.sources:
+        rows.append(["bending, weft", f"{fabric.bending_weft:.4g} N·m", fabric.sources["bending_weft"]])
+    if "poisson" in fabric.sources:
+        rows.append(["Poisson's ratio", f"{fabric.poisson:g}", fabric.sources["poisson"]])
+    shares = f"structural {fabric.structural:g}, shear {fabric.shear:g}, bend {fabric.bend:g}"
+    rows.append(["stiffness for `verlet`", shares, fabric.sources["verlet"]])
+    return f"{fabric.title}.\n\n" + table(["property", "value", "source"], rows)
+
+
+def listed(values: Iterable[float], unit: str) -> str:
+    """Return numbers separated by commas, with their unit."""
+    return f"{', '.join(f'{value:.4g}' for value in values)} {unit}"
 
 
 # What the meshes of assets/meshes are.

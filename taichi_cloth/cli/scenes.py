@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ..scene import Scene, key_table, scene_names
 from ..scene.fabric_schema import PRESET_NAMES
 from ..scene.overrides import removable_sections, scene_without
-from ..scene.presets import load_preset
+from ..scene.presets import Preset, load_preset
 from ..scene.schema import FRAME_SECONDS, sections
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
@@ -57,11 +57,9 @@ def list_scenes(args: argparse.Namespace) -> int:
     from ..geometry.scene_loader import load_scene
 
     if args.presets:
-        for fabric in map(load_preset, PRESET_NAMES):
-            print(
-                f"{fabric.name:9}  {fabric.title:46}  {fabric.area_density:6.4g} kg/m²"
-                f"  warp {fabric.warp:7.0f} N/m  bending {fabric.bending:.1e} N·m"
-            )
+        for name in PRESET_NAMES:
+            print("\n    ".join(lines_of_preset(load_preset(name))))
+        print("docs/presets.md has the source of each number, and the rows of `validate` that a fabric is in")
         return 0
     if args.solvers:
         for name, info in SOLVER_CATALOG.items():
@@ -76,6 +74,23 @@ def list_scenes(args: argparse.Namespace) -> int:
         print(f"{name:{width}}  {scene.title}{' · not converged' if unfinished else ''}")
     print("not converged: more iterations or substeps bring the cloth closer to its fabric; `check NAME` says how far")
     return 0
+
+
+def lines_of_preset(fabric: Preset) -> tuple[str, str, str]:
+    """Return a line with the title of a fabric, one with its constants and one with the kinds of their sources."""
+    bending = " and ".join(f"{value:.2g}" for value in (fabric.bending, fabric.bending_weft) if value)
+    kinds: dict[str, list[str]] = {}
+    for key, source in fabric.sources.items():
+        kinds.setdefault(source.split()[0].rstrip(":"), []).append(key.replace("_", " "))
+    projected = (
+        "" if fabric.measured_tensor is None else "; the tensor, not positive definite as measured, is projected"
+    )
+    return (
+        f"{fabric.name:18}  {fabric.title}",
+        f"{fabric.area_density:.4g} kg/m²; warp {fabric.warp:.5g}, weft {fabric.weft:.5g}, bias {fabric.bias:.5g} N/m;"
+        f" bending {bending} N·m",
+        "; ".join(f"{kind}: {', '.join(keys)}" for kind, keys in kinds.items() if kind != "chosen") + projected,
+    )
 
 
 def left_unfinished(scene: Scene, topology: Topology, substeps: int) -> str:

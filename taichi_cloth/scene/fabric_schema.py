@@ -10,7 +10,11 @@ from ..system.errors import Mistakes
 from .keys import Curve, Table, key_field, keys_of
 
 FABRIC_MODELS = ("springs", "membrane", "weave")
-PRESET_NAMES = ("silk", "cotton", "denim", "leather", "rubber", "chainmail")  # assets/presets, from light to heavy
+PRESET_NAMES = (  # assets/presets: from light to heavy, first those named after a kind of cloth
+    *("silk", "cotton", "denim", "leather", "rubber", "chainmail"),
+    *("tango-red-jet-set", "white-dots-on-blk", "gray-interlock", "white-swim-solid", "royal-target"),
+    *("navy-sparkle-sweat", "pink-ribbon-brown", "ivory-rib-knit", "camel-ponte-roma", "11oz-black-denim"),
+)
 MAX_SLOPE = 1e9  # of a curve, as the stiffness of springs [N/m]
 PATTERN_NAMES = ("plain", "check", "stripe", "gingham", "twill", "ring")  # render/colors.py
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, replace
-from math import isfinite, sqrt
+from math import hypot, isfinite, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -86,12 +86,17 @@ def map_path(file: str, folder: str) -> Path:
     return shipped[file]
 
 
-_MEASURED = ("area_density", "warp", "weft", "bias", "bending", "damping")
+_STRIPS = ("warp", "weft", "bias")
+_TENSOR = ("c11", "c22", "c12", "c66")
+_OPTIONAL = ("poisson", "bending_weft", "damping")  # 0 if no source has them
 _VERLET_KEYS = ("structural", "shear", "bend")
 _LOOK = ("color", "second_color", "pattern_scale", "pattern", "sheen")
 
+# Smallest eigenvalue of a membrane's tensor as a share of the largest one. A measured tensor with a smaller one is
+# projected: cloth whose tensor is not positive definite would stretch without end.
+MIN_EIGENVALUE = 0.1
+
 # Scene keys that a preset fills in, by section.
-_TENSOR = ("c11", "c22", "c12", "c66")
 PRESET_KEYS = {
     "cloth": ("area_density",),
     "fabric": ("warp", "weft", "shear", "bend_spring", "bending_stiffness", "damping_time", "bending_weft", *_TENSOR),
@@ -105,7 +110,8 @@ class Preset:
     """Measured properties of a fabric, independent of grid and solver.
 
     `warp`, `weft` and `bias` are the tensile stiffness of a narrow strip per meter of its width, cut along the yarns
-    and at 45° to them. The numbers `structural`, `shear` and `bend` are for `verlet` and are not physical quantities.
+    and at 45° to them. If the file has the tensor of a membrane instead, they are computed from it. The numbers
+    `structural`, `shear` and `bend` are for `verlet` and are not physical quantities.
     """
 
     name: str
@@ -115,10 +121,12 @@ class Preset:
     weft: float  # [N/m]
     bias: float  # [N/m]
     bending: float  # [N·m]
+    bending_weft: float
+    """Bending stiffness along the weft [N·m]. 0 if it is that along the warp."""
     poisson: float
     """Poisson's ratio of a strip along the warp: strain across over strain along. 0 if no source has it."""
     damping: float
-    """Time by which stress leads strain [s], at the first stretch vibration of a sheet 1 m long."""
+    """Time by which stress leads strain [s], at the first stretch vibration of a sheet 1 m long. 0: not measured."""
     structural: float  # 0…1
     shear: float  # 0…1
     bend: float  # 0…1
@@ -126,6 +134,8 @@ class Preset:
     """Keys of `[look]`."""
     sources: dict[str, str]
     """Source of the numbers in every table of the preset's file, one line each."""
+    measured_tensor: tuple[float, float, float, float] | None = None
+    """C₁₁, C₂₂, C₁₂ and C₆₆ as measured [N/m], if they are not positive definite and were projected."""
 
 
 def load_preset(name: str) -> Preset:
@@ -137,17 +147,51 @@ def load_preset(name: str) -> Preset:
     path = asset_folder() / "presets" / f"{name}.toml"
     file = str(path)
     data = tomllib.loads(path.read_text(encoding="utf-8"))
-    expected = {"title", "verlet", "look", *_MEASURED}
-    if set(data) - {"poisson"} != expected:
+    stretching = ("tensor",) if "tensor" in data else _STRIPS
+    measured = ("area_density", *stretching, "bending")
+    expected = {"title", "verlet", "look", *measured}
+    if set(data) - set(_OPTIONAL) != expected or ("tensor" in data and "poisson" in data):
         raise SceneError(file, "", f"must have {', '.join(sorted(expected))}, got {', '.join(sorted(data))}")
-    numbers = {key: _number(data[key], "value", file, key) for key in _MEASURED}
+    numbers = dict.fromkeys(_OPTIONAL, 0.0)
+    for key in data.keys() & {"area_density", *_STRIPS, "bending", *_OPTIONAL}:
+        numbers[key] = _number(data[key], "value", file, key, maximum=1.0 if key == "poisson" else 1e9)
+    as_measured = None
+    if "tensor" in data:
+        c11, c22, c66 = (_number(data["tensor"], key, file, "tensor") for key in ("c11", "c22", "c66"))
+        c12 = _number(data["tensor"], "c12", file, "tensor", minimum=-1e9)
+        tensor = *positive_definite(c11, c22, c12), c66
+        as_measured = None if tensor == (c11, c22, c12, c66) else (c11, c22, c12, c66)
+        numbers |= dict(zip((*_STRIPS, "poisson"), strips_of(*tensor), strict=True))
     verlet = {key: _number(data["verlet"], key, file, "verlet", maximum=1.0) for key in _VERLET_KEYS}
-    sources = {key: _source(data[key], file, key) for key in (*_MEASURED, "verlet")}
-    numbers["poisson"] = 0.0
-    if "poisson" in data:
-        numbers["poisson"] = _number(data["poisson"], "value", file, "poisson", maximum=1.0)
-        sources["poisson"] = _source(data["poisson"], file, "poisson")
-    return Preset(name, str(data["title"]), **numbers, **verlet, look=_look(data["look"], file), sources=sources)
+    sources = {key: _source(data[key], file, key) for key in data if key not in ("title", "look")}
+    look = _look(data["look"], file)
+    return Preset(
+        name, str(data["title"]), **numbers, **verlet, look=look, sources=sources, measured_tensor=as_measured
+    )
+
+
+def positive_definite(c11: float, c22: float, c12: float) -> tuple[float, float, float]:
+    """Return C₁₁, C₂₂ and C₁₂ [N/m] whose eigenvalues are at least `MIN_EIGENVALUE` times the largest.
+
+    Smaller eigenvalues are raised to that; with all others unchanged, this is the nearest such tensor.
+    """
+    middle, half, radius = (c11 + c22) / 2, (c11 - c22) / 2, hypot((c11 - c22) / 2, c12)  # Mohr's circle
+    rise = MIN_EIGENVALUE * (middle + radius) - (middle - radius)
+    if rise <= 0:
+        return c11, c22, c12
+    # Along its eigenvector v. With radius r and half h, v·vᵀ is (1 − [h, C₁₂; C₁₂, −h]/r)/2.
+    share = rise / (2 * radius)
+    return c11 + share * (radius - half), c22 + share * (radius + half), c12 - share * c12
+
+
+def strips_of(c11: float, c22: float, c12: float, c66: float) -> tuple[float, float, float, float]:
+    """Return the stiffness of strips along warp, weft and bias [N/m], and Poisson's ratio, of a membrane's tensor.
+
+    The reverse of `membrane_constants_of`.
+    """
+    warp, weft = c11 - c12**2 / c22, c22 - c12**2 / c11
+    poisson = c12 / c22
+    return warp, weft, 4 / (1 / warp + 1 / weft - 2 * poisson / warp + 1 / c66), poisson
 
 
 def membrane_constants_of(warp: float, weft: float, bias: float, poisson: float) -> tuple[float, float, float, float]:
@@ -180,7 +224,7 @@ def preset_values(preset: Preset, scene: Scene) -> dict[str, dict[str, object]]:
             "bend_spring": 0.0,
             "bending_stiffness": preset.bending,
             "damping_time": preset.damping,
-            "bending_weft": 0.0,
+            "bending_weft": preset.bending_weft,
             **dict(zip(_TENSOR, tensor, strict=True)),
         },
         "verlet": {"structural": preset.structural, "shear": preset.shear, "bend": preset.bend},
@@ -240,13 +284,12 @@ def _bias(warp: float, weft: float, shear: float) -> float:
     return 4 / ((a + b - 2 * shear) / (a * b - shear**2) + 1 / shear)
 
 
-def _number(table: object, key: str, file: str, where: str, maximum: float = 1e9) -> float:
+def _number(table: object, key: str, file: str, where: str, minimum: float = 0.0, maximum: float = 1e9) -> float:
     value = table.get(key) if isinstance(table, dict) else None
-    valid = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value) and 0 < value <= maximum
-    if not valid:
-        raise SceneError(
-            file, f"{where}.{key}", f"must be a number above 0 and up to {maximum:g}, got {short_repr(value)}"
-        )
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+    if not (is_number and minimum < value <= maximum):  # type: ignore[operator]
+        allowed = f"must be a number above {minimum:g} and up to {maximum:g}"
+        raise SceneError(file, f"{where}.{key}", f"{allowed}, got {short_repr(value)}")
     return float(value)  # type: ignore[arg-type]
 
 

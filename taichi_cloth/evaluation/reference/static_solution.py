@@ -126,9 +126,9 @@ PERTURBATION = (
 RESIDUAL = 0.02  # largest force left on a particle, as a share of its weight; strains are then accurate to about 2 %
 FIRST_STEP, STEPS = 0.02, (1e-6, 1e6)  # [s] initial h, and its bounds
 MAX_ITERATIONS = 1000
-# [weights of the cloth per side] Largest stiffness that is solved. The strains of stiffer cloth are inversely
-# proportional to its stiffness, to one part in a thousand; solved directly, it would take minutes to come down from a
-# level start.
+# [weights of the cloth per side] Largest stiffness that is solved. A stiffer spring has the tension that it has with
+# this stiffness, so its strain is that tension over its own: to one part in a thousand if all springs are as stiff, to
+# two hundredths beside soft ones. Solved directly, such cloth would take minutes to come down from a level start.
 MAX_STIFFNESS = 5000.0
 
 
@@ -148,9 +148,9 @@ def _rest_strain(scene: Scene) -> float:
         return 0.0
     structural = model.topology.family("structural")
     max_stiffness = MAX_STIFFNESS * float(model.mass.sum()) * abs(model.gravity) / model.topology.longest_side
-    excess = max(1.0, float(model.stiffness.max(initial=0.0)) / max_stiffness)
-    softer = replace(model, stiffness=model.stiffness / excess)
-    return float(softer.strains(rest_positions(softer))[structural].max(initial=0.0)) / excess
+    softer = replace(model, stiffness=np.minimum(model.stiffness, max_stiffness))
+    strains = softer.strains(rest_positions(softer)) * softer.stiffness / model.stiffness
+    return float(strains[structural].max(initial=0.0))
 
 
 def rest_positions(model: SpringModel) -> Floats:
