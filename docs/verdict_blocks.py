@@ -10,6 +10,7 @@ from error_blocks import default_row, errors_on_scenes, scene_rows, seconds_of_s
 from tables import Rows, table, with_runs
 
 from taichi_cloth.evaluation.stress.setup import ROBUST
+from taichi_cloth.scene.fabric_schema import PRESET_NAMES
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 
 PAGES = Path(__file__).parent  # of the documentation
@@ -107,6 +108,23 @@ def bar_friction() -> str:
         if weaker:
             parts.append(f"`{name}` in {len(weaker)} of {len(own)} rows, by up to {signed(min(weaker))}")
     return f"Too weak: {'; '.join(parts) or 'none'}."
+
+
+def fabric_rows() -> str:
+    """Return the rows of references that measure a shipped fabric, with the result of each solver."""
+    words = stored.load("validation")
+    if words is None:
+        return "Rows with shipped fabrics: no run is stored."
+    named = re.compile(f"({'|'.join(PRESET_NAMES)}): ")
+    rows: dict[str, dict[str, str]] = {}
+    for row in words["rows"]:
+        if named.match(row["what"]):
+            verdict = "" if row["verdict"] in stored.PASSED else f", {row['verdict']}"
+            value = "-" if row["measured"] is None else f"{row['measured']:.3g}"
+            rows.setdefault(f"{row['reference']} {row['what']}", {})[row["solver"]] = value + verdict
+    solvers = list(dict.fromkeys(solver for row in rows.values() for solver in row))
+    lines = [[what, *(row.get(solver, "") for solver in solvers)] for what, row in rows.items()]
+    return with_runs(table(["row", *(f"`{solver}`" for solver in solvers)], lines), "validate")
 
 
 def falls_short(solver: str) -> str:
@@ -282,6 +300,7 @@ BLOCKS = (
     unfinished,
     validation_summary,
     bar_friction,
+    fabric_rows,
     nobody,
     soak,
     stability_summary,

@@ -99,7 +99,7 @@ def write(folder: Path, name: str, words: Words) -> None:
 
 def test_documents_state_that_no_run_is_stored(errors: ModuleType, verdicts: ModuleType) -> None:
     blocks = [verdicts.stability_summary, verdicts.validation_summary, verdicts.nobody]
-    blocks += [verdicts.soak, verdicts.unfinished]
+    blocks += [verdicts.soak, verdicts.unfinished, verdicts.fabric_rows]
     for block in (*blocks, verdicts.bar_friction, errors.frames, errors.sheets, errors.scene_summary):
         assert "o run is stored" in block(), block
     assert verdicts.unconverged().count("no run is stored") == len(verdicts.SOLVER_CATALOG)
@@ -194,6 +194,22 @@ def test_rows_of_references_are_counted_by_verdict(results: Path, verdicts: Modu
     assert verdicts.references("xpbd").splitlines()[-1] == "| A1 fall | 1 of 2 | 0 of 2 | 0.25 |"
     assert verdicts.references("explicit").splitlines()[-1] == "| A2 fall | 0 of 1 | 1 of 1 | - |"
     assert verdicts.falls_short("xpbd") == "1 of 2"
+
+
+def test_rows_with_a_shipped_fabric_are_shown_by_solver(results: Path, verdicts: ModuleType) -> None:
+    rows = [
+        row("A4.6", "xpbd", "pass", 0.0) | {"what": "silk: drape coefficient [%]", "measured": 34.66},
+        row("A4.6", "lines", "fails", 8.4) | {"what": "silk: drape coefficient [%]", "measured": 78.4},
+        row("A4.6", "xpbd", "fails", None) | {"what": "denim: drape coefficient [%]", "measured": None},
+        row("A4.6", "xpbd", "pass", 0.1) | {"what": "change of a coefficient [%]", "measured": 0.1},
+    ]
+    write(results, "validation", {"machine": "a machine", "rows": rows})
+    assert verdicts.fabric_rows().splitlines()[:4] == [
+        "| row | `xpbd` | `lines` |",
+        "| --- | --- | --- |",
+        "| A4.6 silk: drape coefficient [%] | 34.7 | 78.4, fails |",
+        "| A4.6 denim: drape coefficient [%] | -, fails |  |",
+    ]
 
 
 TOO_EARLY = "iterations end too early: a law"

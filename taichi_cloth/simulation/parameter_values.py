@@ -128,6 +128,12 @@ class Parameters(MutableMapping[str, "float | bool"]):
     def __setitem__(self, name: str, value: float | bool) -> None:
         self._on_set(name, self.check(name, value))
 
+    def update(self, other: Any = (), /, **values: float | bool) -> None:
+        """Set several values, as `dict.update`; none if one of them is invalid."""
+        checked = {name: self.check(name, value) for name, value in dict(other, **values).items()}
+        for name, value in checked.items():
+            self._on_set(name, value)
+
     def __delitem__(self, name: str) -> None:
         raise TypeError("parameters cannot be deleted")
 

@@ -252,6 +252,17 @@ def test_a_key_that_is_no_parameter_says_why(taichi: None) -> None:
                 simulation.params[name] = 3.0
 
 
+def test_several_parameters_are_set_together_or_not_at_all(taichi: None) -> None:
+    with tc.Simulation({"cloth": {"rows": 3, "columns": 3}}) as simulation:
+        before = dict(simulation.params)
+        for values, wrong in (({"gravity": 3.0, "gravty": 1.0}, "gravty"), ({"damping": 1.0, "gravity": "low"}, "low")):
+            with pytest.raises(ValueError, match=wrong):
+                simulation.params.update(values)
+            assert dict(simulation.params) == before
+        simulation.params.update([("gravity", 3.0)], damping=1.0)
+        assert dict(simulation.params) == {**before, "gravity": 3.0, "damping": 1.0}
+
+
 @pytest.mark.parametrize("name", ["curtain", "banner", "stack"])
 def test_a_tuned_scene_has_the_values_of_the_parameters(taichi: None, name: str, tmp_path: Path) -> None:
     with tc.Simulation(name) as simulation:

@@ -175,6 +175,18 @@ def test_a_tensor_that_is_not_positive_definite_is_kept_as_measured_and_projecte
     assert [name for name in PRESET_NAMES if load_preset(name).measured_tensor] == ["navy-sparkle-sweat"]
 
 
+def test_the_eigenvalues_of_the_other_measured_tensors_are_above_the_bound() -> None:
+    """docs/presets.md gives the smallest share."""
+    shares = []
+    for fabric in map(load_preset, PRESET_NAMES):
+        if "tensor" in fabric.sources and fabric.measured_tensor is None:
+            c11, c22, c12, _ = membrane_constants_of(fabric.warp, fabric.weft, fabric.bias, fabric.poisson)
+            low, high = np.linalg.eigvalsh([[c11, c12], [c12, c22]])
+            shares.append(low / high)
+    assert len(shares) == 9
+    assert f"{min(shares):.2f}" == "0.12"
+
+
 # -- measured stiffness to springs -------------------------------------------------------------------------
 
 
