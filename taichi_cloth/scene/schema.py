@@ -310,7 +310,8 @@ class Scene(Table):
             mistakes.add("fabric.preset", f"is applied by load_scene only, as in tc.{example}")
         values = check_table(Scene, {key: getattr(self, key) for key in keys_of(Scene)}, mistakes)
         for part in sections().values():
-            values[part.name] = part.checked(getattr(self, part.name), mistakes)
+            if not mistakes.concern(part.name):
+                values[part.name] = part.checked(getattr(self, part.name), mistakes)
         mistakes.raise_first()
         for name, value in values.items():
             object.__setattr__(self, name, value)

@@ -77,11 +77,12 @@ def print_note(line: str) -> None:
 class SceneError(ValueError):
     """A scene or an override is invalid. The message is one line: `FILE: KEY: REASON (did you mean HINT?)`.
 
-    A ValueError. `hint` is the nearest valid name, or "".
+    A ValueError. `hint` is the nearest valid name, or "". Other mistakes of the same scene are `others`, and notes that
+    a traceback shows below the message.
     """
 
     others: tuple["SceneError", ...] = ()
-    """Errors of other elements of the same list."""
+    """The other mistakes of the same scene, or of the same list."""
 
     def __init__(self, file: str, key: str, reason: str, hint: str = "") -> None:
         self.file, self.key, self.reason, self.hint = file, key, reason, hint
@@ -133,9 +134,13 @@ class Mistakes(list[SceneError]):
         return any(_contains(a, b) or _contains(b, a) for a in wrong for b in keys)
 
     def raise_first(self) -> None:
-        """Raise the first mistake if there is one."""
+        """Raise the first mistake if there is one, with all others."""
         if self:
-            raise self[0]
+            first, *others = self
+            first.others = tuple(others)
+            for other in others:
+                first.add_note(str(other))
+            raise first
 
 
 def _sibling(key: str, name: str) -> str:

@@ -112,7 +112,11 @@ def test_the_first_mistake_is_the_one_that_a_load_raises(write: Write) -> None:
     path = write(BAD)
     with pytest.raises(SceneError) as caught:
         load_scene(path)
-    assert str(caught.value) == str(load_with_mistakes(path)[1][0])
+    first, *others = (str(mistake) for mistake in load_with_mistakes(path)[1])
+    assert str(caught.value) == first
+    # Files that a scene names are read once all keys are right.
+    assert [str(other) for other in caught.value.others] == others[:-1]
+    assert caught.value.__notes__ == others[:-1]
 
 
 @pytest.mark.parametrize(
