@@ -144,11 +144,20 @@ STRIPS = (
     Strip(
         "fabric",
         "`[fabric] preset`, with `explicit`",
-        values("preset", *PRESET_NAMES),
+        values("preset", *PRESET_NAMES[:6]),
         "table",
         200,
         EXPLICIT,
         columns=3,
+    ),
+    Strip(
+        "measured_fabric",
+        "`[fabric] preset`: the ten measured fabrics as membranes, with `explicit`",
+        values("preset", *PRESET_NAMES[6:]),
+        "table",
+        200,
+        {**EXPLICIT, "model": "membrane"},
+        columns=5,
     ),
     Strip(
         "wind",

@@ -123,7 +123,7 @@ def frame_rates(trial: Trial) -> None:
         trial.settle()
         sags.append(sag_of(trial))
         trial.record("time dropped by the clock [s]", lost_seconds(rate))
-        trial.record(BETWEEN_RATES, max(sags) / min(sags) - 1, SAG_BETWEEN_RATES)
+        trial.record(BETWEEN_RATES, difference(sags), SAG_BETWEEN_RATES)
 
 
 def time_steps(trial: Trial) -> None:
@@ -146,12 +146,17 @@ def time_steps(trial: Trial) -> None:
         trial.run(5.0)
         trial.settle()
         sags.append(sag_of(trial))
-        trial.record(BETWEEN_RATES, max(sags) / min(sags) - 1, SAG_BETWEEN_RATES)
+        trial.record(BETWEEN_RATES, difference(sags), SAG_BETWEEN_RATES)
 
 
-def sag_of(trial: Trial) -> float:
-    """Return how far the lowest particle of a sheet hangs below its pins [m]."""
-    return SIDE / 2 - float(trial.simulation.positions()[:, 1].min())
+def sag_of(trial: Trial, height: float = 0.0) -> float:
+    """Return how far a sheet with its center at `height` [m] hangs below its lower edge without load [m]."""
+    return height - SIDE / 2 - float(trial.simulation.positions()[:, 1].min())
+
+
+def difference(sags: Sequence[float]) -> float:
+    """Return the difference of the largest and the smallest sag, as a share of the largest."""
+    return (max(sags) - min(sags)) / abs(max(sags)) if max(sags) != min(sags) else 0.0
 
 
 def uneven_rates(trial: Trial) -> None:
@@ -290,8 +295,8 @@ def far_away(trial: Trial, away: float) -> None:
         trial.start()
         trial.run(5.0)
         trial.settle()
-        sags.append(x + 0.5 - float(trial.simulation.positions()[:, 1].min()))
-    trial.record("sag beside that near the origin, share", abs(sags[1] / sags[0] - 1), SAG)
+        sags.append(sag_of(trial, height=x))
+    trial.record("sag beside that near the origin, share", difference(sags), SAG)
 
     ground = Ground(height=away - 2.0)
     trial.open(sheet(CELLS, pins=(), damping=0.0, rotation=FLAT, center=(away, away, 0.0), ground=ground))
