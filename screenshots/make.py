@@ -35,6 +35,7 @@ STILL_FRAME = {  # frame that the still shows
     "banner": 250,
     "bias": 239,
     "skirt": 120,
+    "trellis": 330,
     "cape": 122,
     "drape15": 150,
     "flag": 62,
