@@ -113,7 +113,9 @@ def test_the_page_matches_the_stored_run(tmp_path: Path) -> None:
     run = read(min((top / "benchmarks" / "results").glob("*/ablation.json")))
     ablation.write_markdown(tmp_path / "page.md", run)
     assert (top / "docs" / "scenes_rows.md").read_text(encoding="utf-8") == (tmp_path / "page.md").read_text("utf-8")
-    assert {one.scene for one in run.scenes} == {*scene_names()} - {"walker", "bias", "skirt", "trellis"}, "run: make validate"
+    assert {one.scene for one in run.scenes} == {*scene_names()} - {"walker", "bias", "skirt", "trellis"}, (
+        "run: make validate"
+    )
     digests = {one.scene: digest_of(load_scene(one.scene)) for one in run.scenes}
     assert {one.scene: one.digest for one in run.scenes} == digests, "a scene was changed; run: make validate"
 

