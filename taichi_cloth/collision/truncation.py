@@ -13,7 +13,8 @@ are bit for bit: else it would creep shut under pressure.
 import taichi as ti
 import taichi.math as tm
 
-from ..kernels.layout import read, write
+from ..kernels.constraint_math import TINY
+from ..kernels.layout import read, read_inverse_mass, write
 from ..kernels.step_params import THICKNESS
 from ..state.pair_data import MAX_REACH
 from .layer_contact import FLOOR, find_pairs
@@ -167,7 +168,7 @@ def run_pass(cloth: ti.template(), strict: int):
 
 @ti.func
 def path_is_clear(data: ti.template(), corners: tm.ivec4, kind: int, opening: float) -> int:
-    """Return whether the parts of a pair keep their distance on the way to their fractions of the motion.
+    """Return whether the parts of a pair keep a gap on the way to their fractions of the motion.
 
     Conservative advancement: a distance cannot change faster than the fastest of the corners of one part, as seen from
     those of the other. Parts that tilt past each other keep their distance, but no direction that separates them.
@@ -195,7 +196,10 @@ def path_is_clear(data: ti.template(), corners: tm.ivec4, kind: int, opening: fl
         if time <= 1.0 and clear == 1:
             p = start + ti.min(time, 1.0) * path
             w = nearest_weights(kind, row(p, 0), row(p, 1), row(p, 2), row(p, 3))
-            last = (w[0] * row(p, 0) + w[1] * row(p, 1) + w[2] * row(p, 2) + w[3] * row(p, 3)).norm()
+            n = w[0] * row(p, 0) + w[1] * row(p, 1) + w[2] * row(p, 2) + w[3] * row(p, 3)
+            n /= ti.max(n.norm(), TINY)
+            lowest, highest = extremes(kind, tm.vec4([n.dot(row(p, c)) for c in ti.static(range(4))]))
+            last = lowest - highest  # the nearest points of a sliver may be wrong: this gap is never too large
             if step == 0:
                 first = last
             if last < min_gap:
@@ -274,8 +278,10 @@ def apply_truncation(cloth: ti.template(), features: ti.template(), ctx: ti.temp
             write(cloth, cloth.x, i, end)
             ti.atomic_max(longest, want(data, i, end))
             if ti.static(features.stores_velocity):
-                change = (end - target) / (ctx.h * ctx.dt_scale)
-                write(cloth, cloth.velocity, i, read(cloth, cloth.velocity, i) + change)
+                velocity = read(cloth, cloth.velocity, i) + (end - target) / (ctx.h * ctx.dt_scale)
+                if read_inverse_mass(cloth, i) == 0.0:  # a led one may lag far behind its target
+                    velocity = (end - start) / (ctx.h * ctx.dt_scale)
+                write(cloth, cloth.velocity, i, velocity)
         data.mean_move[i] = 0.5 * data.mean_move[i] + 0.5 * (end - data.x_safe[i])
         data.x_safe[i] = end
     for _ in range(1):

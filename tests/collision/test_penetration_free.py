@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from taichi_cloth.geometry.cloth_builder import attachment_ids
 from taichi_cloth.geometry.intersections import find_intersections
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.geometry.spring_model import Floats
@@ -141,6 +142,32 @@ def test_attachments_that_are_driven_through_cloth_lag_behind() -> None:
     )
     with Simulation(scene, "serial") as simulation:
         assert most_intersections(simulation, 24) == 0
+        simulation.step(10)
+        held_back = (attachment_ids(scene, simulation.topology) >= 0) & (simulation.positions()[:, 1] > 0.29)
+        assert held_back.sum() == 4  # the ends of the edge, which is led to 0.23
+        speed = np.linalg.norm(simulation.velocities()[held_back], axis=1)
+        assert speed.max() < 0.1  # [m/s] of its motion: its lag in a substep would be 30
+
+
+@pytest.mark.long
+def test_a_sheet_that_is_pulled_to_thirty_times_its_length_does_not_intersect() -> None:
+    """Its triangles become slivers, whose nearest points float32 does not find."""
+    with Simulation(load_scene("towel")) as simulation:
+        for name in ("gravity", "stiffness", "damping"):
+            simulation.params[name] = 0.0
+        simulation.params["self_collision_thickness"] = 0.005
+        random = np.random.default_rng(5)
+        grab = simulation.grab(47)
+
+        def pull(frame: int) -> None:
+            if frame % 3 == 0:
+                grab.move_to(random.uniform(-4.0, 4.0, 3))
+
+        for frame in range(18):
+            pull(frame)
+            simulation.step()
+        assert most_intersections(simulation, 6, pull) == 0
+        assert simulation.metrics().mean_strain > 30
 
 
 def test_the_towel_is_folded_in_four_without_an_intersection() -> None:

@@ -122,7 +122,7 @@ REFERENCES = [
     Mutation(
         "strain-of-softer-cloth",
         "evaluation/reference/static_solution.py",
-        " * softer.stiffness / model.stiffness",
+        " * (softer.stiffness / model.stiffness)",
         "",
         (REST + "test_the_strain_of_very_stiff_cloth_is_inversely_proportional_to_stiffness",),
     ),

@@ -149,7 +149,7 @@ def _rest_strain(scene: Scene) -> float:
     structural = model.topology.family("structural")
     max_stiffness = MAX_STIFFNESS * float(model.mass.sum()) * abs(model.gravity) / model.topology.longest_side
     softer = replace(model, stiffness=np.minimum(model.stiffness, max_stiffness))
-    strains = softer.strains(rest_positions(softer)) * softer.stiffness / model.stiffness
+    strains = softer.strains(rest_positions(softer)) * (softer.stiffness / model.stiffness)
     return float(strains[structural].max(initial=0.0))
 
 
