@@ -122,8 +122,8 @@ REFERENCES = [
     Mutation(
         "strain-of-softer-cloth",
         "evaluation/reference/static_solution.py",
-        " * (softer.stiffness / model.stiffness)",
-        "",
+        "(softer.strains(rest_positions(softer)) / excess)",
+        "softer.strains(rest_positions(softer))",
         (REST + "test_the_strain_of_very_stiff_cloth_is_inversely_proportional_to_stiffness",),
     ),
     Mutation(

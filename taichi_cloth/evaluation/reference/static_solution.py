@@ -17,6 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...geometry.cloth_builder import stiffness_map
 from ...geometry.spring_model import Floats, Ints, SpringModel, spring_model
 from ...scene.fabric_schema import Look
 from ...scene.schema import Camera, Scene
@@ -148,9 +149,14 @@ def _rest_strain(scene: Scene) -> float:
         return 0.0
     structural = model.topology.family("structural")
     max_stiffness = MAX_STIFFNESS * float(model.mass.sum()) * abs(model.gravity) / model.topology.longest_side
-    softer = replace(model, stiffness=np.minimum(model.stiffness, max_stiffness))
-    strains = softer.strains(rest_positions(softer)) * (softer.stiffness / model.stiffness)
-    return float(strains[structural].max(initial=0.0))
+    excess = max(1.0, float(model.stiffness.max(initial=0.0)) / max_stiffness)
+    factor = stiffness_map(scene)
+    if factor is not None:  # only what is too stiff gets softer
+        a, b = model.ends[:, : len(model.rest)]
+        limited = np.minimum(factor, factor.max() / excess)
+        excess = (factor[a] + factor[b]) / (limited[a] + limited[b])
+    softer = replace(model, stiffness=model.stiffness / excess)
+    return float((softer.strains(rest_positions(softer)) / excess)[structural].max(initial=0.0))
 
 
 def rest_positions(model: SpringModel) -> Floats:
