@@ -32,8 +32,8 @@ def load_scene(source: Scene | str | Path | dict[str, Any], /, **overrides: obje
 
     Another solver gets its own default substeps and iterations. A preset replaces all fabric keys of the file.
 
-    Raises SceneError: one line with file, key, reason and the nearest valid name. The scene's other mistakes are its
-    `others`, and notes below its traceback.
+    Raises SceneError: one line with file, key, reason and the nearest valid name. Other mistakes of the scene are notes
+    below its traceback.
     """
     scene, file = read_scene(source, overrides)
     check_geometry(scene, file)
