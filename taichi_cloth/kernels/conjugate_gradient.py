@@ -18,6 +18,7 @@ from .vec import dot, length, max_lane, scale, select
 TOLERANCE = 0.01  # a larger one saves a few products, and cloth in contact comes to rest later (docs/trials.md)
 MAX_PRODUCTS = 304  # of the matrix and a direction
 MIN_SQUARES = 1e-30  # [kg·m²] squared residual over mass below which products leave the range of float32
+MAX_SQUARES = 1e20  # [kg·m²] above which they may leave it too: the equation is then solved for a share of r
 PARTIAL_SUMS = 256  # of a parallel inner product, always the same particles in each: equal bits every time
 
 
@@ -26,6 +27,12 @@ def init_particle(cloth: ti.template(), cg: ti.template(), i: int):
     cg.scaled[i] = scale(cg.residual[i], cloth.inverse_mass[i])
     cg.direction[i] = cg.scaled[i]
     cg.solution[i] = cg.residual[i] * 0.0
+
+
+@ti.func
+def unit_of(squares: float) -> float:
+    """Return the unit of r and δ in which the products of a search stay in the range of float32."""
+    return ti.select(squares > MAX_SQUARES, ti.sqrt(squares), 1.0)
 
 
 @ti.func
@@ -111,6 +118,12 @@ def cg_solve(cloth: ti.template(), cg: ti.template(), features: ti.template(), p
     for i in range(cloth.packet_count[None]):
         init_particle(cloth, cg, i)
     squares = inner_product(cloth, cg.residual, cg.scaled)
+    unit = unit_of(squares)
+    if unit != 1.0:
+        for i in range(cloth.packet_count[None]):
+            cg.residual[i] = cg.residual[i] * (1.0 / unit)
+            init_particle(cloth, cg, i)
+        squares = inner_product(cloth, cg.residual, cg.scaled)
     goal = ti.max(squares * TOLERANCE**2, MIN_SQUARES)
     products = 0
     while squares > goal and products < MAX_PRODUCTS:
@@ -125,6 +138,9 @@ def cg_solve(cloth: ti.template(), cg: ti.template(), features: ti.template(), p
         squares = inner_product(cloth, cg.residual, cg.scaled)
         for i in range(cloth.packet_count[None]):
             update_direction(cg, i, squares / before)
+    if unit != 1.0:
+        for i in range(cloth.packet_count[None]):
+            cg.solution[i] = cg.solution[i] * unit
 
 
 @ti.func
@@ -176,7 +192,14 @@ def parallel_largest_square(cloth: ti.template(), a: ti.template(), result: ti.t
 
 @ti.func
 def cg_init(cloth: ti.template(), cg: ti.template()):
+    """Start the search. `largest_move` holds the unit of δ until `cg_finish`."""
     for i in range(cloth.packet_count[None]):
+        init_particle(cloth, cg, i)
+    parallel_inner_product(cloth, cg.residual, cg.scaled, cg.squares)
+    for _ in range(1):
+        cg.largest_move[None] = unit_of(cg.squares[None])
+    for i in range(cloth.packet_count[None]):
+        cg.residual[i] = cg.residual[i] * (1.0 / cg.largest_move[None])
         init_particle(cloth, cg, i)
     parallel_inner_product(cloth, cg.residual, cg.scaled, cg.squares)
     for _ in range(1):
@@ -199,3 +222,9 @@ def cg_iterate(cloth: ti.template(), cg: ti.template(), features: ti.template(),
     for i in range(cloth.packet_count[None]):
         if cg.squares[None] > cg.goal[None]:
             update_direction(cg, i, cg.squares[None] / cg.previous_squares[None])
+
+
+@ti.func
+def cg_finish(cloth: ti.template(), cg: ti.template()):
+    for i in range(cloth.packet_count[None]):
+        cg.solution[i] = cg.solution[i] * cg.largest_move[None]

@@ -25,6 +25,7 @@ from ..geometry.topology import Topology
 from ..kernels.conjugate_gradient import (
     MAX_PRODUCTS,
     PARTIAL_SUMS,
+    cg_finish,
     cg_init,
     cg_iterate,
     cg_solve,
@@ -101,6 +102,7 @@ def cg_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.template
 
 @ti.func
 def end_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    cg_finish(cloth, cloth.cg)
     apply_solution(cloth, features, ctx)
     parallel_largest_square(cloth, cloth.cg.solution, cloth.cg.largest_move)
 

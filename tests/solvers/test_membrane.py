@@ -380,3 +380,15 @@ def test_a_sheet_without_gravity_stays_as_it_is() -> None:
         with Simulation(replace(hung(solver), forces=Forces(gravity=0.0)), "serial") as simulation:
             simulation.step(5)
             assert simulation.positions() == pytest.approx(simulation.topology.start, abs=1e-6)
+
+
+@pytest.mark.parametrize("layout", ["serial", "simd", "parallel"])
+def test_a_sheet_stretched_a_hundred_thousandfold_springs_back(layout: str) -> None:
+    """Its forces grow with the cube of the stretch: products of two such vectors leave the range of float32."""
+    cloth, free = Cloth(rows=6, columns=6, width=0.2, height=0.2, pins=()), Forces(gravity=0.0)
+    scene = Scene(cloth=cloth, fabric=hung().fabric, forces=free, solver=Solver("implicit", 10, 1))
+    with Simulation(scene, layout) as simulation:
+        for stretch in (1e4, 1e5, 3e5):
+            simulation.set_state(stretch * simulation.topology.start)
+            simulation.step(30)
+            assert simulation.metrics().max_strain < 1.0
