@@ -15,7 +15,7 @@ from pathlib import Path
 import taichi as ti
 
 from ..scene.parameters import Parameter, parameters_of
-from ..scene.presets import load_preset, scene_names, scene_path
+from ..scene.presets import load_preset, scene_path
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.copies import FeatureTimes
 from ..simulation.simulation import Simulation
@@ -148,7 +148,7 @@ class Panel:
         self._list_part += int(parts > 1 and gui.button(f"More {session.page.lower()}"))
         first = self._list_part % parts * length
         shown = listed[first : first + length]
-        labels = {name: with_title(kind, name) if name else own_fabric(session) for name in shown}
+        labels = {name: with_title(session, kind, name) for name in shown}
         errors = session.meter.by_solver if kind == "solver" and session.meter else {}
         labels |= {name: f"{label}: {errors[name]}" for name, label in labels.items() if name in errors}
         pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
@@ -258,15 +258,21 @@ fabric_title = cache(lambda name: load_preset(name).title)  # which reads a file
 
 
 @cache
-def with_title(kind: str, name: str) -> str:
-    """Return the label of a name of a list: a shipped scene or fabric with its title, as far as a line has room."""
-    if kind == "scene" and name in scene_names():
-        title = str(tomllib.loads(scene_path(name).read_text(encoding="utf-8"))["title"])
-    elif kind == "fabric":
-        title = fabric_title(name).partition(": ")[2]
+def shipped_title(name: str) -> str:
+    """Return the title of a shipped scene, read without the rest of its file."""
+    return str(tomllib.loads(scene_path(name).read_text(encoding="utf-8"))["title"])
+
+
+def with_title(session: Session, kind: str, name: str) -> str:
+    """Return the label of a name of a list: a scene or fabric with its title, as far as a line has room."""
+    if kind == "fabric":
+        label, title = (name, fabric_title(name).partition(": ")[2]) if name else (own_fabric(session), "")
+    elif kind == "scene":
+        initial = session.initial_scene  # the list opens it, and not a shipped scene of the same name
+        label, title = name, initial.title if name == initial.name else shipped_title(name)
     else:
-        return name
-    return textwrap.shorten(f"{name}: {title}", ENTRY_LENGTH, placeholder=" ...")
+        label, title = name, ""
+    return textwrap.shorten(f"{label}: {title}", ENTRY_LENGTH, placeholder=" ...") if title else label
 
 
 def description(session: Session, kind: str) -> str:

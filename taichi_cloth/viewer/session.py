@@ -62,7 +62,7 @@ class Session:
         self.meter: ErrorProcess | None = None  # if errors of frames are measured
         self.deferred = Deferred()  # until the next frame was displayed
         self.capture = Capture(out)
-        self._initial_scene, self.layout, self.export, self.save = scene, layout, export, save
+        self.initial_scene, self.layout, self.export, self.save = scene, layout, export, save
         self._open(scene)
 
     @property
@@ -196,13 +196,13 @@ class Session:
     @property
     def scenes(self) -> tuple[str, ...]:
         """Names of the shipped scenes and of the initial one."""
-        return tuple(dict.fromkeys([*scene_names(), self._initial_scene.name]))
+        return tuple(dict.fromkeys([*scene_names(), self.initial_scene.name]))
 
     def open_scene(self, name: str) -> None:
         """Replace the scene by a shipped one, or the session's initial one, by name. On failure the note says why."""
         before = self.simulation.scene
         try:
-            scene = self._initial_scene if name == self._initial_scene.name else load_scene(name)
+            scene = self.initial_scene if name == self.initial_scene.name else load_scene(name)
             self.release_all()
             self.end_clip()
             self.draw_list.close()

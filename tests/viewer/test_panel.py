@@ -48,6 +48,7 @@ from taichi_cloth.viewer.panel import (
     draw_gray_reason,
     help_for,
     help_lines,
+    with_title,
 )
 from taichi_cloth.viewer.session import Session
 from taichi_cloth.viewer.toolkit import TITLE_HEIGHT, PanelRect, Progress, Refusal, saved_panel_rect
@@ -251,6 +252,17 @@ def test_a_long_list_has_a_button_for_its_next_part(drawn: Drawn, monkeypatch: p
 def test_the_own_fabric_of_a_scene_is_named_with_its_preset(drawn: Drawn) -> None:
     _, gui, _ = drawn("banner", "Fabrics")
     assert [label for label in gui.labels if label.startswith(">")] == ["> own (silk)"]
+
+
+@pytest.mark.parametrize(
+    ("name", "title", "label"), [("banner", "Mine", "banner: Mine"), ("my", "Mine", "my: Mine"), ("my", "", "my")]
+)
+def test_the_list_has_the_title_of_the_scene_that_it_opens(name: str, title: str, label: str) -> None:
+    """A scene of a user may have the name of a shipped one, and needs no title."""
+    scene = replace(load_scene("drape15", rows=4, columns=4), name=name, title=title)
+    with closing(Session(scene, "serial")) as session:
+        assert with_title(session, "scene", name) == label
+        assert with_title(session, "scene", "flag").startswith("flag: a ")
 
 
 @pytest.mark.parametrize("size", [(1280, 720), (800, 600), (640, 480), (480, 320)])
