@@ -148,10 +148,10 @@ BLOCKS = {
     "docs/index.md": {"unfinished"},
     "docs/parameters.md": {"unfinished", "parameters"},
     "docs/performance.md": {"unfinished", "goals", "frames", "sheets", "gpu"},
-    "docs/accuracy.md": {"validation_summary", "elbow"},
-    "docs/limits.md": {"bar_friction", "stability_summary", "nobody", "soak"},
+    "docs/accuracy.md": {"unfinished", "validation_summary", "elbow"},
+    "docs/limits.md": {"unfinished", "bar_friction", "stability_summary", "nobody", "soak"},
     "docs/choosing.md": {"choosing", "unconverged"},
-    "docs/scene_errors.md": {"scene_summary"},
+    "docs/scene_errors.md": {"unfinished", "scene_summary"},
     "docs/scenes.md": {"unfinished", "feature_costs"},
 }
 

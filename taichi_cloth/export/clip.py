@@ -189,6 +189,8 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         else:
             meter = self._meter()
             super().step(wanted - 1)
+            if not guard.check_and_snapshot():  # no copy can have this state
+                raise Diverged(guard.describe())
             self._frame_error = meter.measure_frame(self, super().step)
         self._unchecked += wanted
         if self._unchecked >= CHECKED_EVERY:

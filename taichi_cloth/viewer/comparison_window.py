@@ -21,7 +21,16 @@ from .charts import milliseconds
 from .comparison import SHARED_ACTIONS, SIDE_ACTIONS, WINDOW_ACTIONS, Comparison
 from .error_process import error_lines
 from .input import OWN_FABRIC, SHORTCUTS
-from .panel import HIDDEN_TITLE, NOTE_COLORS, PANEL_MARGIN, PANEL_WIDTH, draw_caption, wrap, wrapped_lines
+from .panel import (
+    HIDDEN_TITLE,
+    NOTE_COLORS,
+    PANEL_MARGIN,
+    PANEL_WIDTH,
+    draw_caption,
+    slider_parameters,
+    wrap,
+    wrapped_lines,
+)
 from .session import Session
 from .toolkit import PanelRect, Progress, has_changed, saved_panel_rect, sub_window
 from .window import (
@@ -153,7 +162,7 @@ class ComparisonPanel:
         """Declare all widgets for this frame. Return whether the user changed one. `lines`: of `statistics`."""
         changed = False
         with sub_window(gui, NAME, self._initial_place, self.window_size):
-            for name, key in parameters_of(comparison.left.simulation.scene).items():
+            for name, key in slider_parameters(comparison.left.simulation).items():
                 if name in ("substeps", "iterations"):  # these belong to each side's solver
                     continue
                 before = comparison.left.simulation.params[name]

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import taichi as ti
 
+from ..render.colors import mean_spring_length
 from ..scene.parameters import Parameter, parameters_of
 from ..scene.presets import load_preset, scene_path
 from ..scene.solver_catalog import SOLVER_CATALOG
@@ -338,12 +339,25 @@ def draw_rewind(gui: ti.ui.Gui, session: Session) -> bool:
     return True
 
 
+MAX_THICKNESS = 0.5  # [cells] with a slider, of cloth that nothing penetrates: at two cells a frame takes seconds
+
+
+def slider_parameters(simulation: Simulation) -> dict[str, Parameter]:
+    """Return the runtime parameters with the ranges that sliders give them in this scene."""
+    known, contact = parameters_of(simulation.scene), simulation.scene.self_collision
+    if contact is not None and contact.penetration_free:
+        thickness = known["self_collision_thickness"]
+        most = max(contact.thickness, MAX_THICKNESS * mean_spring_length(simulation.topology))
+        known["self_collision_thickness"] = replace(thickness, slider_max=min(thickness.slider_max, most))
+    return known
+
+
 def acting_parameters(simulation: Simulation) -> dict[str, Parameter]:
-    """Return the runtime parameters that have an effect.
+    """Return the runtime parameters that have an effect, with the ranges of their sliders.
 
     Without `iterations` for a solver that does not iterate, and with `substeps` from the fewest that are stable.
     """
-    known, fewest = parameters_of(simulation.scene), simulation.built.min_stable_substeps
+    known, fewest = slider_parameters(simulation), simulation.built.min_stable_substeps
     substeps = known["substeps"]
     known["substeps"] = replace(substeps, slider_min=max(substeps.slider_min, fewest))
     idle = {"iterations"} if simulation.solver.info.is_explicit else set()

@@ -62,6 +62,17 @@ def test_a_step_tells_that_the_cloth_has_blown_up() -> None:
         simulation.step(10)
 
 
+def test_the_error_of_blown_up_cloth_is_refused_with_the_same_words() -> None:
+    with tc.Simulation(small()) as simulation:
+        simulation.set_state(simulation.positions(), (0.0, -1e6, 0.0))  # [m/s]
+        with pytest.raises(tc.Diverged, match=r"^the cloth blew up in frame 1: try 2 substeps instead of 1,"):
+            simulation.step(2, measure_error=True)
+        assert (simulation.frame, simulation.frame_error) == (1, None)
+        simulation.reset()
+        simulation.step(measure_error=True)
+        assert simulation.frame_error is not None
+
+
 def test_a_simulation_that_has_stepped_is_freed_with_its_last_reference() -> None:
     simulation = tc.Simulation(small())
     simulation.step()

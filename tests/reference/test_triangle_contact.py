@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.evaluation.reference.solution import Motion
-from taichi_cloth.evaluation.reference.triangle_contact import TriangleContact, closest_to_axis
-from taichi_cloth.evaluation.reference.unilateral_contact import obstacles_of
+from taichi_cloth.evaluation.reference.unilateral_contact import TriangleContact, closest_to_axis, obstacles_of
 from taichi_cloth.geometry.spring_model import Floats
 from taichi_cloth.scene.collider_schema import Capsule, Sphere
 from taichi_cloth.scene.fabric_schema import Fabric

@@ -13,6 +13,7 @@ from taichi_cloth.scene import Scene, parameters_of, scene_names
 from taichi_cloth.scene.fabric_schema import VerletSprings
 from taichi_cloth.scene.schema import FRAME_SECONDS
 from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.viewer.panel import slider_parameters
 
 
 def run(simulation: Simulation, frames: int) -> np.ndarray:
@@ -200,7 +201,7 @@ def test_no_scene_diverges_with_extreme_parameters_and_random_grabs(scene_name: 
     scene: Scene = load_scene(scene_name)
     penetration_free = scene.self_collision is not None and scene.self_collision.penetration_free
     with Simulation(scene) as simulation:
-        for key in parameters_of(scene).values():
+        for key in slider_parameters(simulation).values():
             if key.name not in ("iterations", "substeps"):
                 simulation.params[key.name] = key.slider_min if end == "low" else key.slider_max
         random = np.random.default_rng(5)

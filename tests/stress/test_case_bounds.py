@@ -415,6 +415,9 @@ def test_swapped_columns_must_untangle() -> None:
     assert settling(loads.inverted, at_rest).broken == ["intersections at the end"]
 
 
+PILE = "10 sheets of 13×13"
+
+
 @pytest.mark.parametrize("what", ["intersections at the end", "stacks out of order"])
 def test_a_pile_is_checked_at_the_end(what: str) -> None:
     """The ten layers do not move. Once the pile is at rest, an edge intersects a triangle, or the pile is inverted."""
@@ -425,8 +428,8 @@ def test_a_pile_is_checked_at_the_end(what: str) -> None:
         else:
             one.simulation.set_state(one.simulation.positions() * [1.0, -1.0, 1.0])
 
-    assert what not in walk(layered_cloth.layers).broken
-    found = settling(layered_cloth.layers, at_rest)
+    assert what not in walk(VARIANTS[15, PILE]).broken
+    found = settling(VARIANTS[15, PILE], at_rest)
     assert what in found.broken
     assert [figure.bound for figure in found.figures if figure.what == what] == [0]
 
@@ -447,10 +450,10 @@ def test_a_pile_is_checked_while_it_settles() -> None:
             self.simulation.set_state(x)
             super().settle(**how)
 
-    assert missing(walk(layered_cloth.layers)) < 0.9
+    assert missing(walk(VARIANTS[15, PILE])) < 0.9
     trial = Closing()
     try:
-        layered_cloth.layers(trial)
+        VARIANTS[15, PILE](trial)
         assert what in trial.broken
         assert missing(trial) > 0.99
     finally:

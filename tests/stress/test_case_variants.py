@@ -229,11 +229,14 @@ def test_the_wind_blows_five_times() -> None:
 
 
 def test_a_tablecloth_is_pulled_at_a_meter_per_second() -> None:
-    for mu, one in zip((0.3, 0.03), walks(39), strict=True):
+    sizes = [(side, mu) for side in (CELLS + 1, 9, 5) for mu in (0.3, 0.03)]
+    for (side, mu), one in zip(sizes, walks(39), strict=True):
         scene = one.scenes[0]
         assert scene.self_collision is not None
         assert (scene.cloth.layers, scene.self_collision.friction, scene.boxes[0].friction) == (2, mu, 0.0)
+        assert (scene.cloth.rows, scene.cloth.columns, scene.cloth.width, scene.cloth.height) == (side, side, 1, 1)
         assert np.diff([x[0, 0] for x in one.pins]) * 60 == pytest.approx(1.0)
+        assert [len(x) for x in one.pins] == [side] * len(one.pins)
 
 
 def test_a_ball_is_teleported_into_the_sheet_and_grows_within_a_frame() -> None:
@@ -261,11 +264,16 @@ def test_bad_input_has_the_named_numbers() -> None:
 
 
 def test_ten_layers_are_rotated_and_spaced() -> None:
-    [one] = walks(15)
-    cloth = one.scenes[0].cloth
-    assert (cloth.layers, cloth.layer_spacing, cloth.layer_rotation) == (10, 0.1, 9.0)
-    assert one.scenes[0].spheres[0].radius == 0.3
-    assert walks(16)[0].scenes[0].cloth.layers == 50
+    for side, one in zip((CELLS + 1, 13), walks(15), strict=True):
+        cloth, contact = one.scenes[0].cloth, one.scenes[0].self_collision
+        assert (cloth.layers, cloth.layer_spacing, cloth.layer_rotation) == (10, 0.1, 9.0)
+        assert (cloth.rows, cloth.columns, cloth.width, cloth.height) == (side, side, 1, 1)
+        assert contact is not None
+        assert contact.thickness == pytest.approx(0.9 / (side - 1))
+        assert one.scenes[0].spheres[0].radius == 0.3
+    cloths = [one.scenes[0].cloth for one in walks(16)]
+    sizes = [(cloth.layers, cloth.rows, cloth.columns, cloth.width) for cloth in cloths]
+    assert sizes == [(50, side, side, (side - 1) / CELLS) for side in (CELLS + 1, 7)]
 
 
 def test_edges_twist_by_two_turns_each_and_back() -> None:

@@ -64,6 +64,7 @@ def explained(unit: Unit) -> Cause:
 def test_an_experiment_names_the_change_that_fixes_the_case(holds: Callable[[Trial], bool], shown: str) -> None:
     cause = explained(unit_of(requires(holds)))
     assert (cause.what, cause.shown, cause.experiments) == ("something", shown, len(EXPERIMENTS))
+    assert cause.seconds > 0
     cause = replace(cause, origin="abc")
     assert cause.is_of(failed(2.0))
     assert cause.is_of(failed(2.01))

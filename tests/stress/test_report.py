@@ -104,10 +104,12 @@ def test_the_pages_have_counts_failures_and_notes(tmp_path: Path) -> None:
         slow(setting="robust", case=3),
     )
     some.causes = {(1, "a", "xpbd"): CAUSE, (2, "a", "robust"): Cause("something", 2.0, "", origin="abc")}
+    some.causes[2, "a", "robust"] = replace(some.causes[2, "a", "robust"], seconds=5400.0)
     report.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
     assert "| setting | cases | alive | failed | too slow | failures unexplained | failures not examined |" in text
     assert "| `robust` | 3 | 1 | 1 | 1 | 1 | 0 |\n| `xpbd` | 2 | 0 | 1 | 1 | 0 | 1 |" in text
+    assert "Experiments on 1 of 2 examined failures: 1.5 more hours of CPU time." in text
     assert "With `robust` or" not in text
     assert "| 1 test | nothing | 1/1 | **0/2** |" in text
     line = "- 2 test, a, fails with robust: something 2, bound 1, in frame 6 of start 0 (seed 17); unexplained\n"

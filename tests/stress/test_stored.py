@@ -1,5 +1,6 @@
 """The committed pages match the committed results, and every cause belongs to one of them."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -51,11 +52,12 @@ def test_the_stored_results_belong_to_these_cases(stored: Store) -> None:
 
 
 def test_the_page_names_the_cases_that_no_setting_runs_for_a_second(stored: Store) -> None:
-    frames = {case: max(one.frames for one in stored.ordered() if one.case == case) for case in range(1, 41)}
-    too_slow = {result.case for result in stored.ordered() if result.state == SLOW}
+    whole = [one for one in stored.ordered() if not re.search(r"\b(13×13|9×9|7×7|5×5)\b", one.variant)]
+    frames = {case: max(one.frames for one in whole if one.case == case) for case in range(1, 41)}
+    too_slow = {result.case for result in whole if result.state == SLOW}
     short = [str(case) for case in sorted(too_slow) if frames[case] < 60 and case != 40]  # which has one frame
     words = " ".join((ROOT / "docs" / "stability.md").read_text("utf-8").split())
-    assert f"No variant of cases {', '.join(short[:-1])} and {short[-1]} ran for a second" in words
+    assert f"no variant of cases {', '.join(short[:-1])} and {short[-1]} ran for a second" in words
 
 
 def test_every_cause_belongs_to_a_failure(stored: Store) -> None:

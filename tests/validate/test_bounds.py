@@ -48,6 +48,8 @@ BOUNDS = {
     "elasticity.BUCKLED": (2e-2, 5e-3),
     "drape.INSIDE": (0.0, -1.0),
     "drape.AT_REST": (0.5, 0.1),
+    "drape.SPREAD": (4.0, 2.0),
+    "drape.STRIP_TOLERANCE": (2e-2, 1e-2),
     "flight.TERMINAL_FALL": (1e-2, 1e-3),
     "flight.SAIL": (1e-2, 2e-3),
     "friction.STOPPING": (0.05, 0.01),
@@ -142,6 +144,20 @@ SETUPS = {
     "flight.SPIN_SECONDS": 10.0,
     "flight.MIN_RATE": 0.99,
     "drape.PUBLISHED": {"silk": (20.0, 40.0), "cotton": (60.0, 76.0), "denim": (70.0, 90.0), "leather": (47.0, 70.0)},
+    "drape.MESHES": {
+        "17 cells": (3, 0.0, 0),
+        "32 cells": (6, 0.0, 0),
+        "62 cells": (12, 0.0, 0),
+        "32 irregular cells": (6, 0.3, 1),
+        "32 others": (6, 0.3, 2),
+    },
+    "drape.STRIP_MESHES": {
+        "8 cells": (8, 2, 0.0, 0),
+        "16 cells": (16, 4, 0.0, 0),
+        "32 cells": (32, 8, 0.0, 0),
+        "16 irregular cells": (16, 4, 0.3, 1),
+        "16 others": (16, 4, 0.3, 2),
+    },
     "check.MAX_SECONDS": 90.0,
 }
 # Functions whose rows may fall short because of a law.

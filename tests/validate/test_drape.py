@@ -1,10 +1,16 @@
-"""The drape test: the shadow compared with closed forms, the mesh, and a softer fabric."""
+"""The drape test: the shadow compared with closed forms, the mesh, and a softer fabric; and the strip on meshes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.validate import drape
+from taichi_cloth.evaluation.validate.check import base
 from taichi_cloth.evaluation.validate.drape import rings
+from taichi_cloth.simulation.simulation import Simulation
 
 
 def test_rings_cover_their_disc_with_upward_triangles() -> None:
@@ -72,3 +78,89 @@ def test_the_error_is_the_distance_from_the_published_range(monkeypatch: pytest.
     rows = list(drape.drape("explicit"))
     assert [row.error for row in rows] == pytest.approx([0.1, 0.0, 5.5, 17.0, 0.2])
     assert [row.verdict for row in rows] == ["falls short", "pass", "falls short", "falls short", "pass"]
+
+
+# -- A9.6 and A9.7: several meshes -------------------------------------------------------------------------------------
+
+
+def test_only_points_between_disc_and_edge_are_displaced() -> None:
+    starts = []
+    for jitter in (0.0, 0.3):
+        with drape.drape_simulation("cotton", "explicit", 3, seed=1, jitter=jitter, model="membrane") as simulation:
+            topology = simulation.topology
+            starts.append(topology.start)
+            assert simulation.solver.features.membrane
+            assert simulation.scene.fabric.warp == 8600.0  # of cotton, and not that of its bias
+    regular, irregular = starts
+    moves, distance = np.abs(irregular - regular), np.hypot(regular[:, 0], regular[:, 2])
+    fixed = topology.pinned | (distance > drape.RADIUS - 1e-6)
+    assert moves[fixed].max() < 1e-7
+    cell = (drape.RADIUS - drape.DISC) / 3.5
+    assert (moves[~fixed][:, ::2].max(axis=1) > 0).all()
+    assert 0.25 * cell < moves.max() <= 0.3 * cell + 1e-7
+    assert moves[:, 1].max() < 1e-7
+
+
+def test_the_difference_of_two_meshes_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    coefficients = iter([25.0, 30.0, 41.5, 30.0, 30.0])
+    monkeypatch.setattr(drape, "simulate_to_rest", lambda simulation: found_at(next(coefficients)))
+    monkeypatch.setattr(drape, "PUBLISHED", {"silk": (20.0, 40.0)})
+    rows = list(drape.drape_on_meshes("explicit"))
+    assert [row.what for row in rows][1::4] == [
+        "silk, 32 cells: drape coefficient, published 20 to 40 [%]",
+        "silk: largest difference of two meshes [%]",
+    ]
+    assert [row.error for row in rows] == [0.0, 0.0, 1.5, 0.0, 0.0, 16.5]
+    assert [row.verdict for row in rows] == ["pass", "pass", "falls short", "pass", "pass", "falls short"]
+
+
+def found_at(coefficient: float) -> drape.DrapeResult:
+    return drape.DrapeResult(coefficient, 0.0, 3.0, 6, 0.0)
+
+
+@pytest.mark.parametrize(("mode", "nodes"), zip(drape.BEAM_MODES, (0, 1), strict=True))
+def test_the_shape_of_a_swinging_beam(mode: float, nodes: int) -> None:
+    """It is clamped at one end, free of moment and force at the other, and φ⁗ = β⁴·φ between."""
+    s = np.linspace(0, 1, 1001)
+    shape = drape.beam_shape(mode, s)
+    assert shape[[0, -1]] == pytest.approx([0.0, 1.0], abs=1e-12)
+    slope, moment, force, load = (np.diff(shape, n) / (s[1] - s[0]) ** n for n in (1, 2, 3, 4))
+    assert abs(slope[0]) < 0.02 * abs(slope).max()
+    assert abs(moment[-1]) < 0.02 * abs(moment).max()
+    assert abs(force[-1]) < 0.02 * abs(force).max()
+    assert load[100:-100] == pytest.approx(mode**4 * shape[102:-102], abs=0.02 * mode**4)
+    assert np.cos(mode) * np.cosh(mode) == pytest.approx(-1.0, abs=1e-8)
+    assert sum(a * b < 0 for a, b in pairwise(shape[1:])) == nodes
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_a_strip_is_pinned_on_both_sides_of_its_clamp(jitter: float) -> None:
+    with drape.strip_mesh(8, 2, jitter, seed=1) as (cloth, share):
+        scene = replace(base("explicit"), cloth=cloth, fabric=drape.STRIP)
+        with Simulation(scene, "serial") as simulation:
+            flat, pinned = simulation.topology.start, simulation.topology.pinned
+    along = flat[:, 2] - flat[pinned, 2].mean()
+    assert np.flatnonzero(pinned).tolist() == list(range(6))
+    assert np.ptp(flat[:, 0]) == pytest.approx(drape.STRIP_WIDTH)
+    assert np.ptp(flat[:, 1]) < 1e-7
+    assert along.max() == pytest.approx(drape.STRIP_LENGTH)
+    assert np.maximum(along, 0.0) / drape.STRIP_LENGTH == pytest.approx(share, abs=1e-6)
+    assert (share == share.max()).sum() == 3
+    assert share.max() == pytest.approx(1.0)
+
+
+def doubled(name: str) -> Callable[..., object]:
+    """Return a function of `drape` whose result is twice as large."""
+    real = getattr(drape, name)
+    return lambda *arguments: 2 * real(*arguments)
+
+
+@pytest.mark.parametrize("solver", ["explicit"])
+def test_a_strip_droops_and_swings_as_beams_do(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drape, "STRIP_MESHES", {"16 cells": drape.STRIP_MESHES["16 cells"]})
+    rows = list(drape.strip_on_meshes(solver))
+    assert [row.what for row in rows] == ["16 cells: drop over length", "16 cells: ω1 [rad/s]", "16 cells: ω2 [rad/s]"]
+    assert [row.exact for row in rows[1:]] == pytest.approx([6.215, 38.95], rel=1e-3)
+    assert max(row.error for row in rows) < drape.STRIP_TOLERANCE[0]
+    monkeypatch.setattr(drape, "frequency", doubled("frequency"))
+    assert [row.verdict for row in drape.strip_on_meshes(solver)][1:] == ["falls short"] * 2

@@ -254,6 +254,19 @@ def test_the_own_fabric_of_a_scene_is_named_with_its_preset(drawn: Drawn) -> Non
     assert [label for label in gui.labels if label.startswith(">")] == ["> own (silk)"]
 
 
+def test_sliders_do_not_make_penetration_free_cloth_thicker_than_half_a_cell() -> None:
+    """With two cells a frame of `knot` takes eight seconds; a slider that ends there would seem to hang."""
+    free = load_scene("knot")
+    assert free.self_collision is not None
+    for scene in (free, replace(free, self_collision=replace(free.self_collision, penetration_free=False))):
+        with closing(Session(scene, "serial")) as session:
+            simulation = session.simulation
+            most = acting_parameters(simulation)["self_collision_thickness"].slider_max
+            cell = simulation.topology.rest.mean()
+            assert most == (pytest.approx(0.5 * cell) if scene is free else 0.2)
+            assert most > scene.self_collision.thickness
+
+
 @pytest.mark.parametrize(
     ("name", "title", "label"), [("banner", "Mine", "banner: Mine"), ("my", "Mine", "my: Mine"), ("my", "", "my")]
 )

@@ -109,7 +109,8 @@ def settings(scene: Scene) -> list[tuple[str, int, int]]:
     if reason := reason_unsupported(scene):
         raise UsageError(f"{scene.name} has no independent reference: {reason}")
     own, has_rows = scene.solver, not unsupported_by(scene, build_particles(scene)).grid_only
-    names = [name for name in SETTINGS if has_rows or not SOLVERS[name].info.grid_only]
+    supported = [name for name in SETTINGS if scene.fabric.model in SOLVERS[name].info.models]
+    names = [name for name in supported if has_rows or not SOLVERS[name].info.grid_only]
     every = [(name, *pair) for name in names for pair in SETTINGS[name]]
     return list(dict.fromkeys([(own.name, own.substeps, own.iterations), *every]))
 

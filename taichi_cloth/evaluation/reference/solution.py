@@ -16,6 +16,7 @@ depends on the step.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil, inf
 
@@ -27,10 +28,10 @@ from ...geometry.spring_model import Bools, Floats, Ints, SpringModel, spring_mo
 from ...geometry.tethers import tethers_of
 from ...scene.collider_schema import Capsule, Sphere
 from ...scene.schema import COLLIDERS, FRAME_SECONDS, Scene
-from .triangle_contact import TriangleContact
 from .unilateral_contact import (
     ColliderState,
     Pose,
+    TriangleContact,
     contact_velocity_change,
     obstacles_of,
     pose,
@@ -151,18 +152,26 @@ class Motion:
             change: Floats = right / (model.mass * (1 + damping))
             return change
         dampers = model.dampers(x)
-        right += h * model.damper_force(dampers, v) * self._free
-        return self._solve_implicit(dampers, model.mass * (1 + damping), right)
 
-    def _solve_implicit(self, dampers: Floats, mass: Floats, right: Floats) -> Floats:
+        def damper_force(u: Floats) -> Floats:
+            """Return the force of all dampers on every particle [N], (3, N), at velocities `u` [m/s]."""
+            force = model.damper_force(dampers, u)
+            return force if model.membrane is None else force + model.membrane.damper_force(x, u, model.damping_time)
+
+        right += h * damper_force(v) * self._free
+        return self._solve_implicit(damper_force, dampers, model.mass * (1 + damping), right)
+
+    def _solve_implicit(
+        self, damper_force: Callable[[Floats], Floats], dampers: Floats, mass: Floats, right: Floats
+    ) -> Floats:
         """Solve (mass − h/2·∂f/∂v)·u = right for u [m/s], (3, N), with the damper forces f.
 
-        Conjugate gradients with a diagonal preconditioner, starting from the velocity change of the last step. Raises
-        ArithmeticError if they do not converge.
+        Conjugate gradients, preconditioned with masses and the diagonal of `dampers`, those of the springs. They start
+        from the velocity change of the last step. Raises ArithmeticError if they do not converge.
         """
 
         def apply(u: Floats) -> Floats:
-            product: Floats = (mass * u - self._h / 2 * self._model.damper_force(dampers, u)) * self._free
+            product: Floats = (mass * u - self._h / 2 * damper_force(u)) * self._free
             return product
 
         ends, count = self._model.ends[:, : dampers.shape[1]].reshape(-1), len(mass)
@@ -269,12 +278,10 @@ MAX_START_DEPTH = 1e-5  # [m] of a particle on a margin, by the rounding of its 
 
 def reason_unsupported(scene: Scene) -> str:
     """Return why a scene has no reference solution, or an empty string if it has one."""
-    if scene.fabric.model != "springs" and scene.solver.name != "verlet":
-        return f"{scene.fabric.model}s are not in the reference"
+    if scene.fabric.model == "weave" and scene.solver.name != "verlet":
+        return "weaves are not in the reference"
     if scene.self_collision is not None:
         return "self-collision is not in the reference"
-    if any(mesh.clip for mesh in scene.meshes):
-        return "meshes with a clip are not in the reference"
     if starts_in_contact(scene):
         return "cloth that starts inside a collider's margin is let out slowly, which is not in the reference"
     return ""
@@ -289,10 +296,14 @@ def starts_in_contact(scene: Scene) -> bool:
 
 
 def max_frequency(model: SpringModel) -> float:
-    """Return an upper bound of the angular frequencies of springs and bending links [rad/s] (Gershgorin)."""
+    """Return an upper bound of the angular frequencies of the cloth [rad/s] (Gershgorin)."""
+    count = len(model.mass)
     stiffness = np.concatenate([model.stiffness, np.abs(model.bending)])
-    total = np.bincount(model.ends.reshape(-1), np.tile(stiffness, 2), len(model.mass))
-    return float(np.sqrt((2 * total / model.mass)[model.free].max(initial=0.0)))
+    total = 2 * np.bincount(model.ends.reshape(-1), np.tile(stiffness, 2), count)
+    if model.membrane is not None:
+        corners, matrices = model.membrane.scalar_elements()
+        total += np.bincount(corners.reshape(-1), np.abs(matrices).sum(axis=2).reshape(-1), count)
+    return float(np.sqrt((total / model.mass)[model.free].max(initial=0.0)))
 
 
 def steps_per_frame(scene: Scene) -> int:

@@ -6,211 +6,29 @@ A collider with reflection reverses the approach, times its restitution. A colli
 force instead, whose impulse in a step has the same friction. As steps shrink, all responses converge to the motion that
 their keys describe.
 
-Signed distances to colliders, and their gradients, are along the collider's own axes and negative inside. Poses and
-velocities of colliders and attachments follow their keys at every moment; they are not interpolated linearly between
-frames.
+Poses and velocities of colliders and attachments follow their keys at every moment; they are not interpolated linearly
+between frames. So do the vertices of a mesh with a clip, which are interpolated between those of the clip only.
+
+A triangle of the cloth that would end a step within the margin of a sphere or capsule with `collide_with = "triangles"`
+gets an impulse at its point closest to the collider's axis. It moves the corners as those of a rigid triangle: by their
+barycentric weights at the point and their masses. Triangles share corners, so they are solved one after the other,
+repeatedly, until none approaches the collider.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from ...geometry.signed_distance import collider_surface
 from ...geometry.spring_model import Bools, Floats, Ints
-from ...scene.collider_schema import Box, Capsule, Collider, Ground, Mesh, Motion, Sphere
+from ...scene.collider_schema import Capsule, Collider, Ground, Mesh, Motion, Sphere
 from ...scene.schema import Scene
-
-# -- signed distance to meshes -----------------------------------------------------------------------------------------
-
-CHUNK = 200  # particles whose candidate lists are built at once
-
-
-class MeshDistance:
-    """Signed distance to a closed triangle mesh; exact up to `reach` from the surface, a lower bound beyond.
-
-    It is meant for particles that move little from call to call: each keeps a list of the triangles that can be closest
-    to it, which is valid until the particle has moved by half the skin. The sign is that of the angle-weighted normal
-    at the closest vertex, edge or face (Bærentzen and Aanæs 2005).
-    """
-
-    def __init__(self, mesh: Mesh) -> None:
-        surface = collider_surface(mesh)
-        self._corners = surface.vertices[surface.faces].transpose(1, 2, 0)  # (3 corners, 3, T)
-        self._half = surface.half[:, None]
-        self._normals = _feature_normals(surface.vertices, surface.faces.astype(np.int64))
-        self.reach = mesh.margin + 0.02 * float(surface.half.max())
-        self._skin = self.reach - mesh.margin
-        self._list_positions: Floats | None = None  # positions of the particles when the lists were built
-        self._particle = self._face = np.zeros(0, np.int64)  # candidate pairs, sorted by particle
-        self._first_pair = np.zeros(0, np.int64)
-        self._bound = np.zeros(0)  # lower bound of the distance at that time, for particles without a list
-
-    def __call__(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the distance [m] (M,) and the normal (3, M) at positions (3, M) along the mesh's own axes."""
-        stale = True
-        if self._list_positions is not None and self._list_positions.shape == x.shape:
-            moved = np.sqrt(((x - self._list_positions) ** 2).sum(axis=0))
-            stale = bool((moved > self._skin / 2).any())
-        if stale:
-            self._build_lists(x)
-            moved = np.zeros(x.shape[1])
-        distance = self._bound - moved
-        normal = np.zeros_like(x)
-        normal[1] = 1.0
-        if len(self._particle):
-            closest, feature = _nearest(x[:, self._particle], self._corners[:, :, self._face])
-            offset = x[:, self._particle] - closest
-            squared = (offset * offset).sum(axis=0)
-            smallest = np.minimum.reduceat(squared, self._first_pair)
-            count = np.diff(np.append(self._first_pair, len(squared)))
-            pair = np.flatnonzero(squared == np.repeat(smallest, count))
-            _, first = np.unique(self._particle[pair], return_index=True)
-            pair = pair[first]
-            particle, length = self._particle[pair], np.sqrt(squared[pair])
-            outward = self._normals[self._face[pair], feature[pair]].T
-            sign = np.where((offset[:, pair] * outward).sum(axis=0) < 0, -1.0, 1.0)
-            distance[particle] = sign * length
-            apart = length > 1e-12
-            normal[:, particle] = np.where(apart, sign * offset[:, pair] / np.where(apart, length, 1.0), outward)
-        return distance, normal
-
-    def _build_lists(self, x: Floats) -> None:
-        """List, for each particle near the surface, all faces that may be closest to it."""
-        self._list_positions = x.copy()
-        outside = np.maximum(np.abs(x) - self._half, 0.0)
-        self._bound = np.sqrt((outside * outside).sum(axis=0))
-        center = self._corners.mean(axis=0)
-        radius = np.sqrt(((self._corners - center) ** 2).sum(axis=1)).max(axis=0)
-        particles: list[Ints] = []
-        faces: list[Ints] = []
-        near = np.flatnonzero(self._bound < self.reach + self._skin)
-        for begin in range(0, len(near), CHUNK):
-            chunk = near[begin : begin + CHUNK]
-            distance = np.sqrt(((x[:, chunk, None] - center[:, None, :]) ** 2).sum(axis=0))
-            lower = (distance - radius).min(axis=1)  # bounds of the distance to the surface
-            upper = (distance + radius).min(axis=1)
-            self._bound[chunk] = np.maximum(self._bound[chunk], lower)
-            possible = distance - radius <= (upper + self._skin)[:, None]
-            possible[lower > self.reach + self._skin] = False
-            row, face = np.nonzero(possible)
-            particles.append(chunk[row])
-            faces.append(face)
-        self._particle = np.concatenate([np.zeros(0, np.int64), *particles])
-        self._face = np.concatenate([np.zeros(0, np.int64), *faces])
-        self._first_pair = np.flatnonzero(np.diff(self._particle, prepend=-1))
-
-
-def _nearest(x: Floats, corners: Floats) -> tuple[Floats, Ints]:
-    """Return the closest point of each triangle (3, 3, M) to its position (3, M), and its feature, (M,).
-
-    Features: 0, 1, 2 are the corners; 3, 4, 5 the edges from those to the next corner; 6 the face.
-    """
-    edges = np.stack([corners[(k + 1) % 3] - corners[k] for k in range(3)])
-    normal = _cross(edges[0], -edges[2])
-    best = np.full(x.shape[1], np.inf)
-    closest, feature = np.zeros_like(x), np.zeros(x.shape[1], np.int64)
-    inside = np.ones(x.shape[1], bool)
-    for k in range(3):
-        offset = x - corners[k]
-        t = np.clip((offset * edges[k]).sum(axis=0) / (edges[k] ** 2).sum(axis=0), 0.0, 1.0)
-        point = corners[k] + t * edges[k]
-        squared = ((x - point) ** 2).sum(axis=0)
-        closer = squared < best
-        best = np.where(closer, squared, best)
-        closest = np.where(closer, point, closest)
-        feature = np.where(closer, np.where(t == 0, k, np.where(t == 1, (k + 1) % 3, 3 + k)), feature)
-        inside &= (_cross(edges[k], offset) * normal).sum(axis=0) >= 0
-    height = ((x - corners[0]) * normal).sum(axis=0) / (normal**2).sum(axis=0)
-    return np.where(inside, x - height * normal, closest), np.where(inside, 6, feature)
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def _feature_normals(points: Floats, faces: Ints) -> Floats:
-    """Return the outward normals of the seven features of every face, (T, 7, 3), not normalized."""
-    corners = points[faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    point_normal = np.zeros_like(points)
-    edge_normal: dict[tuple[int, int], Floats] = {}
-    for k in range(3):
-        u, v = (corners[:, (k + step) % 3] - corners[:, k] for step in (1, 2))
-        cosine = (u * v).sum(axis=1) / np.linalg.norm(u, axis=1) / np.linalg.norm(v, axis=1)
-        np.add.at(point_normal, faces[:, k], np.arccos(np.clip(cosine, -1, 1))[:, None] * normal)
-        for pair, n in zip(np.sort(faces[:, [k, (k + 1) % 3]], axis=1).tolist(), normal, strict=True):
-            edge_normal[tuple(pair)] = edge_normal.get(tuple(pair), 0.0) + n
-    normals = np.zeros((len(faces), 7, 3))
-    for k in range(3):
-        normals[:, k] = point_normal[faces[:, k]]
-        normals[:, 3 + k] = [edge_normal[tuple(p)] for p in np.sort(faces[:, [k, (k + 1) % 3]], axis=1).tolist()]
-    normals[:, 6] = normal
-    return normals
-
-
-# -- signed distance to other shapes -----------------------------------------------------------------------------------
-
-# Maps positions (3, M) [m] to distances [m] (M,) and outward unit normals (3, M).
-Distance = Callable[[Floats], tuple[Floats, Floats]]
-
-
-def distance_of(collider: Collider | Ground) -> Distance:
-    """Return the distance function of a sphere, a capsule, a box, a plane or the ground."""
-    match collider:
-        case Sphere():
-            radius = collider.radius
-            return lambda x: _from_core(x, radius)
-        case Capsule():
-            half, capsule_radius = collider.length / 2, collider.radius
-            return lambda x: _from_core(x - _on_axis(x, half), capsule_radius)
-        case Box():
-            half_size = np.array(collider.size)[:, None] / 2
-            return lambda x: _box(x, half_size)
-        case _:
-            return _half_space
-
-
-def _from_core(offset: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Return distance and normal of a shape with this radius, from offsets (3, M) to its core."""
-    length = np.sqrt((offset * offset).sum(axis=0))
-    normal = offset / np.where(length > 0, length, 1.0)
-    normal[1, length == 0] = 1.0
-    return length - radius, normal
-
-
-def _on_axis(x: Floats, half: float) -> Floats:
-    """Return the closest points (3, M) on a capsule's axis."""
-    core = np.zeros_like(x)
-    core[1] = np.clip(x[1], -half, half)
-    return core
-
-
-def _box(x: Floats, half_size: Floats) -> tuple[Floats, Floats]:
-    beyond = np.abs(x) - half_size
-    outside = np.maximum(beyond, 0.0)
-    distance, normal = _from_core(outside, 0.0)
-    inside = distance == 0
-    face = beyond[:, inside].argmax(axis=0)
-    normal[:, inside] = np.eye(3)[:, face]
-    distance[inside] = beyond[:, inside].max(axis=0)
-    return distance, normal * np.where(x < 0, -1.0, 1.0)
-
-
-def _half_space(x: Floats) -> tuple[Floats, Floats]:
-    normal = np.zeros_like(x)
-    normal[1] = 1.0
-    return x[1].copy(), normal
-
+from .collider_distance import DIFFERENCE_STEP, ClipDistance, Distance, barycentric, distance_of
 
 # -- poses -------------------------------------------------------------------------------------------------------------
-
-DIFFERENCE_STEP = 1e-5  # [s] half of the interval over which velocities are differenced
 
 
 class Pose(NamedTuple):
@@ -220,6 +38,7 @@ class Pose(NamedTuple):
     axes: Floats  # (3, 3) its own axes as columns
     velocity: Floats  # [m/s] (3,) of the center
     spin: Floats  # [1/s] (3,) angular velocity
+    seconds: float = 0.0
 
     def local(self, x: Floats) -> Floats:
         """Return positions (3, M) along its own axes, relative to its center."""
@@ -264,6 +83,8 @@ def rotation_from_vector(vector: Floats) -> Floats:
 
 def is_still(body: Motion | Ground) -> bool:
     """Return whether a collider or attachment never moves."""
+    if isinstance(body, Mesh) and body.clip:
+        return False
     return isinstance(body, Ground) or not (
         any(body.oscillation) or any(body.rocking) or any(body.spin) or body.keyframes
     )
@@ -299,7 +120,7 @@ def pose(body: Motion | Ground, seconds: float) -> Pose:
     )
     turn = axes_after @ axes_before.T
     spin = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
-    return Pose(center, axes, (after - before) / (2 * DIFFERENCE_STEP), spin / (2 * DIFFERENCE_STEP))
+    return Pose(center, axes, (after - before) / (2 * DIFFERENCE_STEP), spin / (2 * DIFFERENCE_STEP), seconds)
 
 
 # -- contact -----------------------------------------------------------------------------------------------------------
@@ -330,10 +151,17 @@ class ColliderState:
 
         The distance is negative within the margin.
         """
+        if isinstance(self.distance, ClipDistance):
+            self.distance.move_to(at.seconds)
         distance, normal = self.distance(at.local(x))
         gap = distance - self.collider.margin
         self.clearance = float(gap.min(initial=np.inf))
         return gap, at.axes @ normal
+
+    def surface_velocity(self, x: Floats, at: Pose) -> Floats:
+        """Return the velocity of its material at positions [m/s], both (3, M), the last that `gap` was called for."""
+        velocity = at.surface_velocity(x)
+        return velocity + at.axes @ self.distance.velocity() if isinstance(self.distance, ClipDistance) else velocity
 
 
 def obstacles_of(scene: Scene) -> list[ColliderState]:
@@ -344,11 +172,7 @@ def obstacles_of(scene: Scene) -> list[ColliderState]:
     ]
     if scene.ground is not None:
         colliders.append(scene.ground)
-    obstacles: list[ColliderState] = []
-    for collider in colliders:
-        distance = MeshDistance(collider) if isinstance(collider, Mesh) else distance_of(collider)
-        obstacles.append(ColliderState(collider, distance, pose(collider, 0.0) if is_still(collider) else None))
-    return obstacles
+    return [ColliderState(one, distance_of(one), pose(one, 0.0) if is_still(one) else None) for one in colliders]
 
 
 def impulse(normal: Floats, relative: Floats, pushed: Floats, friction: float) -> Floats:
@@ -370,7 +194,7 @@ def repulsion_velocity_change(
     """Return the velocity change in one step by a collider with repulsion [m/s], (3, M)."""
     gap, normal = obstacle.gap(x, at)
     pushed = h * obstacle.collider.stiffness / area_density * np.maximum(-gap, 0.0)
-    return impulse(normal, v - at.surface_velocity(x), pushed, obstacle.collider.friction)
+    return impulse(normal, v - obstacle.surface_velocity(x, at), pushed, obstacle.collider.friction)
 
 
 def contact_velocity_change(obstacle: ColliderState, x: Floats, v: Floats, at: Pose) -> tuple[Bools, Floats]:
@@ -379,8 +203,8 @@ def contact_velocity_change(obstacle: ColliderState, x: Floats, v: Floats, at: P
     touched = gap < 0
     change = np.zeros_like(v)
     if touched.any():
-        n, contact = normal[:, touched], x[:, touched]
-        relative = v[:, touched] - at.surface_velocity(contact)
+        n = normal[:, touched]
+        relative = (v - obstacle.surface_velocity(x, at))[:, touched]
         approach = np.maximum(-(relative * n).sum(axis=0), 0.0)
         bounce = obstacle.collider.restitution if obstacle.collider.response == "reflection" else 0.0
         change[:, touched] = impulse(n, relative, (1 + bounce) * approach, obstacle.collider.friction)
@@ -391,3 +215,133 @@ def project_to_margin(obstacle: ColliderState, x: Floats, at: Pose) -> Floats:
     """Return positions (3, M) projected along the normal to the margin of a collider."""
     gap, normal = obstacle.gap(x, at)
     return x - gap * normal
+
+
+# -- contact with triangles of the cloth -------------------------------------------------------------------------------
+
+MAX_ROUNDS = 200  # over all triangles in contact
+TOLERANCE = 1e-12  # speed of approach [m/s], and depth [m], that count as zero
+
+
+class TriangleContact:
+    """A collider with `collide_with = "triangles"`, and the triangles it keeps outside its margin."""
+
+    def __init__(self, collider: Sphere | Capsule, corners: Ints, inverse_mass: Floats) -> None:
+        """`corners` are the particles of the triangles, (3, T).
+
+        `inverse_mass` [1/kg], (N,), is 0 for particles that are not free.
+        """
+        self._collider = collider
+        self._half = collider.length / 2 if isinstance(collider, Capsule) else 0.0
+        self._reach = collider.radius + collider.margin
+        self._friction = collider.friction
+        self._corners, self._inverse_mass = corners, inverse_mass
+
+    def stop_approach(self, x: Floats, v: Floats, seconds: float) -> Ints:
+        """Change velocities `v` (3, N) in place so that no triangle within the margin approaches the collider.
+
+        `x` (3, N) are the positions at the end of the step, at time `seconds`. Return the triangles within the margin.
+        """
+        at = pose(self._collider, seconds)
+        within, weights, normals = self._triangles_within(x, at)
+        for _ in range(MAX_ROUNDS):
+            max_approach = 0.0
+            for triangle, weight, normal in zip(within, weights.T, normals.T, strict=True):
+                corners = self._corners[:, triangle]
+                relative = v[:, corners] @ weight - at.surface_velocity(x[:, corners] @ weight[:, None])[:, 0]
+                approach = max(-float(relative @ normal), 0.0)
+                if approach > 0:
+                    change = impulse(normal[:, None], relative[:, None], np.array([approach]), self._friction)
+                    v[:, corners] += change * self._shares(corners, weight)
+                    max_approach = max(max_approach, approach)
+            if max_approach <= TOLERANCE:
+                break
+        return within
+
+    def project(self, x: Floats, seconds: float, triangles: Ints) -> None:
+        """Move these triangles out to the margin, in place."""
+        at = pose(self._collider, seconds)
+        for _ in range(MAX_ROUNDS):
+            max_depth = 0.0
+            for corners in self._corners[:, triangles].T:
+                weight, offset = closest_to_axis(at.local(x[:, corners])[:, :, None].transpose(1, 0, 2), self._half)
+                distance = float(np.sqrt((offset**2).sum()))
+                depth = self._reach - distance
+                if depth > TOLERANCE:
+                    x[:, corners] += depth * (at.axes @ offset / distance) * self._shares(corners, weight[:, 0])
+                    max_depth = max(max_depth, depth)
+            if max_depth <= TOLERANCE:
+                break
+
+    def _triangles_within(self, x: Floats, at: Pose) -> tuple[Ints, Floats, Floats]:
+        """Return the triangles within the margin, the weights of their closest points, and normals, both (3, M)."""
+        local = at.local(x)
+        offset = local.copy()
+        offset[1] -= np.clip(offset[1], -self._half, self._half)
+        distance = np.sqrt((offset * offset).sum(axis=0))[self._corners[0]]
+        edges = [local[:, self._corners[k]] - local[:, self._corners[0]] for k in (1, 2)]
+        longest = np.sqrt(np.maximum(*[(edge * edge).sum(axis=0) for edge in edges]))
+        near = np.flatnonzero(distance < self._reach + longest)
+        weights, offset = closest_to_axis(local[:, self._corners[:, near]].transpose(1, 0, 2), self._half)
+        distance = np.sqrt((offset * offset).sum(axis=0))
+        within = distance < self._reach
+        return near[within], weights[:, within], at.axes @ (offset[:, within] / distance[within])
+
+    def _shares(self, corners: Ints, weight: Floats) -> Floats:
+        """Return the change of each corner when the point with these weights changes by 1, (3,)."""
+        each = weight * self._inverse_mass[corners]
+        total = float(weight @ each)
+        shares: Floats = each / total if total > 0 else np.zeros(3)
+        return shares
+
+
+def closest_to_axis(corners: Floats, half: float) -> tuple[Floats, Floats]:
+    """Return the points of triangles (3 corners, 3, M) closest to the segment from −half to half on the y axis.
+
+    They are given by the weights of their corners, (3, M), and by the vector from the segment to the point, (3, M). The
+    segment must not pass through a triangle. The closest point is then closest to an end of the segment, or on an edge
+    (Ericson 2005, 5.1.9 and 5.1.10).
+    """
+    candidates = [_weights_closest_to(np.array([[0.0], [end], [0.0]]), corners) for end in (-half, half)]
+    for k in range(3):
+        p, edge = corners[k], corners[(k + 1) % 3] - corners[k]
+        t = _edge_parameter(p, edge, half)
+        weights = np.zeros((3, t.size))
+        weights[k], weights[(k + 1) % 3] = 1 - t, t
+        candidates.append(weights)
+    offsets = []
+    for weights in candidates:
+        offset = np.einsum("km,kim->im", weights, corners)
+        offset[1] -= np.clip(offset[1], -half, half)
+        offsets.append(offset)
+    best = np.argmin([(offset * offset).sum(axis=0) for offset in offsets], axis=0)
+    index = np.arange(best.size)
+    return np.array(candidates)[best, :, index].T, np.array(offsets)[best, :, index].T
+
+
+def _edge_parameter(p: Floats, edge: Floats, half: float) -> Floats:
+    """Return where the edges from p are closest to the segment, (M,): 0 at p, 1 at the other end.
+
+    It is the point closest to the infinite line, or to an end of the segment if the line's point is beyond that end.
+    """
+    across = edge[0] ** 2 + edge[2] ** 2
+    t = np.clip(-(p[0] * edge[0] + p[2] * edge[2]) / np.where(across > 0, across, 1.0), 0.0, 1.0)
+    end = np.clip(p[1] + t * edge[1], -half, half)
+    to_end = (end - p[1]) * edge[1] - p[0] * edge[0] - p[2] * edge[2]
+    parameter: Floats = np.clip(to_end / (edge * edge).sum(axis=0), 0.0, 1.0)
+    return parameter
+
+
+def _weights_closest_to(point: Floats, corners: Floats) -> Floats:
+    """Return the weights of the corners, (3, M), at the points of the triangles closest to a point (3, 1)."""
+    projected = barycentric(point, corners)
+    smallest, found = np.full(projected.shape[1], np.inf), projected
+    for k in range(3):
+        p, side = corners[k], corners[(k + 1) % 3] - corners[k]
+        t = np.clip(((point - p) * side).sum(axis=0) / (side * side).sum(axis=0), 0.0, 1.0)
+        squared = ((point - p - t * side) ** 2).sum(axis=0)
+        weights = np.zeros_like(projected)
+        weights[k], weights[(k + 1) % 3] = 1 - t, t
+        found = np.where((projected < 0).any(axis=0) & (squared < smallest), weights, found)
+        smallest = np.minimum(smallest, squared)
+    return found

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
+from time import process_time
 
 import numpy as np
 
@@ -47,6 +48,8 @@ class Cause:
     """Number of experiments that there were."""
     origin: str = ""
     """Fingerprint of the failed result: another version of the program may fail for another reason."""
+    seconds: float = 0.0
+    """CPU time of the experiments [s]; 0 if it was not measured."""
 
     def is_of(self, result: Result) -> bool:
         """Return whether this cause explains the failure of a result."""
@@ -74,10 +77,11 @@ class FailedState:
 
 def cause_of(unit: Unit, failure: Failure) -> Cause:
     """Run the experiments in order and return the first cause that one finds."""
+    begin = process_time()
     end = end_of(unit, failure)
     found = (experiment(end) for experiment in EXPERIMENTS) if end else iter(())
-    most = failure.value + SLACK * abs(failure.value)
-    return Cause(failure.what, most, next(filter(None, found), ""), len(EXPERIMENTS))
+    most, shown = failure.value + SLACK * abs(failure.value), next(filter(None, found), "")
+    return Cause(failure.what, most, shown, len(EXPERIMENTS), seconds=process_time() - begin)
 
 
 def end_of(unit: Unit, failure: Failure) -> FailedState | None:

@@ -204,8 +204,8 @@ def rotating_ball(trial: Trial) -> None:
     trial.settle()
 
 
-def tablecloth(trial: Trial, mu: float) -> None:
-    """Pull a sheet by an edge at 1 m/s over a frictionless table, from under a loose sheet, with friction `mu`.
+def tablecloth(trial: Trial, friction: float, cells: int | None = None) -> None:
+    """Pull a sheet by an edge at 1 m/s over a frictionless table, from under a loose sheet, with this friction μ.
 
     Friction takes a loose sheet along after v²/(2μg): 0.17 m with μ = 0.3, from where the two move as one. With
     μ = 0.03 it would be 1.7 m, so that the tablecloth is gone before.
@@ -215,10 +215,11 @@ def tablecloth(trial: Trial, mu: float) -> None:
     momentum. Its mean over any tenth of a second may not exceed μ times the weight of the loose sheet. Its mean while
     the layers slide is recorded, relative to μ times the weight of what lies on the tablecloth.
     """
+    mu, cells = friction, cells or CELLS
     contact = replace(triangle_self_collision(), friction=mu)
     table = Box(center=(0.0, -0.1, 0.0), size=(6.0, 0.2, 1.6), margin=MARGIN, friction=0.0)
-    edge = tuple((CELLS + 1) * row + CELLS for row in range(CELLS + 1))  # the right edge of layer 1
-    scene = sheet(CELLS, pins=edge, rotation=FLAT, damping=0.0, boxes=(table,), center=(0.0, MARGIN, 0.0))
+    edge = tuple((cells + 1) * row + cells for row in range(cells + 1))  # the right edge of layer 1
+    scene = sheet(cells, pins=edge, rotation=FLAT, damping=0.0, boxes=(table,), center=(0.0, MARGIN, 0.0))
     scene = replace(with_layers(scene, 2, 1.05 * contact.thickness), self_collision=contact)
     x = trial.open(scene, rest_strain=CALM_STRAIN)  # both sheets lie on the table, which has no friction
     trial.start()

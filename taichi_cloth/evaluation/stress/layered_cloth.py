@@ -286,19 +286,20 @@ class Stack:
         self._trial.record("stacks out of order", float(not is_stacked(simulation.positions(), self._count)), 0)
 
 
-def layers(trial: Trial) -> None:
+def layers(trial: Trial, cells: int | None = None) -> None:
     """Drop ten level layers, 0.1 m apart and each rotated by 9° against the one below, on the ground.
 
     Then a ball moves down and stays a thickness deep in the pile: colliders are kinematic, and their weight cannot act.
     """
-    contact = particle_self_collision(SIDE / CELLS)
+    cells = cells or CELLS
+    contact = particle_self_collision(SIDE / cells)
     ground = Ground(height=-SPACING, friction=0.4)
     top = ground.height + ground.margin + (LAYERS - 1) * contact.thickness  # [m] height of the pile
     radius, start_height = 0.3, LAYERS * SPACING + 0.5
     rest = top + MARGIN + radius - contact.thickness
     path: Keyframes = ((1.0, 0, 0, 0), (2.0, 0, rest - start_height, 0))
     ball = Sphere(center=(0.0, start_height, 0.0), radius=radius, margin=MARGIN, friction=0.4, keyframes=path)
-    scene = sheet(CELLS, pins=(), rotation=FLAT, spheres=(ball,), ground=ground, self_collision=contact)
+    scene = sheet(cells, pins=(), rotation=FLAT, spheres=(ball,), ground=ground, self_collision=contact)
     trial.open(with_layers(scene, LAYERS, SPACING, TURN))
     trial.start()
     stack = Stack(trial, LAYERS, contact.thickness)
@@ -310,14 +311,16 @@ def layers(trial: Trial) -> None:
     trial.record("distance of the ball from the pile [m]", float(surface.min()), contact.thickness)
 
 
-def many_layers(trial: Trial) -> None:
-    """Drop fifty layers, 4 cm apart, on a bar, from which none may fall.
+def many_layers(trial: Trial, cells: int | None = None) -> None:
+    """Drop fifty layers, 4 cm apart, on a bar, from which none may fall. Cells have one size, so fewer are less cloth.
 
     Gaps and intersections are recorded: the specification bounds only the time.
     """
     contact = triangle_self_collision()
     bar = Capsule(center=(0.0, -0.2, 0.0), rotation=(0.0, 0.0, 90.0), length=2 * SIDE, radius=0.1, margin=MARGIN)
-    scene = sheet(CELLS, pins=(), rotation=FLAT, capsules=(bar,), ground=Ground(height=-2.0), self_collision=contact)
+    cells = cells or CELLS
+    size, ground = (cells * SIDE / CELLS,) * 2, Ground(height=-2.0)
+    scene = sheet(cells, size=size, pins=(), rotation=FLAT, capsules=(bar,), ground=ground, self_collision=contact)
     trial.open(with_layers(scene, MANY_LAYERS, MANY_SPACING), far=2.0)
     trial.start()
     stack = Stack(trial, MANY_LAYERS, contact.thickness)

@@ -122,7 +122,7 @@ def patch(solver: str) -> Iterator[Check]:
 
 def patched(whats: list[str], solver: str, gradient: Floats) -> Iterator[Check]:
     """Measure one deformation of the patch."""
-    points, triangles = irregular(CELLS, JITTER)
+    points, triangles = irregular(CELLS, CELLS, JITTER)
     edges = np.flatnonzero(np.isclose(np.abs(points).max(axis=1), 0.5))
     with mesh_cloth(points, triangles, edges) as cloth, Timed(sheet(solver, cloth)) as simulation:
         flat = simulation.topology.start
@@ -158,18 +158,18 @@ def first_piola(gradient: Floats, tensor: dict[str, float]) -> Floats:
     return force
 
 
-def irregular(cells: int, jitter: float) -> tuple[Floats, NDArray[np.int64]]:
-    """Return a square of 1 m around the origin: points (N, 2) and triangles (T, 3) with random diagonals.
+def irregular(rows: int, columns: int, jitter: float, seed: int = 0) -> tuple[Floats, NDArray[np.int64]]:
+    """Return a square of 1 m around the origin: points (N, 2) and triangles (T, 3) of cells with random diagonals.
 
-    Points inside are displaced by up to `jitter` cells.
+    The points are in rows from the top. Those inside are displaced by up to `jitter` cells.
     """
-    random, side = np.random.default_rng(0), cells + 1
-    row, column = np.divmod(np.arange(side**2), side)
-    points = np.stack([column / cells - 0.5, 0.5 - row / cells], axis=1)
-    inside = (row > 0) & (row < cells) & (column > 0) & (column < cells)
-    points[inside] += random.uniform(-jitter, jitter, (int(inside.sum()), 2)) / cells
+    random, side = np.random.default_rng(seed), columns + 1
+    row, column = np.divmod(np.arange((rows + 1) * side), side)
+    points = np.stack([column / columns - 0.5, 0.5 - row / rows], axis=1)
+    inside = (row > 0) & (row < rows) & (column > 0) & (column < columns)
+    points[inside] += random.uniform(-jitter, jitter, (int(inside.sum()), 2)) / (columns, rows)
     triangles = []
-    for corner in (k * side + n for k in range(cells) for n in range(cells)):
+    for corner in (k * side + n for k in range(rows) for n in range(columns)):
         a, b, c, d = corner, corner + 1, corner + side, corner + side + 1
         triangles += [(a, c, d), (a, d, b)] if random.random() < 0.5 else [(a, c, b), (b, c, d)]
     return points, np.array(triangles)

@@ -1,13 +1,16 @@
-"""A4.6: Cusick's drape test. A round cloth of 30 cm hangs over a disc of 18 cm and is lit from above.
+"""A4.6 and A9.6: Cusick's drape test. A round cloth of 30 cm hangs over a disc of 18 cm and is lit from above.
 
 The drape coefficient is the share of the unsupported ring that is still in the shadow, 100 % for a rigid board. The
 disc and a second one on top of it clamp the cloth (BS 5058, ISO 9073-9); here its middle is pinned.
 
-The cloth is a triangle mesh with the weight and bending of a shipped fabric. Its membrane is isotropic. Woven cloth is
-not: it can bend in two directions at once because it gives on the bias. The mesh is therefore as stiff in all
-directions as the fabric is on the bias; the weight of the overhang is a thousandth of that or less. Leather is stiff in
-all directions, and its mesh has at most the stiffness `STIFFEST`: triangles that do not stretch can bend only along
-their edges, which stiffens a coarse mesh.
+The cloth is a triangle mesh with the weight and bending of a shipped fabric. In A4.6 it has springs, and springs of
+triangles are isotropic. Woven cloth is not: it can bend in two directions at once because it gives on the bias. The
+springs are therefore as stiff in all directions as the fabric is on the bias; the weight of the overhang is a
+thousandth of that or less. Leather is stiff in all directions, and its springs have at most the stiffness `STIFFEST`:
+triangles that do not stretch can bend only along their edges, which stiffens a coarse mesh.
+
+The result must not depend on the mesh. A9.6 repeats the test on five meshes with a membrane, which has the fabric's own
+constants, and A9.7 measures how one strip droops and swings on five meshes.
 """
 
 from __future__ import annotations
@@ -16,6 +19,8 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
+from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +28,23 @@ from numpy.typing import NDArray
 
 from ...scene.fabric_schema import Fabric
 from ...scene.presets import load_preset, with_fabric
-from ...scene.schema import Cloth, Scene
+from ...scene.schema import Cloth, Forces, Scene
 from ...simulation.simulation import Simulation
-from .check import Check, Timed, advance, at_most, default_solver, rows_with_limit
-from .exact import GRAVITY, Floats
+from .check import (
+    Check,
+    Timed,
+    advance,
+    at_most,
+    base,
+    damped,
+    default_solver,
+    frequency,
+    relative,
+    rows_with_limit,
+    swing_frames,
+)
+from .continuum import REST_SECONDS, irregular, mesh_cloth
+from .exact import GRAVITY, Floats, cantilever
 
 
 def rings(radii: Iterable[float]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -105,17 +123,29 @@ def drape_test(preset: str, solver: str) -> DrapeResult:
 
 @contextmanager
 def drape_simulation(
-    preset: str, solver: str, links: int = LINKS, membrane: float = 1.0, bending: float = 1.0, seed: int = 0
+    preset: str,
+    solver: str,
+    links: int = LINKS,
+    membrane: float = 1.0,
+    bending: float = 1.0,
+    seed: int = 0,
+    jitter: float = 0.0,
+    model: str = "springs",
 ) -> Iterator[Simulation]:
     """Yield a simulation of a shipped fabric at the start, level but for a little noise.
 
-    `membrane` and `bending` scale its stiffness; `links` is the number of rings outside the disc.
+    `membrane` and `bending` scale the stiffness of its springs, which is isotropic, and of its hinges. `links` is the
+    number of rings outside the disc, whose points are displaced by up to `jitter` cells. A `model` other than springs
+    has the fabric's own constants.
     """
     with tempfile.TemporaryDirectory() as folder:
-        cloth = write_mesh(Path(folder, "cloth.obj"), links)
+        cloth = write_mesh(Path(folder, "cloth.obj"), links, jitter, seed)
         plain = Scene(cloth=cloth, solver=replace(default_solver(solver), damping=DAMPING))
         scene = with_fabric(plain, preset, plain)
-        fabric = isotropic(scene.fabric, membrane * membrane_stiffness(preset))
+        if model == "springs":
+            fabric = isotropic(scene.fabric, membrane * membrane_stiffness(preset))
+        else:
+            fabric = replace(scene.fabric, model=model, damping_time=0.0)
         fabric = replace(fabric, bending_stiffness=bending * fabric.bending_stiffness)
         with Timed(replace(scene, fabric=fabric)) as simulation:
             start = simulation.topology.start.copy()
@@ -125,16 +155,22 @@ def drape_simulation(
             yield simulation
 
 
-def write_mesh(path: Path, links: int) -> Cloth:
-    """Write a round mesh with `links` rings of triangles outside the disc, and return its cloth, pinned on the disc."""
+def write_mesh(path: Path, links: int, jitter: float, seed: int) -> Cloth:
+    """Write a round mesh with `links` rings of triangles outside the disc, and return its cloth, pinned on the disc.
+
+    Points between the disc and the edge are displaced in the plane by up to `jitter` cells.
+    """
     cell = (RADIUS - DISC) / (links + 0.5)  # the cloth bends from half a cell inside the last pinned ring
     pinned_rings = round(DISC / cell + 0.5)
     clamp = DISC + cell / 2
     points, triangles = rings([*np.linspace(0, clamp, pinned_rings + 1)[1:], *(clamp + cell * np.arange(1, links + 1))])
+    pins = tuple(range(1 + 3 * pinned_rings * (pinned_rings + 1)))
+    between = slice(len(pins), len(points) - 6 * (pinned_rings + links))
+    moves = np.random.default_rng(seed).uniform(-jitter * cell, jitter * cell, (len(points), 2))
+    points[between, ::2] += moves[between]
     lines = ["v {:.9g} {:.9g} {:.9g}".format(*point) for point in points]
     lines += ["f {} {} {}".format(*corners) for corners in triangles + 1]
     path.write_text("\n".join(lines), encoding="utf-8")
-    pins = tuple(range(1 + 3 * pinned_rings * (pinned_rings + 1)))
     return Cloth(file=path.name, folder=str(path.parent), center=(0.0, 0.0, 0.0), pins=pins)
 
 
@@ -200,3 +236,108 @@ def _twice(corners: Floats) -> Floats:
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas: Floats = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     return areas
+
+
+# -- A9.6 drape on five meshes -----------------------------------------------------------------------------------------
+
+# Rings outside the disc, displacement of the points between [cells], and seed. The width of the cloth is about 5 times
+# as many cells, and 2 more.
+MESHES = {
+    "17 cells": (3, 0.0, 0),
+    "32 cells": (6, 0.0, 0),
+    "62 cells": (12, 0.0, 0),
+    "32 irregular cells": (6, 0.3, 1),
+    "32 others": (6, 0.3, 2),
+}
+SPREAD = (4.0, 2.0)  # [%] largest difference of the coefficients on two meshes
+
+
+def drape_on_meshes(solver: str) -> Iterator[Check]:
+    """Measure every fabric's drape coefficient as a membrane on five meshes: the range, and how far they agree."""
+    for name, (low, high) in PUBLISHED.items():
+        whats = [f"{name}, {mesh}: drape coefficient, published {low:g} to {high:g} [%]" for mesh in MESHES]
+        spread = f"{name}: largest difference of two meshes [%]"
+        yield from rows_with_limit([*whats, spread], *INSIDE, partial(_on_meshes, name, solver, whats, spread))
+
+
+def _on_meshes(name: str, solver: str, whats: list[str], spread: str) -> Iterator[Check]:
+    low, high = PUBLISHED[name]
+    found = []
+    for what, (links, jitter, seed) in zip(whats, MESHES.values(), strict=True):
+        with drape_simulation(name, solver, links, seed=seed, jitter=jitter, model="membrane") as simulation:
+            found.append(simulate_to_rest(simulation).coefficient)
+        nearest = min(max(found[-1], low), high)
+        yield Check(what, nearest, found[-1], abs(found[-1] - nearest), *INSIDE)
+    yield at_most(spread, max(found) - min(found), *SPREAD)
+
+
+# -- A9.7 a strip on five meshes ---------------------------------------------------------------------------------------
+
+STRIP_LENGTH, STRIP_WIDTH = 0.2, 0.05  # [m]
+STRIP_BENDING = 1e-3  # [N·m]
+STRIP = Fabric(model="membrane", c11=500.0, c22=500.0, c66=200.0, bend_spring=0.0, bending_stiffness=STRIP_BENDING)
+# Cells along and across the strip, displacement of the points between [cells], and seed.
+STRIP_MESHES = {
+    "8 cells": (8, 2, 0.0, 0),
+    "16 cells": (16, 4, 0.0, 0),
+    "32 cells": (32, 8, 0.0, 0),
+    "16 irregular cells": (16, 4, 0.3, 1),
+    "16 others": (16, 4, 0.3, 2),
+}
+STRIP_TOLERANCE = (2e-2, 1e-2)
+BEAM_MODES = (1.8751040687, 4.6940911330)  # roots of cos β·cosh β = −1 (Rayleigh): ω = β²·√(B/σ)/L²
+SWING = 0.01  # [lengths] deflection of the free end
+
+
+def strip_on_meshes(solver: str) -> Iterator[Check]:
+    """Measure the droop of a strip and its first two frequencies without gravity, on five meshes."""
+    for mesh, shape in STRIP_MESHES.items():
+        whats = [f"{mesh}: drop over length", *(f"{mesh}: ω{n} [rad/s]" for n in (1, 2))]
+        yield from rows_with_limit(whats, *STRIP_TOLERANCE, partial(_strip_results, solver, whats, *shape))
+
+
+def _strip_results(solver: str, whats: list[str], along: int, across: int, jitter: float, seed: int) -> Iterator[Check]:
+    with strip_mesh(along, across, jitter, seed) as (cloth, share):
+        scene = replace(base(solver), cloth=cloth, fabric=STRIP)
+        with Timed(damped(scene)) as simulation:
+            advance(simulation, REST_SECONDS)
+            height = simulation.positions()[:, 1]
+        density = scene.cloth.area_density
+        drop, _ = cantilever(density * GRAVITY * STRIP_LENGTH**3 / STRIP_BENDING)
+        end = share == share.max()
+        yield relative(whats[0], drop, float(height[0] - height[end].mean()) / STRIP_LENGTH, *STRIP_TOLERANCE)
+        with Timed(replace(scene, forces=Forces(gravity=0.0))) as simulation:
+            flat = simulation.topology.start
+            for what, mode in zip(whats[1:], BEAM_MODES, strict=True):
+                omega = mode**2 * sqrt(STRIP_BENDING / density) / STRIP_LENGTH**2
+                shape = SWING * STRIP_LENGTH * beam_shape(mode, share)
+                simulation.set_state(flat + np.outer(shape, (0.0, 1.0, 0.0)))
+                samples = []
+                for _ in range(swing_frames(omega)):
+                    simulation.step()
+                    samples.append(float((simulation.positions() - flat)[end, 1].mean()))
+                yield relative(what, omega, frequency(samples, omega), *STRIP_TOLERANCE)
+
+
+def beam_shape(mode: float, s: Floats) -> Floats:
+    """Return the deflections of a beam that swings in a mode at shares `s` of its length, 1 at the free end."""
+    at = mode * np.append(s, 1.0)
+    ratio = (np.cosh(mode) + np.cos(mode)) / (np.sinh(mode) + np.sin(mode))
+    shape = np.cosh(at) - np.cos(at) - ratio * (np.sinh(at) - np.sin(at))
+    shares: Floats = shape[:-1] / shape[-1]
+    return shares
+
+
+@contextmanager
+def strip_mesh(along: int, across: int, jitter: float, seed: int) -> Iterator[tuple[Cloth, Floats]]:
+    """Yield a level strip whose first two rows are pinned, and how far along its length each point is, 0…1 (N,).
+
+    The length begins half a cell before the second row, as the cloth bends from there.
+    """
+    points, triangles = irregular(along + 1, across, jitter, seed)
+    pins = np.arange(2 * (across + 1))
+    points[pins] = irregular(along + 1, across, 0.0, seed)[0][pins]
+    cell = STRIP_LENGTH / (along + 0.5)
+    points = np.stack([STRIP_WIDTH * points[:, 0], cell * ((along + 1) * (points[:, 1] - 0.5) + 0.5)], axis=1)
+    with mesh_cloth(points, triangles, pins) as cloth:
+        yield replace(cloth, rotation=(-90.0, 0.0, 0.0)), np.maximum(-points[:, 1] / STRIP_LENGTH, 0.0)
