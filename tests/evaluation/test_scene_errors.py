@@ -196,6 +196,14 @@ def test_the_page_matches_the_stored_run() -> None:
     assert {one["scene"]: one["digest"] for one in run["scenes"]} == digests, "a scene was changed; run: make errors"
 
 
+def test_a_scene_that_another_run_measured_says_so() -> None:
+    found = scene_error.SceneErrors("s", 2, 1e-5, 1e-5, [])
+    assert "Measured" not in scene_error.heading(found)
+    assert scene_error.heading(replace(found, measured="2026-02-01 · commit abc")).endswith(
+        "at most. Measured 2026-02-01 · commit abc."
+    )
+
+
 def test_make_errors_measures_every_scene_with_a_reference() -> None:
     text = (Path(__file__).parents[2] / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
     scenes, left_out = (

@@ -99,6 +99,8 @@ class SceneErrors:
     points: list[ScenePoint]
     digest: str = ""
     """Digest of the scene (see `digest_of`)."""
+    measured: str = ""
+    """When and at which commit, if a stored report of another run has taken it in."""
 
 
 def settings(scene: Scene) -> list[tuple[str, int, int]]:
@@ -221,9 +223,10 @@ def heading(found: SceneErrors) -> str:
     """Return the paragraph above the table: frames compared, and uncertainty of the reference."""
     frames = "frame 1" if found.horizon == 1 else f"frames 1 to {found.horizon}"
     frames += CHAOS if found.horizon < FRAMES else ""
+    later = f" Measured {found.measured}." if found.measured else ""
     return (
         f"Errors as shares of the longer side, over {frames}. Uncertainty of the reference:"
-        f" {100 * found.rms_uncertainty:.1g}% RMS, {100 * found.max_uncertainty:.1g}% at most."
+        f" {100 * found.rms_uncertainty:.1g}% RMS, {100 * found.max_uncertainty:.1g}% at most.{later}"
     )
 
 

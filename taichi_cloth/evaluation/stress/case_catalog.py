@@ -150,8 +150,8 @@ CASES = (
         "many layers",
         "50 sheets on a bar; none falls off, as fast as any other case",
         variants(layered_cloth.many_layers, {"50 sheets": None, "50 sheets of 7×7": 6}),
-        note="with cells as large as those of 33×33, sheets of 7×7 particles are the largest with which some methods reach"
-        " 30 frames a second; gaps and intersections at the end are only recorded",
+        note="with cells as large as those of 33×33, sheets of 7×7 particles are the largest with which some methods"
+        " reach 30 frames a second; gaps and intersections at the end are only recorded",
     ),
     Case(
         17,
