@@ -48,7 +48,6 @@ BOUNDS = {
     "elasticity.BUCKLED": (2e-2, 5e-3),
     "drape.INSIDE": (0.0, -1.0),
     "drape.AT_REST": (0.5, 0.1),
-    "drape.SPREAD": (4.0, 2.0),
     "drape.STRIP_TOLERANCE": (2e-2, 1e-2),
     "flight.TERMINAL_FALL": (1e-2, 1e-3),
     "flight.SAIL": (1e-2, 2e-3),
@@ -144,13 +143,6 @@ SETUPS = {
     "flight.SPIN_SECONDS": 10.0,
     "flight.MIN_RATE": 0.99,
     "drape.PUBLISHED": {"silk": (20.0, 40.0), "cotton": (60.0, 76.0), "denim": (70.0, 90.0), "leather": (47.0, 70.0)},
-    "drape.MESHES": {
-        "17 cells": (3, 0.0, 0),
-        "32 cells": (6, 0.0, 0),
-        "62 cells": (12, 0.0, 0),
-        "32 irregular cells": (6, 0.3, 1),
-        "32 others": (6, 0.3, 2),
-    },
     "drape.STRIP_MESHES": {
         "8 cells": (8, 2, 0.0, 0),
         "16 cells": (16, 4, 0.0, 0),

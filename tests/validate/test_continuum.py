@@ -192,5 +192,5 @@ def test_every_solver_with_membranes_is_measured() -> None:
     found: dict[str, Callable[..., object]] = {one.number: one.run for one in REFERENCES if one.number.startswith("A9")}
     woven = found.pop("A9.8")
     assert [one.solvers for one in REFERENCES if one.run is woven] == [("explicit", "rk4")]
-    assert list(found) == [f"A9.{n}" for n in range(1, 8)]
+    assert list(found) == ["A9.1", "A9.2", "A9.3", "A9.4", "A9.5", "A9.7"]
     assert {one.solvers for one in REFERENCES if one.number in found} == {("xpbd", "explicit", "rk4", "implicit")}

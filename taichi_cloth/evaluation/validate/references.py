@@ -132,9 +132,6 @@ REFERENCES = (
     Reference("A9.3", "picture frame", "sin γ·cos γ/sin(π/4 − γ/2)", continuum.picture_frame, CONTINUUM),
     Reference("A9.4", "bias extension", "π/2 − 2·acos((1 + d/H)/√2)", continuum.bias_extension, CONTINUUM),
     Reference("A9.5", "bending by direction", "heavy elastica", continuum.two_cantilevers, CONTINUUM),
-    Reference(
-        "A9.6", "drape on five meshes", "published measurements; the other meshes", drape.drape_on_meshes, CONTINUUM
-    ),
     Reference("A9.7", "strip on five meshes", "heavy elastica; Rayleigh's beam", drape.strip_on_meshes, CONTINUUM),
     Reference("A9.8", "weave", "the curves that were typed in", woven.curves, WOVEN),
     Reference(
