@@ -43,7 +43,7 @@ def test_the_angle_of_a_bias_extension_is_the_published_one() -> None:
     assert found == pytest.approx([5.88, 12.12, 26.10, 43.63], abs=5e-3)
 
 
-@pytest.mark.parametrize("mesh", [irregular(4, 0.3), diamonds(3, 6, 0.5)])
+@pytest.mark.parametrize("mesh", [irregular(4, 4, 0.3), diamonds(3, 6, 0.5)])
 def test_meshes_cover_their_rectangle_once(mesh: tuple[np.ndarray, np.ndarray]) -> None:
     points, triangles = mesh
     u, v = points[triangles[:, 1]] - points[triangles[:, 0]], points[triangles[:, 2]] - points[triangles[:, 0]]

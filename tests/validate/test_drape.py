@@ -83,7 +83,7 @@ def test_the_error_is_the_distance_from_the_published_range(monkeypatch: pytest.
 # -- A9.7: a strip on five meshes --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("mode", "nodes"), zip(drape.BEAM_MODES, (0, 1), strict=True))
+@pytest.mark.parametrize(("mode", "nodes"), list(zip(drape.BEAM_MODES, (0, 1), strict=True)))
 def test_the_shape_of_a_swinging_beam(mode: float, nodes: int) -> None:
     """It is clamped at one end, free of moment and force at the other, and φ⁗ = β⁴·φ between."""
     s = np.linspace(0, 1, 1001)
@@ -126,6 +126,8 @@ def test_a_strip_droops_and_swings_as_beams_do(solver: str, monkeypatch: pytest.
     rows = list(drape.strip_on_meshes(solver))
     assert [row.what for row in rows] == ["16 cells: drop over length", "16 cells: ω1 [rad/s]", "16 cells: ω2 [rad/s]"]
     assert [row.exact for row in rows[1:]] == pytest.approx([6.215, 38.95], rel=1e-3)
-    assert max(row.error for row in rows) < drape.STRIP_TOLERANCE[0]
+    assert rows[0].error < 0.03
+    assert max(row.error for row in rows) < 0.1  # the bending of triangles depends on where their edges are
     monkeypatch.setattr(drape, "frequency", doubled("frequency"))
-    assert [row.verdict for row in drape.strip_on_meshes(solver)][1:] == ["falls short"] * 2
+    monkeypatch.setattr(drape, "STRIP_BENDING", 2 * drape.STRIP_BENDING)  # of the exact values, not of the cloth
+    assert [row.verdict for row in drape.strip_on_meshes(solver)] == ["falls short"] * 3
