@@ -58,6 +58,10 @@ def test_the_page_names_the_cases_that_no_setting_runs_for_a_second(stored: Stor
     short = [str(case) for case in sorted(too_slow) if frames[case] < 60 and case != 40]  # which has one frame
     words = " ".join((ROOT / "docs" / "stability.md").read_text("utf-8").split())
     assert f"no variant of cases {', '.join(short[:-1])} and {short[-1]} ran for a second" in words
+    longest = {case: max(one.frames for one in stored.ordered() if one.case == case) for case in map(int, short)}
+    unjudged = [case for case, count in longest.items() if count < 120]  # of ten seconds
+    assert unjudged == [16]
+    assert "So has case 16, but none is fast enough for them: case 16 was never judged." in words
 
 
 def test_every_cause_belongs_to_a_failure(stored: Store) -> None:

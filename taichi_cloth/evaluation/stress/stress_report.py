@@ -202,8 +202,8 @@ def origin_lines(store: Store) -> list[str]:
             present = store.present_seconds() / 7200
             lines.append(f"At the speed of the starts that confirmed results: {present:.1f} hours on two cores.")
     if timed := [cause.seconds for cause in store.causes.values() if cause.seconds]:
-        experiments = f"{len(timed)} of {count_noun(len(store.causes), 'examined failure')}"
-        lines.append(f"Experiments on {experiments}: {sum(timed) / 3600:.1f} more hours of CPU time.")
+        causes = f"causes of {len(timed)} of {count_noun(len(store.causes), 'examined failure')}"
+        lines.append(f"Looking for the {causes} took {sum(timed) / 3600:.1f} more hours; the others were not timed.")
     lines += [f"Run on {name}." for name in dict.fromkeys(result.machine for result in results if result.machine)]
     return lines
 
@@ -382,8 +382,9 @@ every particle within reach in every frame.
 the median of the frames of a scene after compilation, checked after 5 frames and then every {every} frames. All cores
 run units at once, so a frame takes longer than on an idle machine. Frames that the judge watches substep by substep are
 not timed. A variant that is too slow counts neither as alive nor as failed, and what it would have violated later is
-not known. With 33×33 particles no variant of cases 15, 16 and 39 ran for a second; their other variants have smaller
-sheets, about the largest with which most settings are fast enough.
+not known. With 33×33 particles no variant of cases 15, 16 and 39 ran for a second. Cases 15 and 39 also have smaller
+sheets, for which most settings are fast enough. So has case 16, but none is fast enough for them: case 16 was never
+judged.
 
 **Causes** are looked for by experiments on the start that failed, with `--explain`. Three continue from the state in
 which it failed: Newton's method in float64, five more seconds of the same run, and the same substeps in float64. The
