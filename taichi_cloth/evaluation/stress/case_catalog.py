@@ -141,8 +141,8 @@ CASES = (
         variants(layered_cloth.layers, {"10 sheets": None, "10 sheets of 13×13": 12}),
         note=(
             "sheets of 13×13 particles also, with which most methods reach 30 frames a second; colliders have"
-            " prescribed motion, so the ball is pressed a thickness deep into the pile and does not rest on it by its weight; it"
-            " must end within a thickness of the pile"
+            " prescribed motion, so the ball is pressed a thickness deep into the pile and does not rest on it by its"
+            " weight; it must end within a thickness of the pile"
         ),
     ),
     Case(
