@@ -10,7 +10,7 @@ import linecache
 import re
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache, partial
 from types import CodeType, FunctionType, SimpleNamespace
 from typing import Any
@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 
 import taichi as ti
 
-from .taichi_compat import InternalUse, usable
+from .taichi_compat import InternalUse, parsed_correctly, usable
 
 DECORATORS = InternalUse(
     ("lang.kernel_impl._inside_class", "lang.kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES"),
@@ -44,6 +44,8 @@ LOOPS = InternalUse(
     ),
     "each loop that could be parallel takes 0.1 ms longer",
 )
+
+USES_OF_PARSER = (SOURCES, LOOPS)  # a probe kernel is compiled for each
 
 CACHED_PACKAGES = ("taichi_cloth", "taichi")  # packages whose sources are cached
 
@@ -85,7 +87,8 @@ class SyntaxTrees:
     """Parses sources as `ast.parse` does, each text once, and gives a tree out again after it was transformed.
 
     Taichi 1.7.4 parses a function at each call that it inlines. While it transforms the tree it stores what a node
-    became in the node: `transform` removes that, so that nothing of a kernel outlives its compilation.
+    became in the node: `transform` removes that, so that nothing of a kernel outlives its compilation. A function of a
+    user is parsed and transformed as Taichi does it, and its tree is not kept.
     """
 
     def __init__(self) -> None:
@@ -102,14 +105,18 @@ class SyntaxTrees:
         return tree
 
     def transform(self, transform: Callable[[Any, Any], Any], tree: ast.Module, context: Any) -> Any:
-        """Call Taichi's `transform`, with messages of the compiler that name the function."""
-        context.is_brief = is_cached(context.func.func) and not ti.cfg.debug
+        """Call Taichi's `transform`; for functions of this package with messages of the compiler that name them."""
+        text, _ = self._used.pop(id(tree))
+        if not is_cached(context.func.func):
+            del self._parsed[id(tree)]
+            context.is_brief = False
+            return transform(tree, context)
+        context.is_brief = not ti.cfg.debug
         where = f'File "{context.file}", line {context.lineno_offset + 1}, in {context.func.func.__name__}:\n'
         try:
             with ti.lang.impl.get_runtime().src_info_guard(where):
                 return transform(tree, context)
         finally:
-            text, _ = self._used.pop(id(tree))
             for attributes, parsed in self._parsed[id(tree)]:
                 attributes.clear()
                 attributes.update(parsed)
@@ -152,9 +159,11 @@ def _brief(build: Callable[[Any, Any, Any], Any]) -> Callable[[Any, Any, Any], A
 
 
 def _positions(describe: Callable[[Any, Any], str]) -> Callable[[Any, Any], str]:
-    """Return a description of where a node is that is composed once for each node of `SyntaxTrees` and function."""
+    """Return a description of where a node is that is composed once for each node that `SyntaxTrees` keeps."""
 
     def position(context: Any, node: Any) -> str:
+        if not is_cached(context.func.func):
+            return describe(context, node)
         found: dict[int, str] = vars(context.func).setdefault("positions", {})
         if id(node) not in found:
             found[id(node)] = describe(context, node)
@@ -169,8 +178,10 @@ _trees = SyntaxTrees()
 
 def replace_parser() -> None:
     """Let Taichi parse kernels with the functions above, if `SOURCES` is usable. A second call has no effect."""
-    if not usable(SOURCES):
-        return
+    _replace_if_usable(SOURCES, _replace_sources)
+
+
+def _replace_sources() -> None:
     from taichi.lang import kernel_impl
     from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
 
@@ -226,8 +237,10 @@ def serialize_loops() -> None:
     each parallel loop over to another thread even if that is the only one: two context switches of 0.1 ms together, and
     more where all cores are busy.
     """
-    if not usable(LOOPS):
-        return
+    _replace_if_usable(LOOPS, _replace_loops)
+
+
+def _replace_loops() -> None:
     from taichi.lang.ast.ast_transformer import ASTTransformer
 
     for name in ("build_range_for", "build_ndrange_for"):
@@ -257,8 +270,21 @@ def _replace(owner: Any, name: str, substitute: Callable[[Any], Any]) -> None:
         setattr(owner, name, substitute(vars(owner)[name]))
 
 
-def restore_functions() -> None:
-    """Restore the original functions of Taichi. A second call has no effect."""
-    for (owner, name), original in _replaced.items():
-        setattr(owner, name, original)
-    _replaced.clear()
+def _replace_if_usable(use: InternalUse, replace: Callable[[], None]) -> None:
+    """Replace functions by `replace`, if a probe kernel that is compiled with them returns the right number."""
+    before = set(_replaced)
+
+    def probe() -> bool:
+        replace()
+        return parsed_correctly(USES_OF_PARSER.index(use))
+
+    if usable(use, probe):
+        replace()
+    else:
+        restore_functions(set(_replaced) - before)
+
+
+def restore_functions(which: Iterable[tuple[Any, str]] | None = None) -> None:
+    """Restore the original functions of Taichi, all or those named. A second call has no effect."""
+    for owner, name in list(_replaced) if which is None else which:
+        setattr(owner, name, _replaced.pop((owner, name)))

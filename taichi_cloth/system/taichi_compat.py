@@ -10,8 +10,6 @@ launches (`LAUNCHES`) and the folder of compiled kernels (`CACHE`). `DeviceArray
 `kernel_parsing.py` has three more.
 """
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -77,7 +75,7 @@ CACHE = InternalUse(
     "compiled kernels are cached in Taichi's own folder, which is not checked",
 )
 
-_checked: dict[tuple[InternalUse, Any], bool] = {}  # by use, and by arch if it has a probe
+_checked: dict[tuple[InternalUse, str], bool] = {}  # by use, and by name of the arch if it has a probe
 
 
 def usable(use: InternalUse, probe: Callable[[], bool] | None = None) -> bool:
@@ -85,7 +83,7 @@ def usable(use: InternalUse, probe: Callable[[], bool] | None = None) -> bool:
 
     Each use is checked once, with a probe once per arch. If the check fails, one line is printed.
     """
-    key = use, None if probe is None else ti.cfg.arch
+    key = use, "" if probe is None else str(ti.cfg.arch)  # the object is freed with its program
     if key not in _checked:
         problem = _find_problem(use, probe)
         _checked[key] = not problem
@@ -268,6 +266,9 @@ class RepeatedLaunch:
             with no_scalarization(not self._scalarize):
                 self._kernel(*values)
             return
+        self._launch(values)
+
+    def _launch(self, values: Sequence[Any]) -> None:
         for position, index, set_value in self._setters:
             set_value(index, values[position])
         running_program().launch_kernel(self._code, self._context)
@@ -275,8 +276,10 @@ class RepeatedLaunch:
     def _prepare(self, values: Sequence[Any]) -> None:
         """Compile the kernel, if it can be launched without a call."""
         self._context = None
-        if ti.cfg.debug or ti.cfg.arch not in CPUS or not (usable(PROGRAM) and usable(LAUNCHES)):
-            return
+        if not ti.cfg.debug and ti.cfg.arch in CPUS and usable(PROGRAM) and usable(LAUNCHES, _launch_is_correct):
+            self._compile(values)
+
+    def _compile(self, values: Sequence[Any]) -> None:
         primal, program = self._kernel._primal, running_program()
         compiled = primal.compiled_kernels[primal.ensure_compiled(*values)]
         self._code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
@@ -300,6 +303,51 @@ def _set_array(context: Any, dtype: np.dtype[Any], index: tuple[int], array: NDA
     if array.dtype != dtype or not array.flags.c_contiguous:
         raise ValueError(f"the kernel takes a C-contiguous array of {dtype}, not of {array.dtype}")
     context.set_arg_external_array_with_shape(index, array.ctypes.data, array.nbytes, array.shape, 0)
+
+
+f32_array = ti.types.ndarray(dtype=ti.f32, ndim=1)
+
+
+@ti.kernel  # type: ignore[untyped-decorator]
+def launch_probe(shift: ti.template(), count: int, factor: float, values: f32_array):  # type: ignore
+    """Each kind of argument that a frame has."""
+    for i in range(count):
+        values[i] = factor * values[i] + shift  # type: ignore[index]
+
+
+def _launch_is_correct() -> bool:
+    """Return whether a launch that is repeated with other arguments gives the right numbers."""
+    launch = RepeatedLaunch(launch_probe)
+    values = np.array([1, 2, 3], np.float32), np.array([4, 5, 6], np.float32)
+    calls = (1, 3, 2.0, values[0]), (1, 2, 0.5, values[1])
+    launch._compile(calls[0])
+    for call in calls:
+        launch._launch(call)
+    return [array.tolist() for array in values] == [[3, 5, 7], [3, 3.5, 6]]
+
+
+# -- parsing (the uses are in `kernel_parsing.py`) ---------------------------------------------------------------------
+
+
+@ti.func  # type: ignore[untyped-decorator]
+def _add_square(total: int, i: int) -> int:
+    return total + i * i
+
+
+@ti.kernel  # type: ignore[untyped-decorator]
+def parse_probe(use: ti.template(), count: int) -> int:  # type: ignore[valid-type]
+    """Return Σ i² over i < count, twice: in each kind of loop, with a function that is inlined. `use`: any number."""
+    total = 0
+    for i in range(count):
+        total += _add_square(0, i)
+    for i, j in ti.ndrange(count, 1):
+        total += _add_square(j, i)
+    return total
+
+
+def parsed_correctly(use: int) -> bool:
+    """Return whether a kernel that is compiled now returns the right number. `use`: a number for each replacement."""
+    return bool(parse_probe(use, 5) == 60)
 
 
 # -- start-up ----------------------------------------------------------------------------------------------------------

@@ -384,6 +384,13 @@ EVALUATION = [
         (TRIAL + "test_a_case_that_is_too_slow_is_stopped",),
     ),
     Mutation(
+        "frame-time-of-the-whole-run",
+        "evaluation/stress/trial.py",
+        "self.times[-min(count, TIMED_WINDOW) :]",
+        "self.times[self._timed_from :]",
+        (TRIAL + "test_a_long_run_that_gets_slow_is_stopped_after_a_window_of_slow_frames",),
+    ),
+    Mutation(
         "substeps-timed",
         "evaluation/stress/trial.py",
         "            simulation.step_by_substep(look)\n",

@@ -9,7 +9,15 @@ import pytest
 from taichi_cloth.evaluation.stress import trial as module
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
-from taichi_cloth.evaluation.stress.trial import CALM_SECONDS, TIMED_FRAMES, TooSlow, Trial, static_strain
+from taichi_cloth.evaluation.stress.trial import (
+    CALM_SECONDS,
+    TIMED_EVERY,
+    TIMED_FRAMES,
+    TIMED_WINDOW,
+    TooSlow,
+    Trial,
+    static_strain,
+)
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.scene.collider_schema import Sphere
 from taichi_cloth.scene.schema import Forces, Solver
@@ -235,6 +243,21 @@ def test_a_case_that_is_too_slow_is_stopped(
         trial.run(3.0)
     assert trial.frame == frames
     assert found.value.ms == pytest.approx(1e3 * seconds[-1])
+
+
+def test_a_long_run_that_gets_slow_is_stopped_after_a_window_of_slow_frames() -> None:
+    """Even if more of its frames were fast, and without a look at all of them."""
+    trial = Trial(SMALL, 0)
+    trial.open(sheet(4), rest_strain=0.1)
+    trial.times = [1.0] * (100 * TIMED_WINDOW)
+    trial._check_time()
+    trial.times += [50.0] * (TIMED_WINDOW // 2)
+    trial._check_time()  # half of them: the median is halfway, and under the limit
+    trial.times += [50.0] * TIMED_EVERY
+    with pytest.raises(TooSlow) as found:
+        trial._check_time()
+    assert found.value.ms == 50.0
+    trial.skip_rest_check("a test")
 
 
 @pytest.mark.parametrize("way", ["driven", "look"])

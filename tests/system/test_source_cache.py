@@ -210,7 +210,19 @@ def test_kernels_leave_nothing_in_their_trees(module: Callable[..., ModuleType])
     assert not [node for tree in free for node in nodes(tree) if {"ptr", "caller"} & node.keys()]
 
 
-def test_positions_are_composed_once_for_each_function() -> None:
+def test_trees_of_users_are_not_kept(module: Callable[..., ModuleType]) -> None:
+    runtime.start()
+    text = "import taichi as ti\n@ti.kernel\ndef theirs() -> int:\n    return 1 + 2 + 4\n"
+    trees = kernel_parsing._trees
+    count = len(trees._parsed)
+    theirs = module(text, "notebook").theirs
+    assert theirs() == 7
+    assert len(trees._parsed) == count
+    assert not trees._used
+    assert not [tree for same in trees._free.values() for tree in same if "theirs" in ast.dump(tree)]
+
+
+def test_positions_are_composed_once_for_each_function(module: Callable[..., ModuleType]) -> None:
     composed: list[Any] = []
 
     def describe(context: Any, node: Any) -> str:
@@ -219,21 +231,37 @@ def test_positions_are_composed_once_for_each_function() -> None:
 
     position = kernel_parsing._positions(describe)
     first, other = ast.parse("a + b\nc").body
-    context, another = (SimpleNamespace(func=SimpleNamespace()) for _ in range(2))
+    ours = module("def f(): pass\n").f
+    context, another = (SimpleNamespace(func=SimpleNamespace(func=ours)) for _ in range(2))
     assert [position(context, node) for node in (first, other, first)] == ["line 1", "line 2", "line 1"]
     assert len(composed) == 2
     position(another, first)
     assert len(composed) == 3
 
 
-def test_positions_are_composed_for_functions_of_users_and_in_debug_mode(module: Callable[..., ModuleType]) -> None:
+def test_positions_are_composed_for_functions_of_users_and_in_debug_mode(
+    module: Callable[..., ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of users each time, because their trees are not kept."""
+    described: list[Any] = []
+
+    def describe(context: Any, node: Any) -> str:
+        described.append(node)
+        return ""
+
+    monkeypatch.setattr(ASTTransformerContext, "get_pos_info", describe)
     text = "import taichi as ti\n@ti.kernel\ndef outer() -> int:\n    return 1 + 2\n"
     composed: list[bool] = []
     for debug, name in ((False, "taichi_cloth.edited"), (False, "notebook"), (True, "taichi_cloth.edited")):
+        kernel_parsing.restore_functions()
+        monkeypatch.setattr(ASTTransformerContext, "get_pos_info", describe)
         runtime.start(debug=debug)
         outer = module(text, name).outer
+        described.clear()
         assert outer() == 3
-        composed.append(len(vars(outer._primal).get("positions", {})) > 1)
+        composed.append(len(described) > 1)
+    runtime.stop()
+    monkeypatch.undo()
     runtime.start()
     assert composed == [False, True, True]
 

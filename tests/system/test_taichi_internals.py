@@ -3,7 +3,9 @@
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from taichi_cloth.solvers import graph_runner
 from taichi_cloth.system import kernel_parsing, taichi_compat
 from taichi_cloth.system import taichi_runtime as runtime
 from taichi_cloth.system.errors import UsageError
-from taichi_cloth.system.kernel_parsing import DECORATORS, LOOPS, SOURCES
+from taichi_cloth.system.kernel_parsing import DECORATORS, LOOPS, SOURCES, USES_OF_PARSER
 from taichi_cloth.system.taichi_compat import CACHE, GRAPHS, LAUNCHES, PROGRAM, SIMD, InternalUse, RepeatedLaunch
 
 pytestmark = pytest.mark.bounds
@@ -325,11 +327,96 @@ def test_a_failing_probe_is_reported(
     assert lines == [f"taichi-cloth: {problem}: {use.fallback}" for use in (SIMD, GRAPHS)]
 
 
+@pytest.mark.parametrize(
+    ("method", "problem"),
+    [
+        (lambda *_: None, "a probe kernel returns wrong numbers"),
+        (failing, r"a probe kernel fails (RuntimeError: two\nlines)"),
+    ],
+)
+def test_a_failing_probe_of_launches_is_reported(
+    method: Callable[..., None],
+    problem: str,
+    serial_positions: NDArray[np.float64],
+    unchecked: None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if ti.cfg.debug:
+        pytest.skip("debug mode calls the kernel")
+    monkeypatch.setattr(RepeatedLaunch, "_launch", method)
+    runtime.start()  # launches of the module that are prepared already are prepared anew
+    assert (moved("serial", "serial") == serial_positions).all()
+    assert capsys.readouterr().err == f"taichi-cloth: {problem}: {LAUNCHES.fallback}\n"
+
+
+def test_a_launch_that_keeps_its_first_arguments_is_found(unchecked: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    original, first = RepeatedLaunch._launch, []
+
+    def launch(self: RepeatedLaunch, values: Sequence[Any]) -> None:
+        first.append(values)
+        original(self, first[0])
+
+    monkeypatch.setattr(RepeatedLaunch, "_launch", launch)
+    assert not taichi_compat._launch_is_correct()
+
+
+@pytest.mark.parametrize("wrong", USES_OF_PARSER)
+def test_a_parser_with_which_a_probe_is_wrong_is_not_used(
+    wrong: InternalUse, unchecked: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The other replacement stays."""
+    runtime.stop()
+    originals = {use: [taichi_compat.find_internal(name) for name in use.names] for use in USES_OF_PARSER}
+    probe = kernel_parsing.parsed_correctly
+
+    def fails_for_one(use: int) -> bool:
+        return probe(use) and USES_OF_PARSER[use] is not wrong
+
+    monkeypatch.setattr(kernel_parsing, "parsed_correctly", fails_for_one)
+    runtime.start(cpu_max_num_threads=1)
+    for use in USES_OF_PARSER:
+        replaced = [taichi_compat.find_internal(name) for name in use.names] != originals[use]
+        assert replaced == (use is not wrong)
+    runtime.start(cpu_max_num_threads=1)  # the check is remembered
+    assert [taichi_compat.find_internal(name) for name in wrong.names] == originals[wrong]
+    line = f"taichi-cloth: a probe kernel returns wrong numbers: {wrong.fallback}\n"
+    assert capsys.readouterr().err == line
+    runtime.stop()
+    monkeypatch.undo()
+    runtime.start()
+
+
+@pytest.mark.parametrize("use", USES_OF_PARSER)
+def test_the_probe_runs_with_the_replaced_parser(
+    use: InternalUse, unchecked: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tree that is given out changed gives a wrong number, and so does a loop that is left out."""
+    runtime.stop()
+    if use is SOURCES:
+        original = kernel_parsing.SyntaxTrees.parse
+
+        def parse(self: Any, text: str) -> Any:
+            return original(self, text.replace("i * i", "i"))
+
+        monkeypatch.setattr(kernel_parsing.SyntaxTrees, "parse", parse)
+    else:
+        monkeypatch.setattr(kernel_parsing, "_serialized", lambda build: staticmethod(lambda context, node: None))
+    runtime.start(cpu_max_num_threads=1)
+    assert not taichi_compat._checked[use, str(ti.cfg.arch)]
+    assert taichi_compat._checked[SOURCES if use is LOOPS else LOOPS, str(ti.cfg.arch)]
+    runtime.stop()
+    monkeypatch.undo()
+    runtime.start()
+
+
 def test_all_internals_are_usable_in_the_required_release(unchecked: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert ti.__version__ == taichi_compat.TESTED
     assert [taichi_compat.usable(use) for use in USES] == [True] * len(USES)
     assert tensor_fields.probe_is_correct()
     assert graph_runner._graph_is_correct()
+    assert taichi_compat._launch_is_correct()
+    assert [taichi_compat.parsed_correctly(k) for k in range(len(USES_OF_PARSER))] == [True, True]
     assert capsys.readouterr().err == ""
 
 

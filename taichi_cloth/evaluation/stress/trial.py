@@ -80,7 +80,8 @@ SHIFT = 0.01  # [m] amplitude of the random translation of a start without pins
 SLOW_MS = 1000 / 30  # limit for a frame, for interactive use; a slower variant is stopped
 TIMED_FRAMES = 5  # frames after which their median is checked; the first, which may compile kernels, does not count
 TIMED_ENOUGH_MS = 1000.0  # total time after which fewer frames are enough
-TIMED_EVERY = 60  # frames after which the median of all frames of the scene is checked again
+TIMED_EVERY = 60  # frames after which the median of the last frames of the scene is checked again
+TIMED_WINDOW = 600  # of these frames, 10 s: a check of a long run takes no longer than one of a short run
 
 
 class TooSlow(Exception):
@@ -233,11 +234,11 @@ class Trial:
         self._first = False
 
     def _check_time(self) -> None:
-        """Raise TooSlow if the median time of the scene's frames is over the limit. Checked early, then regularly."""
+        """Raise TooSlow if the median time of the scene's last frames is over the limit. Checked early and often."""
         count = len(self.times) - self._timed_from
         few = 0 < count < TIMED_FRAMES and sum(self.times[self._timed_from :]) > TIMED_ENOUGH_MS
         if few or count == TIMED_FRAMES or (count and count % TIMED_EVERY == 0):
-            ms = median(self.times[self._timed_from :])
+            ms = median(self.times[-min(count, TIMED_WINDOW) :])
             if ms > self.limit_ms:
                 raise TooSlow(ms, self.limit_ms)
 
