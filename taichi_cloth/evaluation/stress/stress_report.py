@@ -39,8 +39,7 @@ LEGEND_OF_REPEATED = " · 1 again: a later version repeated the last start only"
 class Cell:
     """The results of one case with one setting."""
 
-    planned: int
-    """Number of variants."""
+    planned: int  # number of variants
     results: list[Result]
 
     @property
@@ -237,9 +236,10 @@ def main_page(store: Store, rows: str) -> list[str]:
     lines += [part for line in origin_lines(store) for part in (line, "")]
     lines += PAGE.format(
         robust=robust_words(), cells=CELLS, compression=ROBUST_SLACK.compression, damping=ROBUST_SLACK.solver.damping,
-        cases=cases, rows=rows, slow=SLOW_MS, every=TIMED_EVERY, window=TIMED_WINDOW, look_every=LOOK_EVERY,
-        finer=FINER, experiment=EXPERIMENT_SECONDS, thickness=THICKNESS, distance=100 * THICKNESS * SIDE / CELLS, thin=100 * THIN,
-        shorter=shorter_runs(store), hanging=HANGING_FRAMES, long_hanging=LONG_HANGING, long_swinging=LONG_SWINGING,
+        cases=cases, rows=rows, slow=SLOW_MS, every=TIMED_EVERY, window=TIMED_WINDOW, finer=FINER,
+        experiment=EXPERIMENT_SECONDS, thickness=THICKNESS, look_every=LOOK_EVERY, thin=100 * THIN,
+        distance=100 * THICKNESS * SIDE / CELLS, shorter=shorter_runs(store), hanging=HANGING_FRAMES,
+        long_hanging=LONG_HANGING, long_swinging=LONG_SWINGING,
     ).splitlines()  # fmt: skip
     lines += ["", "## Variants alive", "", *markdown_table(matrix(store, cells)), ""]
     lines += [f"## Failures of `{ROBUST.name}`, and causes", ""]
