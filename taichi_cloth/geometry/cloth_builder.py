@@ -197,13 +197,18 @@ def weight_map(scene: Scene, name: str) -> NDArray[np.float64]:
     Raises ValueError with a one-line message if the map's file cannot be used.
     """
     assert scene.maps is not None
-    path = shown_path(map_path(getattr(scene.maps, name), scene.maps.folder))  # errors name it
-    cloth = scene.cloth
+    given, cloth = getattr(scene.maps, name), scene.cloth
     if cloth.file:
         file = _mesh_of(cloth)
-        return read_map(path, len(file.vertices), file.uv, cloth.file)
-    spots = np.tile(grid.particle_uv(cloth.rows, cloth.columns), (cloth.layers, 1))
-    return read_map(path, len(spots), spots, "the sheet")
+        count, uv, title = len(file.vertices), file.uv, cloth.file
+    else:
+        uv = np.tile(grid.particle_uv(cloth.rows, cloth.columns), (cloth.layers, 1))
+        count, title = len(uv), "the sheet"
+    if isinstance(given, str):
+        return read_map(shown_path(map_path(given, scene.maps.folder)), count, uv, title)  # errors name the path
+    if len(given) != count:
+        raise ValueError(f"has {len(given)} numbers, not one for each of {count} particles")
+    return np.array(given)
 
 
 def attachment_ids(scene: Scene, topology: Topology) -> NDArray[np.int64]:

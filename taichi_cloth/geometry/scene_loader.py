@@ -9,8 +9,16 @@ from typing import Any
 
 from ..scene.collider_schema import Mesh
 from ..scene.keys import GROUP, REGION, keys_of
-from ..scene.presets import is_file_name, is_map_name
-from ..scene.reader import check_keys, pins_by_key, read_scene, read_with_mistakes, scene_to_toml, with_folders
+from ..scene.presets import is_file_name
+from ..scene.reader import (
+    check_keys,
+    map_files,
+    pins_by_key,
+    read_scene,
+    read_with_mistakes,
+    scene_to_toml,
+    with_folders,
+)
 from ..scene.schema import MAP_NAMES, Cloth, Scene
 from ..system.errors import Mistakes, UsageError
 from ..system.files import atomic_file
@@ -93,10 +101,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     meshes = tuple(replace(mesh, file=moved(mesh)) for mesh in scene.meshes)
     scene = replace(scene, cloth=replace(scene.cloth, file=moved(scene.cloth)), meshes=meshes)
     if scene.maps:
-        files = {name: str(getattr(scene.maps, name)) for name in MAP_NAMES}
-        own: dict[str, Any] = {
-            name: near(file, scene.maps.folder) for name, file in files.items() if file and not is_map_name(file)
-        }
+        own: dict[str, Any] = {name: near(file, scene.maps.folder) for name, file in map_files(scene.maps).items()}
         scene = replace(scene, maps=replace(scene.maps, **own))
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_file(path) as file:

@@ -22,6 +22,7 @@ Vec3 = tuple[float, float, float]
 Keyframes = tuple[tuple[float, ...], ...]
 Curve = tuple[tuple[float, float], ...]
 Pins = tuple[str | int, ...]
+Weights = str | tuple[float, ...]  # a map: its file, or its values
 
 # A pin is an edge, a corner, the index of a particle, `group:NAME` or `region:NAME`.
 EDGES = ("top", "bottom", "left", "right")
@@ -30,6 +31,7 @@ GROUP, REGION = "group:", "region:"  # prefixes: a group of a mesh file; one of 
 PIN_NAMES = (*EDGES, *CORNERS)
 KEYS_TITLE = "Keys:"  # of the docstring of a section
 MAX_TABLES, MAX_POINTS = 16, 8  # of one section, such as [[spheres]]; points of a curve, compiled into a sum
+MAX_WEIGHTS = 40_000  # values of a map in a scene, which are written into its file
 
 _TYPE_NAMES = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # including line ends and surrogates
@@ -80,8 +82,12 @@ def types_of(section: type) -> dict[str, object]:
 def check_value(value: Any, hint: Any, key: Key, file: str, where: str) -> Any:
     """Return `value` as the type `hint`. Raises SceneError if its type is wrong or `key` does not allow it."""
     value = without_numpy(value)
-    if hint is str and isinstance(value, PathLike):
+    if hint in (str, Weights) and isinstance(value, PathLike):
         value = fspath(value)
+    if hint == Weights:
+        if not isinstance(value, str):
+            return _weights(value, file, where)
+        hint = str
     if hint == Vec3:
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise SceneError(file, where, f"must be three numbers, as in [0.0, 1.0, 0.0], got {short_repr(value)}")
@@ -195,6 +201,23 @@ def _curve(value: object, key: Key, file: str, where: str) -> Curve:
             if high <= low:
                 raise SceneError(file, where, f"{name} {high:g} is not greater than {low:g}")
     return points
+
+
+def _weights(values: object, file: str, where: str) -> tuple[float, ...]:
+    """Return the values of a map, 0…1, in one row: of a grid they may be given in rows, from its top."""
+    if not isinstance(values, (list, tuple)):
+        raise SceneError(file, where, f"must be a file or one number per particle, got {short_repr(values)}")
+    rows = bool(values) and all(isinstance(row, (list, tuple)) for row in values)
+    flat = list(chain(*values)) if rows else values
+    if not flat:
+        raise SceneError(file, where, 'must have one number per particle; for no map, write ""')
+    if len(flat) > MAX_WEIGHTS:
+        reason = f"has {len(flat)} numbers, at most {MAX_WEIGHTS} are allowed; write more to a file, with numpy.save"
+        raise SceneError(file, where, reason)
+    for k, value in enumerate(flat):
+        if not isinstance(value, (int, float)) or not 0 <= value <= 1:  # NaN fails
+            raise SceneError(file, where, f"value {k + 1} must be a number from 0 to 1, got {short_repr(value)}")
+    return tuple(map(float, flat))
 
 
 def _pin(value: object, file: str, where: str) -> str | int:

@@ -17,7 +17,7 @@ from .overrides import apply_override, is_section, plain_tables, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
 from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Maps, Scene, sections
 
-MAX_BYTES = 1_000_000  # of a scene file
+MAX_BYTES = 3_000_000  # of a scene file; three maps of `MAX_WEIGHTS` numbers fit
 SOLVER_DEFAULT_KEYS = ("substeps", "iterations")  # keys of [solver] with defaults per solver
 Located = TypeVar("Located", Mesh, Cloth, Maps)
 
@@ -217,11 +217,17 @@ def with_folders(scene: Scene, folder: Path | None = None) -> Scene:
     meshes = tuple(located(mesh) if is_file_name(mesh.file) else mesh for mesh in scene.meshes)
     cloth = located(scene.cloth) if is_file_name(scene.cloth.file) else scene.cloth
     maps = scene.maps
-    if maps and any(file and not is_map_name(file) for file in (getattr(maps, name) for name in MAP_NAMES)):
+    if maps and map_files(maps):
         maps = located(maps)
     parts, before = (*meshes, cloth, maps), (*scene.meshes, scene.cloth, scene.maps)
     same = all(part is old for part, old in zip(parts, before, strict=True))
     return scene if same else replace(scene, meshes=meshes, cloth=cloth, maps=maps)
+
+
+def map_files(maps: Maps) -> dict[str, str]:
+    """Return the paths of the maps that are files of the user, by name of the map."""
+    given = {name: getattr(maps, name) for name in MAP_NAMES}
+    return {name: file for name, file in given.items() if file and isinstance(file, str) and not is_map_name(file)}
 
 
 def _check_mesh_names(scene: Scene, mistakes: Mistakes) -> None:

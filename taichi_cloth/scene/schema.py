@@ -13,7 +13,7 @@ from typing import get_args, get_origin
 from ..system.errors import Mistakes
 from .collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
 from .fabric_schema import PRESET_NAMES, Fabric, Look, VerletSprings, Weave
-from .keys import CORNERS, Pins, Section, Table, Vec3, check_table, given_table, key_field, keys_of, types_of
+from .keys import CORNERS, Pins, Section, Table, Vec3, Weights, check_table, given_table, key_field, keys_of, types_of
 from .solver_catalog import SOLVER_CATALOG
 
 FRAME_SECONDS = 1 / 60  # [s] duration of a frame
@@ -110,19 +110,21 @@ class Maps(Table):
     """Maps assign a number 0…1 to every particle. A map is an image (black is 0, white is 1) or a list of numbers.
 
     An image covers a grid, with the top of the image at the top edge; on a mesh file it follows the texture
-    coordinates. A list has one number per particle, in order: one per line (.csv), or a NumPy array (.npy).
+    coordinates. A list has one number per particle, in order. It is a file with one per line (.csv), a NumPy file
+    (.npy), or the list itself, in Python also an array. For a grid it may have rows: the first is the top edge.
     """
 
-    pin: str = key_field(
-        "", "map that pins particles where it is at least 0.5: path relative to the scene file, or a shipped map"
+    pin: Weights = key_field(
+        "",
+        "map that pins particles where it is at least 0.5: path relative to the scene file, a shipped map, or numbers",
     )
-    stiffness: str = key_field(
-        "", "map that scales the stiffness of each spring, by the mean of its two ends (path as for pin)"
+    stiffness: Weights = key_field(
+        "", "map that scales the stiffness of each spring, by the mean of its two ends (given as pin)"
     )
     stiffness_min: float = key_field(0.0, "stiffness factor where the map is 0", min=0.0, max=1000.0)
     stiffness_max: float = key_field(1.0, "stiffness factor where the map is 1", min=0.0, max=1000.0)
-    max_distance: str = key_field(
-        "", "map of the maximum distance of a particle from its start position (path as for pin)"
+    max_distance: Weights = key_field(
+        "", "map of the maximum distance of a particle from its start position (given as pin)"
     )
     max_distance_min: float = key_field(0.0, "maximum distance where the map is 0", "m", min=0.0, max=1000.0)
     max_distance_max: float = key_field(1.0, "maximum distance where the map is 1", "m", min=0.0, max=1000.0)

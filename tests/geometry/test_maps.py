@@ -15,7 +15,8 @@ from meshes import quads, write_obj
 from PIL import Image
 
 from taichi_cloth.geometry.cloth_builder import build_topology, sample_map, spring_stiffness, weight_map
-from taichi_cloth.geometry.scene_loader import check_scene, load_scene
+from taichi_cloth.geometry.scene_loader import check_scene, load_scene, save_scene
+from taichi_cloth.scene.keys import MAX_WEIGHTS
 from taichi_cloth.scene.schema import Cloth, Maps, Scene
 from taichi_cloth.system.errors import SceneError, install_command
 
@@ -123,3 +124,59 @@ def test_without_pillow_the_error_names_the_extra(tmp_path: Path, monkeypatch: p
     monkeypatch.setitem(__import__("sys").modules, "PIL", None)
     with pytest.raises(ValueError, match=re.escape(f"images as maps need Pillow: {install_command('maps')}")):
         weight_map(scene_of(tmp_path, pin="a.png"), "pin")
+
+
+WEIGHTS = np.arange(12).reshape(3, 4) / 11
+
+
+@pytest.mark.parametrize("given", [WEIGHTS, WEIGHTS.reshape(-1), WEIGHTS.tolist(), tuple(WEIGHTS.reshape(-1).tolist())])
+def test_a_map_may_be_its_numbers(given: Any) -> None:
+    scene = Scene(cloth=SHEET, maps=Maps(stiffness=given, stiffness_min=1.0, stiffness_max=3.0))
+    assert weight_map(scene, "stiffness").tolist() == WEIGHTS.reshape(-1).tolist()
+    assert check_scene(scene) == scene
+    assert hash(scene) == hash(Scene(cloth=SHEET, maps=scene.maps))
+    assert load_scene(Scene(cloth=SHEET), maps={"stiffness": given, "stiffness_min": 1, "stiffness_max": 3}) == scene
+
+
+def test_a_mask_pins_particles() -> None:
+    mask = np.zeros((3, 4), bool)
+    mask[0, 1] = mask[2, 3] = True
+    topology = build_topology(check_scene(Scene(cloth=SHEET, maps=Maps(pin=mask))), "fabric")  # type: ignore[arg-type]
+    assert np.flatnonzero(topology.pinned).tolist() == [1, 11]
+
+
+def test_numbers_of_a_map_are_saved_in_the_scene(tmp_path: Path) -> None:
+    scene = check_scene(Scene(cloth=SHEET, maps=Maps(max_distance=tuple(WEIGHTS.reshape(-1)))))
+    save_scene(scene, tmp_path / "a.toml")
+    assert load_scene(tmp_path / "a.toml") == replace(scene, name="a")
+
+
+def test_the_most_numbers_that_maps_may_have_fit_into_a_file(tmp_path: Path) -> None:
+    values = tuple(np.random.default_rng(1).random(MAX_WEIGHTS).tolist())
+    cloth = Cloth(rows=200, columns=200)
+    assert cloth.rows * cloth.columns == MAX_WEIGHTS
+    scene = check_scene(Scene(cloth=cloth, maps=Maps(pin=values, stiffness=values, max_distance=values)))
+    save_scene(scene, tmp_path / "a.toml")
+    assert load_scene(tmp_path / "a.toml") == replace(scene, name="a")
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        (0.5, "must be a file or one number per particle, got 0.5"),
+        ([], 'must have one number per particle; for no map, write ""'),
+        ([0.5, 2.0], "value 2 must be a number from 0 to 1, got 2.0"),
+        ([0.5, float("nan")], "value 2 must be a number from 0 to 1, got nan"),
+        ([0.5, "a"], "value 2 must be a number from 0 to 1, got 'a'"),
+        ([[0.5], 1.0], "value 1 must be a number from 0 to 1, got [0.5]"),
+        (np.zeros(11), "has 11 numbers, not one for each of 12 particles"),
+        (
+            np.zeros(MAX_WEIGHTS + 1),
+            "has 40001 numbers, at most 40000 are allowed; write more to a file, with numpy.save",
+        ),
+    ],
+)
+def test_wrong_numbers_of_a_map_are_refused_in_one_line(given: Any, reason: str) -> None:
+    with pytest.raises(SceneError) as found:
+        check_scene(Scene(cloth=SHEET, maps=Maps(pin=given)))
+    assert (found.value.key, found.value.reason) == ("maps.pin", reason)

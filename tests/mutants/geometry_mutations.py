@@ -92,4 +92,18 @@ GEOMETRY = [
         "axis=1) - topology.rest[springs]",
         ("geometry/test_cloth_metrics.py::test_strain_is_length_over_rest_length_minus_one",),
     ),
+    Mutation(
+        "numbers-of-a-map-not-counted",
+        "geometry/cloth_builder.py",
+        "    if len(given) != count:\n",
+        "    if len(given) > count:\n",
+        ("geometry/test_maps.py::test_wrong_numbers_of_a_map_are_refused_in_one_line",),
+    ),
+    Mutation(
+        "map-above-one",
+        "scene/keys.py",
+        "or not 0 <= value <= 1:  # NaN fails",
+        "or value < 0:",
+        ("geometry/test_maps.py::test_wrong_numbers_of_a_map_are_refused_in_one_line",),
+    ),
 ]

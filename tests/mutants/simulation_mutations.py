@@ -1,10 +1,15 @@
-"""Mutations of the simulation: parameters, grabs, checkpoints and the divergence check. Part of `mutations.py`."""
+"""Mutations of the simulation and of the use of Taichi. Part of `mutations.py`.
+
+Parameters, grabs, checkpoints, the divergence check; probes of what the program relies on in Taichi.
+"""
 
 from __future__ import annotations
 
 from mutation import Mutation
 
 ORIGIN = "simulation/test_origin.py::"
+INTERNALS = "system/test_taichi_internals.py::"
+SOURCES = "system/test_source_cache.py::"
 
 SIMULATION = [
     Mutation(
@@ -292,5 +297,40 @@ SIMULATION = [
         "return foot if np.linalg.norm(center - foot) >= FAR else center",
         "return center",
         (ORIGIN + "test_a_plane_far_away_has_its_center_below_the_cloth",),
+    ),
+    Mutation(
+        "launches-not-probed",
+        "system/taichi_compat.py",
+        "usable(LAUNCHES, _launch_is_correct)",
+        "usable(LAUNCHES)",
+        (INTERNALS + "test_a_failing_probe_of_launches_is_reported",),
+    ),
+    Mutation(
+        "probe-of-launches-runs-once",
+        "system/taichi_compat.py",
+        "    for call in calls:\n        launch._launch(call)\n",
+        "    for call in calls:\n        launch._launch(calls[0])\n",
+        (INTERNALS + "test_all_internals_are_usable_in_the_required_release",),
+    ),
+    Mutation(
+        "wrong-parser-kept",
+        "system/kernel_parsing.py",
+        "        restore_functions(set(_replaced) - before)\n",
+        "        pass\n",
+        (INTERNALS + "test_a_parser_with_which_a_probe_is_wrong_is_not_used",),
+    ),
+    Mutation(
+        "trees-of-users-kept",
+        "system/kernel_parsing.py",
+        "            del self._parsed[id(tree)]\n",
+        "            self._free[text].append(tree)\n",
+        (SOURCES + "test_trees_of_users_are_not_kept",),
+    ),
+    Mutation(
+        "positions-of-users-kept",
+        "system/kernel_parsing.py",
+        "        if not is_cached(context.func.func):\n            return describe(context, node)\n",
+        "",
+        (SOURCES + "test_positions_are_composed_for_functions_of_users_and_in_debug_mode",),
     ),
 ]

@@ -16,7 +16,7 @@ import taichi_cloth as tc
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import Scene, SceneError, key_table, scene_names, scene_to_toml
 from taichi_cloth.scene.collider_schema import Mesh, RoundCollider
-from taichi_cloth.scene.keys import MAX_POINTS, Curve, Key, Keyframes, Section, Vec3, keys_of, toml_value
+from taichi_cloth.scene.keys import MAX_POINTS, Curve, Key, Keyframes, Section, Vec3, Weights, keys_of, toml_value
 from taichi_cloth.scene.schema import (
     COLLIDERS,
     GRID_KEYS,
@@ -45,6 +45,8 @@ def values_of(hint: Any, key: Key) -> st.SearchStrategy[Any]:
     if hint == Curve:
         steps = st.lists(st.floats(0.01, 1e3), min_size=1, max_size=MAX_POINTS)
         return steps.map(lambda found: tuple(zip(np.cumsum(found).tolist(), np.cumsum(found).tolist(), strict=True)))
+    if hint == Weights:
+        return st.lists(st.floats(0.0, 1.0) | st.booleans(), min_size=1, max_size=4).map(tuple) | st.just("")
     if hint not in (int, float, Vec3):
         return st.lists(st.sampled_from(["top", "bottom-left"]) | st.integers(0, 3), max_size=4).map(tuple)
     assert key.min is not None
