@@ -15,12 +15,7 @@ Springs
 Yarn directions of quads: `weft` is along the x axis of the file, `warp` is across it. In between, the stiffness is
 interpolated by the squared cosine.
 
-Bending links as in `bending.py`, from quadratic forms: along the yarns and over the cells of quads, and of hinges
-between triangles. A hinge has the energy ½·c·(|e|·θ)² of an edge e bent by θ (Bergou et al. 2006, *A quadratic bending
-model for inextensible surfaces*, section 3.1). With c = B/(A₀ + A₁), equilateral triangles resist like a plate of
-stiffness B (Seung and Nelson 1988, *Defects in flexible membranes with crystalline order*); with the paper's
-3·B/(A₀ + A₁) they would be three times too stiff. The cloth is flat at rest. If warp and weft differ, the stiffness of
-a hinge depends on its direction; triangles whose edges have few directions then bend only roughly as they should.
+Bending links: `mesh_bending.py`.
 """
 
 from __future__ import annotations
@@ -30,8 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .bending import Bending, BendingLinks, QuadraticForms, links_of_forms
+from .bending import Bending
 from .cloth_mesh import ClothMesh
+from .mesh_bending import face_areas, mesh_bending_links
 from .topology import (
     STIFFNESS_KEYS,
     ColorBatch,
@@ -109,24 +105,16 @@ def build_mesh(
         rest=float32_lengths(positions, all_ends),
         stiffness_factors=np.concatenate(factors, axis=1),
         batches=tuple(batches),
-        bending_links=_bending_links(file, flat, yarns, bending),
+        bending_links=mesh_bending_links(file, flat, yarns, bending),
         triangles=file.triangles,
         cells=_cells(file),
     )
 
 
-def _areas(file: ClothMesh, flat: Floats) -> Floats:
-    """Return the area of every face [m²], (F,); of a quad it is half the cross product of its diagonals."""
-    a, b, c, d = (flat[file.faces[:, k]] for k in range(4))
-    twice = np.where(file.is_quad[:, None], np.cross(c - a, d - b), np.cross(b - a, c - a))
-    areas: Floats = np.linalg.norm(twice, axis=1) / 2
-    return areas
-
-
 def _adjacent_areas(file: ClothMesh, flat: Floats) -> tuple[Floats, Floats]:
     """Return the adjacent areas of every edge [m²], (E,): half of its quads, and all of its triangles."""
     owner, (edges, edge_of) = file.sides[1], file.edges
-    area, quad = _areas(file, flat)[owner], file.is_quad[owner]
+    area, quad = face_areas(file, flat)[owner], file.is_quad[owner]
     half_quads: Floats = np.bincount(edge_of, area / 2 * quad, len(edges)).astype(float)
     full_triangles: Floats = np.bincount(edge_of, area * ~quad, len(edges)).astype(float)
     return half_quads, full_triangles
@@ -163,7 +151,7 @@ def _bend_springs(file: ClothMesh, edges: Springs, yarns: Ints) -> Springs:
     ends = file.edges[0]
     yarn_ends = np.stack([ends[before].sum(axis=1) - point, ends[after].sum(axis=1) - point], axis=-1)
     width = edges.stiffness_factors[[WEFT, WARP]].sum(axis=0)  # of a yarn, divided by its length
-    hinges = _hinges(file, both=True)
+    hinges = _hinges(file)
     all_ends = np.concatenate([yarn_ends, hinges[:, 2:]])
     return _uniform_springs(all_ends, BEND, np.concatenate([(width[before] + width[after]) / 2, np.ones(len(hinges))]))
 
@@ -205,8 +193,8 @@ def _yarns(file: ClothMesh) -> Ints:
     return np.stack([point, edges_at[point, k], edges_at[point, m]], axis=-1).astype(np.int64)
 
 
-def _hinges(file: ClothMesh, *, both: bool = False) -> Ints:
-    """Return the edges between two faces of which at least one is a triangle, or with `both` both are, (H, 4).
+def _hinges(file: ClothMesh) -> Ints:
+    """Return the edges between two triangles, (H, 4).
 
     The columns are the two ends of the edge and the opposite vertices of the triangles on its two sides.
     """
@@ -215,7 +203,7 @@ def _hinges(file: ClothMesh, *, both: bool = False) -> Ints:
     order = np.argsort(edge_of, kind="stable")
     pair = order[np.flatnonzero(np.diff(edge_of[order], append=-1) == 0)[:, None] + [0, 1]]  # both sides of an edge
     quads = file.is_quad[owner[pair]].sum(axis=1)
-    pair = pair[quads == 0 if both else quads < 2]
+    pair = pair[quads == 0]
     opposite = np.stack([_opposite(file, sides[pair[:, k]]) for k in (0, 1)], axis=-1)
     corners: Ints = np.concatenate([edges[edge_of[pair[:, 0]]], opposite], axis=1)
     return corners
@@ -229,49 +217,6 @@ def _opposite(file: ClothMesh, sides: Ints) -> Ints:
     match = order[np.searchsorted(keys[order], sides[:, 0] * count + sides[:, 1])]
     third: Ints = triangles[match // 3, (match % 3 + 2) % 3]
     return third
-
-
-def _bending_links(file: ClothMesh, flat: Floats, yarns: Ints, bending: Bending) -> BendingLinks:
-    """Return the bending links of a cloth of bending stiffness `bending` [N·m]; none for 0."""
-    warp, weft = np.broadcast_to(bending, 2)
-    if warp == weft == 0:
-        return links_of_forms([])
-    edges = file.edges[0]
-    edge_lengths = np.linalg.norm(flat[edges[:, 1]] - flat[edges[:, 0]], axis=1)
-    quad_areas, _ = _adjacent_areas(file, flat)
-
-    point, before, after = yarns.T
-    ends = np.stack([edges[before].sum(axis=1) - point, point, edges[after].sum(axis=1) - point], axis=-1)
-    a, b = edge_lengths[before], edge_lengths[after]
-    across = flat[ends[:, 2], 0] - flat[ends[:, 0], 0]  # along the x axis, of the weft
-    weft_share = (across / (a + b)) ** 2
-    stiffness = warp + (weft - warp) * weft_share
-    constant = stiffness * (quad_areas[before] + quad_areas[after]) * 2 / (a + b) ** 2
-    along = QuadraticForms(ends, np.stack([1 / a, -1 / a - 1 / b, 1 / b], axis=-1), constant)
-
-    quads = file.faces[file.is_quad]
-    signs = np.tile([1.0, -1.0, 1.0, -1.0], (len(quads), 1))
-    twist = QuadraticForms(quads, signs, 2 * np.sqrt(warp * weft) / _areas(file, flat)[file.is_quad])
-
-    corners = _hinges(file)
-    x = flat[corners]
-    area = sum(np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, k] - x[:, 0]), axis=1) / 2 for k in (2, 3))
-    cot = {(i, k): _cotangent(x[:, i], x[:, 1 - i], x[:, k]) for i in (0, 1) for k in (2, 3)}
-    factors = [cot[1, 2] + cot[1, 3], cot[0, 2] + cot[0, 3], -cot[0, 2] - cot[1, 2], -cot[0, 3] - cot[1, 3]]
-    fold = x[:, 1] - x[:, 0]  # the cloth bends across it
-    # Hinges in all directions φ have the stiffness of warp and weft together if theirs varies as ½ + ¾·cos 2φ.
-    warp_share = 1.5 * fold[:, 0] ** 2 / (fold**2).sum(axis=1) - 0.25
-    hinge = QuadraticForms(
-        corners, np.stack(factors, axis=-1), np.maximum(weft + (warp - weft) * warp_share, 0.0) / area
-    )
-    return links_of_forms([along, twist, hinge])
-
-
-def _cotangent(corner: Floats, a: Floats, b: Floats) -> Floats:
-    """Return the cotangent of the angle at each corner between the directions to a and b, (M,); inputs (M, 3)."""
-    u, v = a - corner, b - corner
-    cotangent: Floats = (u * v).sum(axis=1) / np.linalg.norm(np.cross(u, v), axis=1)
-    return cotangent
 
 
 def _cells(file: ClothMesh) -> NDArray[np.int32]:
