@@ -15,7 +15,8 @@ Springs
 Yarn directions of quads: `weft` is along the x axis of the file, `warp` is across it. In between, the stiffness is
 interpolated by the squared cosine.
 
-Bending links: `mesh_bending.py`.
+Bending links as in `bending.py`: along the yarns and over the cells of quads, and at the vertices of triangles. The
+cloth is flat at rest.
 """
 
 from __future__ import annotations
@@ -25,9 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .bending import Bending
+from .bending import Bending, BendingLinks, QuadraticForms, Surface, links_of_forms, triangle_bending
 from .cloth_mesh import ClothMesh
-from .mesh_bending import face_areas, mesh_bending_links
 from .topology import (
     STIFFNESS_KEYS,
     ColorBatch,
@@ -105,16 +105,23 @@ def build_mesh(
         rest=float32_lengths(positions, all_ends),
         stiffness_factors=np.concatenate(factors, axis=1),
         batches=tuple(batches),
-        bending_links=mesh_bending_links(file, flat, yarns, bending),
+        bending_links=_bending_links(file, flat, yarns, bending),
         triangles=file.triangles,
         cells=_cells(file),
     )
 
 
+def _area_vectors(file: ClothMesh, flat: Floats) -> Floats:
+    """Return the area of every face [m²] times its normal, (F, 3): of a quad half the product of its diagonals."""
+    a, b, c, d = (flat[file.faces[:, k]] for k in range(4))
+    vectors: Floats = np.where(file.is_quad[:, None], np.cross(c - a, d - b), np.cross(b - a, c - a)) / 2
+    return vectors
+
+
 def _adjacent_areas(file: ClothMesh, flat: Floats) -> tuple[Floats, Floats]:
     """Return the adjacent areas of every edge [m²], (E,): half of its quads, and all of its triangles."""
     owner, (edges, edge_of) = file.sides[1], file.edges
-    area, quad = face_areas(file, flat)[owner], file.is_quad[owner]
+    area, quad = np.linalg.norm(_area_vectors(file, flat), axis=1)[owner], file.is_quad[owner]
     half_quads: Floats = np.bincount(edge_of, area / 2 * quad, len(edges)).astype(float)
     full_triangles: Floats = np.bincount(edge_of, area * ~quad, len(edges)).astype(float)
     return half_quads, full_triangles
@@ -217,6 +224,32 @@ def _opposite(file: ClothMesh, sides: Ints) -> Ints:
     match = order[np.searchsorted(keys[order], sides[:, 0] * count + sides[:, 1])]
     third: Ints = triangles[match // 3, (match % 3 + 2) % 3]
     return third
+
+
+def _bending_links(file: ClothMesh, flat: Floats, yarns: Ints, bending: Bending) -> BendingLinks:
+    """Return the bending links of a cloth of bending stiffness `bending` [N·m]; none for 0."""
+    warp, weft = np.broadcast_to(bending, 2)
+    if warp == weft == 0:
+        return links_of_forms([])
+    edges, edge_of = file.edges
+    edge_lengths = np.linalg.norm(flat[edges[:, 1]] - flat[edges[:, 0]], axis=1)
+    quad_areas, _ = _adjacent_areas(file, flat)
+
+    point, before, after = yarns.T
+    ends = np.stack([edges[before].sum(axis=1) - point, point, edges[after].sum(axis=1) - point], axis=-1)
+    a, b = edge_lengths[before], edge_lengths[after]
+    across = flat[ends[:, 2], 0] - flat[ends[:, 0], 0]  # along the x axis, of the weft
+    weft_share = (across / (a + b)) ** 2
+    stiffness = warp + (weft - warp) * weft_share
+    constant = stiffness * (quad_areas[before] + quad_areas[after]) * 2 / (a + b) ** 2
+    along = QuadraticForms(ends, np.stack([1 / a, -1 / a - 1 / b, 1 / b], axis=-1), constant)
+
+    quads, vectors = file.faces[file.is_quad], _area_vectors(file, flat)
+    signs = np.tile([1.0, -1.0, 1.0, -1.0], (len(quads), 1))
+    areas = np.linalg.norm(vectors[file.is_quad], axis=1)
+    twist = QuadraticForms(quads, signs, 2 * np.sqrt(warp * weft) / areas)
+    surface = Surface(flat, file.faces, vectors, edges[np.bincount(edge_of) == 1])
+    return links_of_forms([along, twist, *triangle_bending(surface, warp, weft)])
 
 
 def _cells(file: ClothMesh) -> NDArray[np.int32]:
