@@ -35,11 +35,11 @@ MAX_PIXELS = 100_000_000
 Floats = NDArray[np.float64]
 
 
-def read_map(path: Path, count: int, uv: Floats | None, cloth: str) -> Floats:
+def read_map(path: Path, count: int, uv: Floats | None, cloth: str, shape: tuple[int, int] | None = None) -> Floats:
     """Return the values of a map for `count` particles, (N,).
 
     `uv`: texture coordinates of the particles, (N, 2), from the left and from the bottom; only images need them.
-    `cloth`: name of the cloth in messages. Raises ValueError with a one-line message.
+    `cloth`: name of the cloth in messages. `shape`: rows and columns of a sheet. Raises ValueError with one line.
     """
     suffix = path.suffix.lower()
     try:
@@ -53,11 +53,20 @@ def read_map(path: Path, count: int, uv: Floats | None, cloth: str) -> Floats:
             raise ValueError(f"{cloth} has vertices without texture coordinates (`vt`), which an image as map needs")
         return sample_map(_read_image(path), uv)
     values = _read_csv(path) if suffix == ".csv" else _read_npy(path)
-    if values.shape != (count,):
-        raise ValueError(f"{path} has values of shape {values.shape}, not one for each of {count} particles")
+    values = _one_for_each(values, count, shape, f"{path} ")
     wrong = np.flatnonzero(~((values >= 0) & (values <= 1)))  # NaN fails both tests
     if len(wrong):
         raise ValueError(f"{path}: value {wrong[0] + 1} is {values[wrong[0]]:g}, not 0 to 1")
+    return values
+
+
+def _one_for_each(values: Floats, count: int, shape: tuple[int, int] | None, name: str) -> Floats:
+    """Return the values of a map as (N,). `shape`: rows and columns of a sheet, which the map may have."""
+    if shape is not None and values.shape == shape:
+        return values.reshape(-1)
+    if values.shape != (count,):
+        rows = "" if shape is None else f", nor rows and columns as the sheet, {shape}"
+        raise ValueError(f"{name}has values of shape {values.shape}, not one for each of {count} particles{rows}")
     return values
 
 
@@ -200,15 +209,13 @@ def weight_map(scene: Scene, name: str) -> NDArray[np.float64]:
     given, cloth = getattr(scene.maps, name), scene.cloth
     if cloth.file:
         file = _mesh_of(cloth)
-        count, uv, title = len(file.vertices), file.uv, cloth.file
+        count, uv, title, shape = len(file.vertices), file.uv, cloth.file, None
     else:
         uv = np.tile(grid.particle_uv(cloth.rows, cloth.columns), (cloth.layers, 1))
-        count, title = len(uv), "the sheet"
+        count, title, shape = len(uv), "the sheet", (cloth.layers * cloth.rows, cloth.columns)
     if isinstance(given, str):
-        return read_map(shown_path(map_path(given, scene.maps.folder)), count, uv, title)  # errors name the path
-    if len(given) != count:
-        raise ValueError(f"has {len(given)} numbers, not one for each of {count} particles")
-    return np.array(given)
+        return read_map(shown_path(map_path(given, scene.maps.folder)), count, uv, title, shape)  # errors name it
+    return _one_for_each(np.array(given), count, shape, "")
 
 
 def attachment_ids(scene: Scene, topology: Topology) -> NDArray[np.int64]:

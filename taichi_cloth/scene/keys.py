@@ -22,7 +22,7 @@ Vec3 = tuple[float, float, float]
 Keyframes = tuple[tuple[float, ...], ...]
 Curve = tuple[tuple[float, float], ...]
 Pins = tuple[str | int, ...]
-Weights = str | tuple[float, ...]  # a map: its file, or its values
+Weights = str | tuple[float, ...] | tuple[tuple[float, ...], ...]  # a map: its file, its values, or rows of them
 
 # A pin is an edge, a corner, the index of a particle, `group:NAME` or `region:NAME`.
 EDGES = ("top", "bottom", "left", "right")
@@ -203,12 +203,15 @@ def _curve(value: object, key: Key, file: str, where: str) -> Curve:
     return points
 
 
-def _weights(values: object, file: str, where: str) -> tuple[float, ...]:
-    """Return the values of a map, 0…1, in one row: of a grid they may be given in rows, from its top."""
+def _weights(values: object, file: str, where: str) -> tuple[float, ...] | tuple[tuple[float, ...], ...]:
+    """Return the values of a map, 0…1, or rows of them."""
     if not isinstance(values, (list, tuple)):
         raise SceneError(file, where, f"must be a file or one number per particle, got {short_repr(values)}")
     rows = bool(values) and all(isinstance(row, (list, tuple)) for row in values)
     flat = list(chain(*values)) if rows else values
+    if rows and len(lengths := {len(row) for row in values}) > 1:
+        reason = f"rows must be equally long, got {max(lengths)} and {min(lengths)} numbers"
+        raise SceneError(file, where, reason)
     if not flat:
         raise SceneError(file, where, 'must have one number per particle; for no map, write ""')
     if len(flat) > MAX_WEIGHTS:
@@ -217,7 +220,7 @@ def _weights(values: object, file: str, where: str) -> tuple[float, ...]:
     for k, value in enumerate(flat):
         if not isinstance(value, (int, float)) or not 0 <= value <= 1:  # NaN fails
             raise SceneError(file, where, f"value {k + 1} must be a number from 0 to 1, got {short_repr(value)}")
-    return tuple(map(float, flat))
+    return tuple(tuple(map(float, row)) for row in values) if rows else tuple(map(float, flat))
 
 
 def _pin(value: object, file: str, where: str) -> str | int:

@@ -298,12 +298,19 @@ def collider_event(simulation: Simulation, collider: SupportsIndex | str, target
 def particle_of(simulation: Simulation, particle: ArrayLike) -> int:
     """Return a particle's index. `particle` is that index or a position [m], which stands for the nearest particle.
 
-    Raises ValueError.
+    Raises ValueError, also if the nearest particle is farther away than the cloth is long: three indices, for example.
     """
     if np.ndim(particle) == 0:
         return simulation.check_particle(particle)  # type: ignore[arg-type]
-    away = simulation.positions() - check_vectors(particle, "the position of a particle", (3,))
-    return int(np.einsum("ij,ij->i", away, away).argmin())
+    position = check_vectors(particle, "the position of a particle", (3,))
+    away = np.linalg.norm(simulation.positions() - position, axis=1)
+    nearest = int(away.argmin())
+    if away[nearest] > simulation.topology.longest_side:
+        raise ValueError(
+            f"no particle is near the position {short_repr(particle)}: the nearest is {away[nearest]:.3g} m away;"
+            " one particle is an index or a position"
+        )
+    return nearest
 
 
 def pin_event(simulation: Simulation, particle: ArrayLike, radius: float, on: bool) -> Event:
@@ -330,7 +337,8 @@ class GrabHandle:
         self._grab = simulation.grabs[number]
 
     def __repr__(self) -> str:
-        held = f"of {len(self.particles)} particles" if self.active else "released"
+        count = len(self.particles)
+        held = f"of {count} particle{'s' * (count != 1)}" if self.active else "released"
         return f"<GrabHandle {self.number}: {held}>"
 
     @property

@@ -93,8 +93,10 @@ def attach_bending_links(layout: Layout, topology: Topology) -> None:
         on_grid = grid.to_grid(topology.shape, links.direction, links.ends, links.stiffness)
         fields.upload(found.stiffness, by_packet(layout, topology, on_grid))
     else:
-        if not isinstance(found, BendingLinkList):
-            found = _allocate_bending_links(layout.x.shape[0])
+        particles = layout.x.shape[0]
+        count = capacity(max(len(links.ends), len(grid.DIRECTIONS) * particles))  # grids of a size share the fields
+        if not isinstance(found, BendingLinkList) or found.stiffness.shape[0] < count:
+            found = build(layout, lambda: _allocate_bending_links(count, particles))
         _upload_bending_links(found, links, topology.particle_count)
     layout.bending_links = found
 
@@ -110,8 +112,7 @@ def _upload_bending_links(found: BendingLinkList, links: BendingLinks, particles
     found.spring_count[None] = len(links.ends)
 
 
-def _allocate_bending_links(particles: int) -> BendingLinkList:
-    count = capacity(len(grid.DIRECTIONS) * particles)
+def _allocate_bending_links(count: int, particles: int) -> BendingLinkList:
     return BendingLinkList(
         ends=ti.Vector.field(2, ti.i32, count),
         stiffness=fields.scalar_field(count),

@@ -108,7 +108,7 @@ def steps_progress(steps: int) -> Iterator[Callable[[str], None]]:
         yield line
 
 
-LOG_WIDTH = 132  # [characters] width of the output if it is no terminal
+LOG_WIDTH = 200  # [characters] width of the output if it is no terminal
 
 
 def number(value: float | None, form: str = ".2f", unit: str = "") -> str:

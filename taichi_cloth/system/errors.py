@@ -102,6 +102,9 @@ class PinError(ValueError):
         super().__init__(one_line(reason))
 
 
+MAX_NOTES = 10  # further mistakes that a traceback shows
+
+
 class Mistakes(list[SceneError]):
     """The mistakes of one scene, in the order in which they are found. `file` is its name in messages.
 
@@ -138,8 +141,10 @@ class Mistakes(list[SceneError]):
         if self:
             first, *others = self
             first.others = tuple(others)
-            for other in others:
+            for other in others[:MAX_NOTES]:
                 first.add_note(str(other))
+            if len(others) > MAX_NOTES:
+                first.add_note(f"and {len(others) - MAX_NOTES} more mistakes")
             raise first
 
 

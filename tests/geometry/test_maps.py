@@ -127,6 +127,7 @@ def test_without_pillow_the_error_names_the_extra(tmp_path: Path, monkeypatch: p
 
 
 WEIGHTS = np.arange(12).reshape(3, 4) / 11
+OTHER_SHAPE = "not one for each of 12 particles, nor rows and columns as the sheet, (3, 4)"
 
 
 @pytest.mark.parametrize("given", [WEIGHTS, WEIGHTS.reshape(-1), WEIGHTS.tolist(), tuple(WEIGHTS.reshape(-1).tolist())])
@@ -136,6 +137,14 @@ def test_a_map_may_be_its_numbers(given: Any) -> None:
     assert check_scene(scene) == scene
     assert hash(scene) == hash(Scene(cloth=SHEET, maps=scene.maps))
     assert load_scene(Scene(cloth=SHEET), maps={"stiffness": given, "stiffness_min": 1, "stiffness_max": 3}) == scene
+
+
+def test_a_file_may_have_the_rows_and_columns_of_the_sheet(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", WEIGHTS)
+    assert weight_map(scene_of(tmp_path, pin="a.npy"), "pin").tolist() == WEIGHTS.reshape(-1).tolist()
+    np.save(tmp_path / "a.npy", WEIGHTS.T)
+    with pytest.raises(SceneError, match=rf"a\.npy has values of shape \(4, 3\), {re.escape(OTHER_SHAPE)}$"):
+        check_scene(scene_of(tmp_path, pin="a.npy"))
 
 
 def test_a_mask_pins_particles() -> None:
@@ -169,7 +178,10 @@ def test_the_most_numbers_that_maps_may_have_fit_into_a_file(tmp_path: Path) -> 
         ([0.5, float("nan")], "value 2 must be a number from 0 to 1, got nan"),
         ([0.5, "a"], "value 2 must be a number from 0 to 1, got 'a'"),
         ([[0.5], 1.0], "value 1 must be a number from 0 to 1, got [0.5]"),
-        (np.zeros(11), "has 11 numbers, not one for each of 12 particles"),
+        (np.zeros(11), f"has values of shape (11,), {OTHER_SHAPE}"),
+        (np.zeros((4, 3)), f"has values of shape (4, 3), {OTHER_SHAPE}"),  # columns and rows
+        (np.zeros((2, 6)), f"has values of shape (2, 6), {OTHER_SHAPE}"),
+        ([[0, 1], [0]], "rows must be equally long, got 2 and 1 numbers"),
         (
             np.zeros(MAX_WEIGHTS + 1),
             "has 40001 numbers, at most 40000 are allowed; write more to a file, with numpy.save",

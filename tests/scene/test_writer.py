@@ -46,7 +46,8 @@ def values_of(hint: Any, key: Key) -> st.SearchStrategy[Any]:
         steps = st.lists(st.floats(0.01, 1e3), min_size=1, max_size=MAX_POINTS)
         return steps.map(lambda found: tuple(zip(np.cumsum(found).tolist(), np.cumsum(found).tolist(), strict=True)))
     if hint == Weights:
-        return st.lists(st.floats(0.0, 1.0) | st.booleans(), min_size=1, max_size=4).map(tuple) | st.just("")
+        row = st.lists(st.floats(0.0, 1.0) | st.booleans(), min_size=1, max_size=4).map(tuple)
+        return row | row.map(lambda r: (r, r)) | st.just("")
     if hint not in (int, float, Vec3):
         return st.lists(st.sampled_from(["top", "bottom-left"]) | st.integers(0, 3), max_size=4).map(tuple)
     assert key.min is not None

@@ -65,6 +65,19 @@ def test_closing_releases_grabs() -> None:
     assert not grab.force.any()
 
 
+def test_a_position_far_from_the_cloth_is_no_particle() -> None:
+    """Three indices would otherwise be one."""
+    with Simulation(Scene(cloth=CLOTH)) as simulation:
+        side = simulation.topology.longest_side
+        near = simulation.positions()[MIDDLE] + (0.0, 0.0, 0.9 * side)
+        assert repr(simulation.grab(near)) == "<GrabHandle 0: of 1 particle>"
+        assert repr(simulation.grab(0, radius=10.0)).endswith("particles>")
+        for call in (simulation.pin, simulation.unpin, simulation.grab):
+            with pytest.raises(ValueError, match=r"^no particle is near the position \[24, 12, 7\]: the nearest is "):
+                call([24, 12, 7])
+        assert not len(simulation.added_pins)
+
+
 def inverse_masses(simulation: Simulation) -> np.ndarray:
     return simulation.cloth.inverse_mass.to_numpy()[: simulation.topology.particle_count]
 
