@@ -211,18 +211,21 @@ def cache_hits_and_misses() -> tuple[int, int]:
 def replace_class_check() -> None:
     """Let `ti.func` and `ti.kernel` find out faster whether they stand in a class, if `DECORATORS` is usable.
 
-    Taichi 1.7.4 searches all modules for the source of each decorated function, 340 times in this package.
+    Taichi 1.7.4 searches all modules for the source of each decorated function, 340 times in this package. It still
+    does so for functions of users, whose files may be edited while the program runs.
     """
     if usable(DECORATORS):
         from taichi.lang import kernel_impl
 
         patterns = kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES
-        _replace(kernel_impl, "_inside_class", lambda _: partial(_is_in_class, patterns))
+        _replace(kernel_impl, "_inside_class", lambda usual: partial(_is_in_class, usual, patterns))
 
 
-def _is_in_class(patterns: list[re.Pattern[str]], level_of_class_stackframe: int) -> bool:
-    """Return whether the line that runs in a frame of the stack matches one of the patterns."""
+def _is_in_class(usual: Callable[[int], bool], patterns: list[re.Pattern[str]], level_of_class_stackframe: int) -> bool:
+    """Return whether the line that runs in a frame of the stack matches a pattern. `usual`: the check of Taichi."""
     frame = sys._getframe(level_of_class_stackframe)
+    if str(frame.f_globals.get("__name__")).partition(".")[0] not in CACHED_PACKAGES:
+        return usual(level_of_class_stackframe + 1)  # which stands one frame deeper
     line = linecache.getline(frame.f_code.co_filename, frame.f_lineno, frame.f_globals).strip()
     return any(pattern.match(line) for pattern in patterns)
 

@@ -96,6 +96,41 @@ def test_the_cache_keeps_no_function_alive(module: Callable[[str], ModuleType]) 
     assert [reference() for reference in gone] == [None, None]
 
 
+CLASS = """
+import taichi as ti
+
+@ti.data_oriented
+class Counter:
+    @ti.kernel
+    def three(self) -> int:
+        return 3
+"""
+
+
+@pytest.mark.parametrize(("name", "calls"), [("notebook", 1), ("taichi_cloth.edited", 0)])
+def test_taichi_itself_finds_the_classes_of_users(
+    module: Callable[..., ModuleType], monkeypatch: pytest.MonkeyPatch, name: str, calls: int
+) -> None:
+    """Their files may have changed since they were read."""
+    kernel_parsing.restore_functions()
+    usual, asked = kernel_impl._inside_class, []
+
+    def inside_class(level: int) -> bool:
+        asked.append(level)
+        return bool(usual(level + 1))
+
+    monkeypatch.setattr(kernel_impl, "_inside_class", inside_class)
+    try:
+        kernel_parsing.replace_class_check()
+        assert module(CLASS, name).Counter().three() == 3
+        assert len(asked) == calls
+    finally:
+        kernel_parsing.restore_functions()
+        monkeypatch.undo()
+        kernel_parsing.replace_class_check()
+        kernel_parsing.replace_parser()
+
+
 WRONG = """
 import taichi as ti
 
