@@ -94,10 +94,10 @@ validate: .venv/tools
 		&& $(BIN)/taichi-cloth validate --json benchmarks/results/validation.json --markdown docs/validation.md --force; \
 		status=$$?; $(BIN)/python docs/generate.py && exit $$status
 
-# Stored results of the same program are kept, so an interrupted run continues, on another machine too. Each result names
-# its machine.
+# Stored results are kept if this program repeats their last start bit by bit, so an interrupted run continues, on another
+# machine too. Each result names its machine.
 stress: .venv/tools
-	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --explain --markdown docs/stability.md --force; \
+	$(BIN)/taichi-cloth stress --json benchmarks/results/stability.json --resume --recheck --explain --markdown docs/stability.md --force; \
 		status=$$?; $(BIN)/python docs/generate.py && exit $$status
 
 soak: .venv/tools

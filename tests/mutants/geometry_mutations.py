@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from mutation import Mutation
 
+MESH_SPRINGS = "geometry/test_mesh_springs.py::"
+
 GEOMETRY = [
     Mutation(
         "farthest-pins-first",
@@ -105,5 +107,40 @@ GEOMETRY = [
         "or not 0 <= value <= 1:  # NaN fails",
         "or value < 0:",
         ("geometry/test_maps.py::test_wrong_numbers_of_a_map_are_refused_in_one_line",),
+    ),
+    Mutation(
+        "bending-across-the-boundary",
+        "geometry/bending.py",
+        "        derivatives -= _across_boundary(derivatives, across)\n",
+        "",
+        (MESH_SPRINGS + "test_second_derivatives_of_a_quadratic_surface_are_exact",),
+    ),
+    Mutation(
+        "bending-fits-linear-functions-too",
+        "geometry/bending.py",
+        "        quadratic -= linear @ np.linalg.solve(weighted @ linear, weighted @ quadratic)\n",
+        "",
+        (MESH_SPRINGS + "test_stretching_in_the_plane_causes_no_bending_force",),
+    ),
+    Mutation(
+        "bending-of-few-neighbors",
+        "geometry/bending.py",
+        "rows = rows[~determined & (self.used[rows] < self._counts[rows])]",
+        "rows = rows[:0]",
+        (MESH_SPRINGS + "test_second_derivatives_of_a_quadratic_surface_are_exact",),
+    ),
+    Mutation(
+        "twist-of-triangles-not-doubled",
+        "geometry/bending.py",
+        "enumerate((weft, warp, 2 * np.sqrt(warp * weft)))",
+        "enumerate((weft, warp, np.sqrt(warp * weft)))",
+        (MESH_SPRINGS + "test_triangles_are_equally_stiff_along_all_directions",),
+    ),
+    Mutation(
+        "room-for-the-links-of-a-grid",
+        "state/constraint_data.py",
+        "capacity(max(len(links.ends), len(grid.DIRECTIONS) * particles))",
+        "capacity(len(grid.DIRECTIONS) * particles)",
+        ("solvers/test_mesh_files.py::test_a_fan_has_more_bending_links_than_a_grid_of_its_size",),
     ),
 ]

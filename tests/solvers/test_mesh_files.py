@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from meshes import quads, write_obj
 
+from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.draw_list import VIEWS, DrawList
 from taichi_cloth.scene.collider_schema import Capsule
@@ -18,6 +19,7 @@ from taichi_cloth.scene.schema import Cloth, Scene, Solver, Tethers
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.solvers import SOLVERS
+from taichi_cloth.system import taichi_runtime as runtime
 from taichi_cloth.system.errors import UsageError
 
 PLACED: dict[str, Any] = {"center": (0.0, 2.0, 0.0), "rotation": (-40.0, 10.0, 0.0), "pins": (0, 1, 2, 30)}
@@ -132,3 +134,24 @@ def test_a_stiffness_map_softens_one_half(tmp_path: Path) -> None:
         column = simulation.positions()[1::3, 1]
     stretch = -np.diff(column) / 0.05 - 1
     assert stretch[4:].mean() / stretch[:3].mean() == pytest.approx(10, rel=0.1)
+
+
+def test_a_fan_has_more_bending_links_than_a_grid_of_its_size(mesh: Scene, tmp_path: Path) -> None:
+    """The fields of an earlier cloth of that size have no room for them."""
+    write_obj(tmp_path / "other.obj", *quads(14, 14, 1.0, 1.0))
+    fabric = Fabric(bending_stiffness=1e-3)
+    scenes = [
+        Scene(cloth=Cloth(**file, pins=(0,)), fabric=fabric, solver=Solver("xpbd", 5, 5))
+        for file in ({"file": "other.obj", "folder": str(tmp_path)}, {"file": "disc"})
+    ]
+    runtime.start()
+    alone = positions_after(scenes[1])
+    runtime.start()
+    positions_after(scenes[0])
+    assert (positions_after(scenes[1]) == alone).all()
+    counts = [
+        (len(topology.bending_links.ends), topology.particle_count)
+        for topology in (build_topology(one, "fabric") for one in scenes)
+    ]
+    assert counts[0][0] < 8 * 256 < counts[1][0]  # links, of which a grid of 256 particles may have 2048
+    assert all(128 < particles <= 256 for _, particles in counts)
