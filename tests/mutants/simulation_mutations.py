@@ -331,6 +331,6 @@ SIMULATION = [
         "system/kernel_parsing.py",
         "        if not is_cached(context.func.func):\n            return describe(context, node)\n",
         "",
-        (SOURCES + "test_positions_are_composed_for_functions_of_users_and_in_debug_mode",),
+        (SOURCES + "test_positions_are_composed_once_for_each_function",),
     ),
 ]

@@ -272,6 +272,10 @@ def test_positions_are_composed_once_for_each_function(module: Callable[..., Mod
     assert len(composed) == 2
     position(another, first)
     assert len(composed) == 3
+    of_user = SimpleNamespace(func=SimpleNamespace(func=module("def f(): pass\n", "notebook").f))
+    for _ in range(2):  # the tree of a user's function is not kept, and another one may have its nodes' ids
+        position(of_user, first)
+    assert len(composed) == 5
 
 
 def test_positions_are_composed_for_functions_of_users_and_in_debug_mode(
