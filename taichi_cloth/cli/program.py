@@ -63,6 +63,9 @@ class CommandModule(Protocol):
 OPTIONS_OF_OTHERS = {
     ("bench", "--solver"): "--filter NAME",
     ("compare", "--solver"): "--a solver=NAME --b solver=NAME",
+    ("run", "--scene"): "the name alone, as in `run NAME`",
+    ("run", "--view"): "V in the window, or `render --view`",
+    ("render", "--scene"): "the name alone, as in `render NAME`",
     ("render", "--width"): "--size WIDTHxHEIGHT",
     ("render", "--height"): "--size WIDTHxHEIGHT",
     ("render", "--eye"): "--set 'camera.eye=[X,Y,Z]'",

@@ -149,9 +149,11 @@ def run_scene(args: argparse.Namespace) -> int:
     # A folder of its own: each run replaces the images of the last one, never those of `render`.
     frames, (width, height) = args.frames or DEFAULT_FRAMES, args.size or (960, 540)
     plan = RenderPlan(Path("out") / f"run_{scene.name}", frames, width, height, contact_sheet=True)
-    if any(plan.out.glob("frame_*.png")):
-        print(f"the images of an earlier run in {plan.out} are replaced; `taichi-cloth render --out` keeps its own")
-    return render_images(scene, plan, args, force=True)
+    replaces = any(plan.out.glob("frame_*.png"))
+    status = render_images(scene, plan, args, force=True)
+    if replaces:
+        print(f"the images of an earlier run in {plan.out} were replaced; `taichi-cloth render --out` keeps its own")
+    return status
 
 
 def open_session(scene: Scene, args: argparse.Namespace, export: Exporter | None = None) -> Session:

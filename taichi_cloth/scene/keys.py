@@ -1,13 +1,9 @@
-"""Metadata of scene keys, and checks against it: values (type, range, choices), tables of keys, and sections.
-
-Also parses TOML, and writes values in its syntax.
-"""
+"""Metadata of scene keys, and checks against it: values (type, range, choices), tables of keys, and sections."""
 
 from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache
@@ -135,6 +131,16 @@ def without_numpy(value: Any) -> Any:
     return to_python() if callable(to_python) else value
 
 
+def toml_value(value: object) -> str:
+    """Return a value of a scene in TOML syntax."""
+    value = without_numpy(value)  # whose numbers have a `repr` that is no TOML
+    if isinstance(value, (tuple, list)):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, str):  # TOML basic strings have the escapes of JSON
+        return json.dumps(value, ensure_ascii=False)
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
 def range_text(key: Key) -> str:
     """Return the allowed values of a key as text: the range with its unit, or the choices."""
     if key.min is None or key.max is None:
@@ -208,15 +214,14 @@ def _weights(values: object, file: str, where: str) -> tuple[float, ...] | tuple
     if not isinstance(values, (list, tuple)):
         raise SceneError(file, where, f"must be a file or one number per particle, got {short_repr(values)}")
     rows = bool(values) and all(isinstance(row, (list, tuple)) for row in values)
-    flat = list(chain(*values)) if rows else values
-    if rows and len(lengths := {len(row) for row in values}) > 1:
-        reason = f"rows must be equally long, got {max(lengths)} and {min(lengths)} numbers"
-        raise SceneError(file, where, reason)
+    flat, lengths = list(chain(*values)) if rows else values, {len(row) for row in values} if rows else {1}
+    if len(lengths) > 1:
+        raise SceneError(file, where, f"rows must be equally long, got {max(lengths)} and {min(lengths)} numbers")
     if not flat:
         raise SceneError(file, where, 'must have one number per particle; for no map, write ""')
     if len(flat) > MAX_WEIGHTS:
-        reason = f"has {len(flat)} numbers, at most {MAX_WEIGHTS} are allowed; write more to a file, with numpy.save"
-        raise SceneError(file, where, reason)
+        most = f"at most {MAX_WEIGHTS} are allowed; write more to a file, with numpy.save"
+        raise SceneError(file, where, f"has {len(flat)} numbers, {most}")
     for k, value in enumerate(flat):
         if not isinstance(value, (int, float)) or not 0 <= value <= 1:  # NaN fails
             raise SceneError(file, where, f"value {k + 1} must be a number from 0 to 1, got {short_repr(value)}")
@@ -231,6 +236,9 @@ def _pin(value: object, file: str, where: str) -> str | int:
         if _CONTROL.search(value):
             raise SceneError(file, where, f"must be one line of plain text, got {short_repr(value)}")
         return value
+    if isinstance(value, str) and "," in value:
+        names = ", ".join(f'"{name.strip()}"' for name in value.split(","))
+        raise SceneError(file, where, f"{short_repr(value)} is not a pin; write a list, as in [{names}]")
     reason = (
         f"{short_repr(value)} is not a pin; use an edge or corner ({', '.join(PIN_NAMES)}), a particle index, "
         f"{REGION}NAME or {GROUP}NAME"
@@ -390,37 +398,3 @@ def _classes_below(cls: type) -> Iterator[type]:
         yield from _classes_below(one)
     if not below:
         yield cls
-
-
-# -- TOML --------------------------------------------------------------------------------------------------------------
-
-MAX_DOTS = 100  # in one key; those of a scene have one
-_BETWEEN_KEYS = re.compile(r"[,=\[\]{}#\n]|\.\.")  # a key has no two adjacent dots
-
-
-def parse_toml(text: str) -> dict[str, object]:
-    """Parse a TOML text. Raises ValueError if it is invalid, and RecursionError if it is nested too deeply.
-
-    `tomllib` copies the start of a dotted key for each dot, which takes quadratic time: hours for half a million dots.
-    Keys with more than `MAX_DOTS` are therefore rejected first.
-    """
-    if any(part.count(".") > MAX_DOTS for part in _BETWEEN_KEYS.split(text)):
-        raise ValueError(f"more than {MAX_DOTS} dots in one key")
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        if repeated := re.fullmatch(r"Cannot (?:overwrite|declare) .*\(at line (\d+), column \d+\)", str(error)):
-            number = int(repeated[1])
-            key = text.split("\n")[number - 1].partition("=")[0].strip()
-            raise ValueError(f"{key} is set twice (line {number})") from None
-        raise
-
-
-def toml_value(value: object) -> str:
-    """Return a value of a scene in TOML syntax."""
-    value = without_numpy(value)  # whose numbers have a `repr` that is no TOML
-    if isinstance(value, (tuple, list)):
-        return "[" + ", ".join(map(toml_value, value)) + "]"
-    if isinstance(value, str):  # TOML basic strings have the escapes of JSON
-        return json.dumps(value, ensure_ascii=False)
-    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -9,7 +9,8 @@ from functools import cache
 from typing import Any
 
 from ..system.errors import Mistakes, SceneError, nearest_name, new_key
-from .keys import Section, given_table, keys_of, parse_toml
+from ..system.files import parse_toml
+from .keys import Section, given_table, keys_of
 from .schema import COLLIDERS, GRID_KEYS, Cloth, Scene, sections
 from .solver_catalog import SOLVER_CATALOG
 
@@ -76,7 +77,10 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
     if name not in names:
         if part := sections().get(name):
             example = f"{part.name}.{next(iter(keys_of(part.cls)))}"
-            raise SceneError(file, key, f"is a section: set one of its keys, such as {example}, or give it a table")
+            reason = f"is a section: set one of its keys, such as {example}, or give it a table"
+            off = value is False or (isinstance(value, str) and value.lower() in ("off", "none", "no"))
+            without = f"; --without {part.name} leaves it out" if off and part.optional else ""
+            raise SceneError(file, key, reason + without)
         if (new := new_key(name)) in names:
             raise SceneError(file, key, f"was renamed to {_dotted(new) if '.' in key else new}")
         known = [one for one, targets in names.items() if any(_is_in(part, data) for part, _ in targets)]

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..system.errors import Mistakes, SceneError, nearest_name, short_repr
+from ..system.files import parse_toml
 from .collider_schema import PROJECTION, RESPONSES, ContactProperties, Mesh, RoundCollider
 from .fabric_schema import check_model
-from .keys import check_table, check_value, given_table, keys_of, parse_toml, range_text, toml_value, types_of
+from .keys import check_table, check_value, given_table, keys_of, range_text, toml_value, types_of
 from .overrides import apply_override, is_section, plain_tables, targets_of
 from .presets import PRESET_KEYS, is_file_name, is_map_name, load_preset, mesh_names, preset_values, scene_path
 from .schema import COLLIDERS, GRID_KEYS, MAP_NAMES, Cloth, Maps, Scene, sections

@@ -13,11 +13,11 @@ from typing import Any
 import taichi as ti
 
 from ..scene import Scene, scene_to_toml
-from ..scene.keys import parse_toml, toml_value
+from ..scene.keys import toml_value
 from ..scene.reader import folder_of, scene_from, with_folders
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system.errors import UsageError, short_repr
-from ..system.files import atomic_file
+from ..system.files import atomic_file, parse_toml
 from ..system.taichi_runtime import cpu_model, machine
 from .checkpoint import checkpoint_bytes
 from .events import EVENTS, Event, scene_event

@@ -172,13 +172,23 @@ OTHER_WORDS = {"density": "area_density", "mass": "area_density", "position": "c
 
 
 def nearest_name(wrong: object, valid: Iterable[str]) -> str:
-    """Return the valid name that a wrong one means: the same words in another order, or the most similar; or ""."""
-    text, names = str(wrong), list(valid)
+    """Return the valid name that a wrong one means: the same words in another order, or the most similar; or "".
+
+    Capitals do not count, nor does the order of two letters.
+    """
+    text, names = str(wrong).lower(), list(valid)
     section, dot, key = text.rpartition(".")
     meant = section + dot + OTHER_WORDS.get(key, key)
-    found = [name for name in names if name == meant or _words(name) == _words(text)]
+    found = [name for name in names if name.lower() == meant or _words(name.lower()) == _words(text)]
+    found = found or [name for name in names if _is_swapped(name.lower(), text)]
     found = found or difflib.get_close_matches(text, names, n=1, cutoff=0.65)
     return found[0] if found else ""
+
+
+def _is_swapped(name: str, text: str) -> bool:
+    """Return whether a text is a name in which two letters changed places."""
+    wrong = sum(a != b for a, b in zip(name, text, strict=False))
+    return sorted(name) == sorted(text) and wrong == 2
 
 
 def _words(name: str) -> list[str]:

@@ -1,10 +1,12 @@
-"""Files written atomically, numbered names of new files, caches of arrays and of files, and a lock on a folder."""
+"""Files written atomically, numbered names of new files, caches of arrays and of files, a lock on a folder, TOML."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from errno import EISDIR
@@ -187,3 +189,27 @@ else:
             raise
         except OSError:  # no locks on this file system
             pass
+
+
+# -- TOML --------------------------------------------------------------------------------------------------------------
+
+MAX_DOTS = 100  # in one key; those of a scene have one
+_BETWEEN_KEYS = re.compile(r"[,=\[\]{}#\n]|\.\.")  # a key has no two adjacent dots
+
+
+def parse_toml(text: str) -> dict[str, object]:
+    """Parse a TOML text. Raises ValueError if it is invalid, and RecursionError if it is nested too deeply.
+
+    `tomllib` copies the start of a dotted key for each dot, which takes quadratic time: hours for half a million dots.
+    Keys with more than `MAX_DOTS` are therefore rejected first.
+    """
+    if any(part.count(".") > MAX_DOTS for part in _BETWEEN_KEYS.split(text)):
+        raise ValueError(f"more than {MAX_DOTS} dots in one key")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        if repeated := re.fullmatch(r"Cannot (?:overwrite|declare) .*\(at line (\d+), column \d+\)", str(error)):
+            number = int(repeated[1])
+            key = text.split("\n")[number - 1].partition("=")[0].strip()
+            raise ValueError(f"{key} is set twice (line {number})") from None
+        raise

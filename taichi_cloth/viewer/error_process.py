@@ -146,8 +146,8 @@ class ErrorProcess:
 
     @property
     def error(self) -> FrameError | None:
-        """The last error of a frame that was measured, if the reference has converged."""
-        found = self.answer and self.answer.error
+        """The last error of a frame that was measured, if it was not refused and the reference has converged."""
+        found = self.answer and not self.answer.refusal and self.answer.error
         return found if found and found.reference_has_converged else None
 
     @property

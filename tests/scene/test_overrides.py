@@ -195,6 +195,10 @@ TWO_BRACKETS = "write [[spheres]] with two brackets: it is an array of tables; i
     ("override", "line"),
     [
         ({"wind": {"zz": 1}}, "wind.zz: unknown key (did you mean 'z'?)"),
+        (
+            {"wind": "off"},
+            "wind: is a section: set one of its keys, such as wind.x, or give it a table; --without wind leaves it out",
+        ),
         ({"wind": "strong"}, "wind: is a section: set one of its keys, such as wind.x, or give it a table"),
         ({"cloth": None}, "cloth: must be a table, got None"),
         ({"sphers": []}, "sphers: unknown key (did you mean 'spheres'?)"),

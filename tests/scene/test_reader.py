@@ -107,6 +107,12 @@ def test_an_error_names_file_key_reason_and_hint(write: Write, refuse: Refuse) -
         ("[cloth]\ncenter = [0, 'a', 1]", "cloth.center[1]", "must be a number, got 'a'", ""),
         ("[cloth]\npins = 3.5", "cloth.pins", "must be a list", ""),
         ("[cloth]\npins = ['tp']", "cloth.pins[0]", "'tp' is not a pin", "top"),
+        (
+            "[cloth]\npins = ['top-left,top-right']",
+            "cloth.pins[0]",
+            '\'top-left,top-right\' is not a pin; write a list, as in ["top-left", "top-right"]',
+            "",
+        ),
         ("[cloth]\npins = ['left-top']", "cloth.pins[0]", "'left-top' is not a pin", "top-left"),
         ("[cloth]\npins = [true]", "cloth.pins[0]", "true is not a pin", ""),
         (

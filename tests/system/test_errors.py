@@ -15,7 +15,7 @@ import pytest
 
 import taichi_cloth
 from taichi_cloth.geometry.mesh_reader import ObjError
-from taichi_cloth.system.errors import PinError, SceneError, UsageError, error_text, install_command
+from taichi_cloth.system.errors import PinError, SceneError, UsageError, error_text, install_command, nearest_name
 
 
 def test_the_text_of_an_os_error_has_its_file_and_reason() -> None:
@@ -100,3 +100,20 @@ def test_errors_arrive_from_other_processes(error: Exception) -> None:
     copy = pickle.loads(pickle.dumps(error))
     assert (type(copy), str(copy)) == (type(error), str(error))
     assert vars(copy).get("reason") == vars(error).get("reason")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "name"),
+    [
+        ("XPBD", "xpbd"),
+        ("DENIM", "denim"),
+        ("demin", "denim"),
+        ("seat_belt", "belt_seat"),
+        ("denima", "denim"),
+        ("Structural", "structural"),
+        ("nothing", ""),
+        ("rk5", "rk4"),
+    ],
+)
+def test_the_nearest_name_is_found_in_spite_of_capitals_and_swapped_letters(wrong: str, name: str) -> None:
+    assert nearest_name(wrong, ["xpbd", "rk4", "denim", "silk", "belt_seat", "structural"]) == name

@@ -257,6 +257,13 @@ def test_a_reference_that_is_too_slow_or_diverges_is_refused(
     assert again.refusal == ""  # another frame, or fewer iterations, may be measured
     assert not diverged.is_final
     assert not slow.is_final
+    process = ErrorProcess()
+    for answer in (slow, diverged):  # the picture shows no error that the panel does not
+        assert answer.error is not None
+        process.answer = answer
+        assert process.error is None
+    process.answer = again
+    assert process.error is again.error
 
 
 def test_growth_is_measured_if_there_is_time(measurer: Measurer, monkeypatch: pytest.MonkeyPatch) -> None:
