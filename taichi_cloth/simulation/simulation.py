@@ -108,10 +108,9 @@ class Simulation(RunningCloth):
     def set_state(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Set the position of every particle [m], (N, 3), and its velocity [m/s], (N, 3) or one for all.
 
-        Pinned particles are pinned where they are put, at once: the springs that this stretches shake the cloth. To
-        move pins evenly, use attachments or grabs. Attached particles return to their attachment in the next frame.
-        Raises ValueError, and changes nothing, for another shape, for numbers that are not finite or exceed 10⁶, and
-        with `penetration_free` for positions with intersections, unless `untangle` is on.
+        Pins jump to where they are put, which shakes the cloth; attachments and grabs move evenly. Attached particles
+        return to their attachment in the next frame. Raises ValueError, and changes nothing, for another shape, numbers
+        that are not finite or exceed 10⁶, and with `penetration_free` for intersections, unless `untangle` is on.
         """
         shape = self.topology.start.shape
         x, v = check_vectors(positions, "positions", shape), check_vectors(velocities, "velocities", shape, (3,))
