@@ -318,8 +318,8 @@ def robust_words() -> str:
 
 
 PAGE = """\
-`make stress` runs {cases} cases that break cloth. Each case has several variants, and each variant runs from ten random
-starts: with every solver at its default substeps and iterations, and with two settings recommended for hard scenes:
+`make stress` runs {cases} cases that break cloth, each in several variants, and each variant from ten random starts:
+with every solver at its defaults ([some are unfinished](limits.md)), and with two settings recommended for hard scenes:
 
 - `robust` is the scene's own cloth with {robust}.
 - `robust-slack` is the same with another material: its springs do not resist compression
