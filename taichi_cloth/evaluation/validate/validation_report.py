@@ -229,7 +229,8 @@ def main_page(run: Measured, rows: str) -> list[str]:
     pairs = dict.fromkeys((one.number, one.solver) for one in results)
     missed = {(one.number, one.solver) for one in results if one.verdict in (FAIL, TOO_SLOW)}
     complete = [pair not in missed for pair in pairs]
-    lines = ["# Validation", "", f"{summary_line(results)}. [{rows}]({rows}) has them all. [Some defaults](limits.md) do not reach the solution.", ""]
+    others = "[Some defaults](limits.md) do not reach the solution."
+    lines = ["# Validation", "", f"{summary_line(results)}. [{rows}]({rows}) has them all. {others}", ""]
     lines += [
         f"{n['pass or excellent [%]']:.1f} % pass (goal: {GOAL[0]:g} %), {n['excellent [%]']:.1f} % are excellent"
         f" (goal: {GOAL[1]:g} %).",
