@@ -277,8 +277,8 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         """Run some frames, and write the cloth before every `every`-th of them to a clip, by the suffix of `path`.
 
         .pc2 (with an OBJ file beside it), .usdc, .usda, .usd, .glb and .html are one file; a path without a suffix is a
-        folder of OBJ files. `up`: "y" or "z". `on_frame(k)` is called after frame k, 0 first, and may move grabs and
-        change parameters, but not step, reset or change the scene (UsageError).
+        folder of OBJ files. `up`: "y" or "z". `on_frame(k)` is called after step k, 0 first, when the cloth is that of
+        the frame k + 1. It may move grabs and change parameters, but not step, reset or change the scene (UsageError).
 
         Existing files are replaced, and a missing folder is made. Raises UsageError for another suffix or axis,
         ValueError for numbers that are not integers from 1, Diverged if the cloth blows up, and OSError; a partial file

@@ -75,9 +75,9 @@ def check_scene(scene: Scene | str | Path | dict[str, Any]) -> Scene:
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
-    """Write a scene as a TOML file, from which `load_scene` reads an equal scene. A missing folder is made.
+    """Write a scene as a TOML file, from which `load_scene` reads this scene with another name: the stem of the file.
 
-    Names of mesh and map files become relative to the folder of the new file; the files themselves are not copied.
+    A missing folder is made. Names of mesh and map files become relative to it; the files themselves are not copied.
 
     Raises SceneError for a scene with a mistake, UsageError for a name that does not end in .toml, and OSError; a
     partial file never remains.

@@ -121,9 +121,9 @@ def render_video(
     """Run some frames, and write an image before every `every`-th of them to a video, an .mp4 or .webp file.
 
     The video plays in real time, with 60/`every` images per second. `size`, `view`, `eye`, `target` and `fov`: as in
-    `render_image`, but the camera does not move. `on_frame(k)` is called after frame k, 0 first, and may move grabs and
-    change parameters, but not step, reset or change the scene (UsageError). An .mp4 file has even width and height, one
-    pixel less than an odd one.
+    `render_image`, but the camera does not move. `on_frame(k)` is called after step k, 0 first, when the cloth is that
+    of the frame k + 1. It may move grabs and change parameters, but not step, reset or change the scene (UsageError).
+    An .mp4 file has even width and height, one pixel less than an odd one.
 
     An existing file is replaced, and a missing folder is made. Raises UsageError for another suffix, for the view
     "error", and with the command that installs it if ffmpeg is missing, or Pillow for .webp. Raises ValueError as

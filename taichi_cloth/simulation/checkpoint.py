@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from math import prod
 from os import PathLike, fspath
@@ -28,6 +29,7 @@ Arrays = dict[str, NDArray[Any]]
 
 MOVED = "displacements"  # of colliders
 VARYING = (MOVED, "grabbed", "grabbed_at", "grabs", "grab_paths")  # in length
+FOLDER = re.compile(r'^(file|clip|pin|stiffness|max_distance) = "[^"]*[/\\]', re.MULTILINE)  # of a mesh or map file
 MAX_BYTES = 1 << 24  # of what may vary: a scene's text, four bytes a character, and the grabs
 
 
@@ -112,10 +114,12 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
 def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like: Arrays, older: Arrays) -> Arrays:
     """Return the arrays of a checkpoint of the same scene.
 
+    Scenes may name mesh and map files in other folders, as one that `save_scene` wrote does; only their names count.
     `like`: those of the present state. `older`: values of those that older checkpoints do not have.
 
     Raises ValueError naming the first line in which the scenes differ. Allocates nothing for what is too large.
     """
+    scene_text = _without_folders(scene_text)
     limit = 2 * (MAX_BYTES + sum(array.nbytes for array in like.values()))
     arrays = {}
     try:
@@ -126,7 +130,7 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
         if len(content) > limit:
             raise ValueError(f"it is larger than {limit} bytes")
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            theirs = str(_entry(archive, "scene", np.array("")))
+            theirs = _without_folders(str(_entry(archive, "scene", np.array(""))))
             if theirs == scene_text:
                 stored = {name.removesuffix(".npy") for name in archive.namelist()}
                 arrays = {key: _entry(archive, key, like[key]) for key in like if key in stored or key not in older}
@@ -150,6 +154,10 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
         if not np.isfinite(array).all():
             raise ValueError(f"{name}: damaged: {key} is not finite")
     return arrays
+
+
+def _without_folders(scene_text: str) -> str:
+    return FOLDER.sub(r'\1 = "', scene_text)
 
 
 def _entry(archive: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[Any]:

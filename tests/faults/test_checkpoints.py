@@ -17,10 +17,11 @@ import pytest
 import taichi as ti
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from meshes import quads, write_obj
 
-from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.geometry.scene_loader import load_scene, save_scene
 from taichi_cloth.scene.collider_schema import Sphere
-from taichi_cloth.scene.schema import Cloth, Scene, Wind
+from taichi_cloth.scene.schema import Cloth, Maps, Scene, Solver, Wind
 from taichi_cloth.simulation.checkpoint import MAX_BYTES
 from taichi_cloth.simulation.events import GrabHandle
 from taichi_cloth.simulation.parameter_values import MAX_COORDINATE
@@ -342,3 +343,27 @@ def test_a_checkpoint_on_a_full_disk_keeps_the_old_file(disk: Callable[..., Path
 def test_a_checkpoint_needs_the_name_of_a_file(simulation: Simulation) -> None:
     with pytest.raises(OSError, match=r"Is a directory: '\.'"):
         simulation.save("")
+
+
+def test_a_checkpoint_loads_into_the_saved_scene_in_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of meshes and maps are compared by name; `save_scene` writes other paths to them."""
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path / "sheet.obj", *quads(4, 5))
+    np.save(tmp_path / "map.npy", np.ones(20))
+    scene = Scene(cloth=Cloth(file="sheet.obj", pins=(0,)), maps=Maps(stiffness="map.npy"), solver=Solver("explicit"))
+    save_scene(scene, tmp_path / "results" / "run.toml")
+    other = load_scene(scene, cloth_file=str(write_obj(tmp_path / "other.obj", *quads(4, 5))))
+    with Simulation(scene) as simulation:
+        simulation.step(3)
+        simulation.save("results/run.npz")
+        expected = simulation.positions()
+    with Simulation(load_scene(tmp_path / "results" / "run.toml")) as simulation:
+        simulation.load("results/run.npz")
+        assert (simulation.positions() == expected).all()
+    with (
+        Simulation(other) as simulation,
+        pytest.raises(ValueError, match=r"a checkpoint of another scene: it has 'file = \"sheet\.obj\"', this one "),
+    ):
+        simulation.load("results/run.npz")
