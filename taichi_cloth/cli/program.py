@@ -90,6 +90,8 @@ class Parser(argparse.ArgumentParser):
                 hint = f"; use {known}" if known else nearest_hint(option, self._option_string_actions)
                 self.error(f"unknown option {option}{hint}")
         joined = "; join keys by commas: KEY=VALUE,KEY=VALUE" if all("=" in word for word in words) else ""
+        if any(word.startswith("=") for word in words):
+            joined = "; write KEY=VALUE without spaces"
         if "--scene" in self._option_string_actions:
             joined = "; --error --scene NAME measures on a scene"
         self.error(f"too many arguments: {' '.join(words)}{joined}")

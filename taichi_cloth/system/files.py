@@ -212,4 +212,20 @@ def parse_toml(text: str) -> dict[str, object]:
             number = int(repeated[1])
             key = text.split("\n")[number - 1].partition("=")[0].strip()
             raise ValueError(f"{key} is set twice (line {number})") from None
+        if (at := re.search(r"at line (\d+)", str(error))) and (hint := _toml_hint(text.split("\n")[int(at[1]) - 1])):
+            raise ValueError(f"{error}; {hint}") from None
         raise
+
+
+def _toml_hint(line: str) -> str:
+    """Return what to write instead of a line that is no TOML, or ""."""
+    value = line.partition("=")[2].partition("#")[0].strip()
+    if value in ("True", "False"):
+        return f"write {value.lower()}"
+    if re.fullmatch(r"[A-Za-z_][\w-]*", value):
+        return f'text needs quotes: "{value}"'
+    if re.fullmatch(r"[-+]?\d+,\d+", value):
+        return f"write {value.replace(',', '.')}"
+    if unit := re.fullmatch(r"([-+]?\d+(?:\.\d+)?)\s*[A-Za-z/°%²³]+", value):
+        return f"write {unit[1]}, without a unit"
+    return ""

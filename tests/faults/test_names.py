@@ -95,6 +95,8 @@ COMMANDS = [
     ("render curtain -x", "unknown option -x"),
     ("render curtain --clip", "--clip was renamed to --frames A:B"),
     ("render curtain table", "too many arguments: table"),
+    ("render curtain --set wind.z = 6", "too many arguments: = 6; write KEY=VALUE without spaces"),
+    ("check flag --set wind.z =6", "too many arguments: =6; write KEY=VALUE without spaces"),
     ("compare curtain --a solver=lines substeps=5", "substeps=5; join keys by commas: KEY=VALUE,KEY=VALUE"),
     ("render curtain --view strian", "did you mean 'strain'?"),
     ("render curtain --solver xpdb", "solver.name: 'xpdb' is not one of: verlet"),
