@@ -141,7 +141,7 @@ def test_a_closed_simulation_raises() -> None:
 def test_a_closed_simulation_takes_no_changes() -> None:
     simulation = tc.Simulation(SMALL)
     grab = simulation.grab(3)
-    assert repr(grab) == "<GrabHandle 0: of 1 particles>"
+    assert repr(grab) == "<GrabHandle 0: of 1 particle>"
     simulation.step(2)
     count = simulation.topology.particle_count
     assert repr(simulation) == f"<Simulation {SMALL.name!r}: frame 2, {count} particles>"
