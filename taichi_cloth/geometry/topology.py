@@ -339,7 +339,7 @@ class ClothMetrics:
 
     max_strain: float  # largest length/rest − 1 of the structural springs (of all springs if there are none)
     mean_strain: float  # mean |length/rest − 1| of these springs
-    kinetic_energy: float  # [J]
+    kinetic_energy: float  # [J] of all particles that are neither pinned nor attached
     potential_energy: float  # [J] of gravity, zero at y = 0
     penetration: float  # [m] largest depth of a particle below a collider's surface, 0 if there is none
     finite: bool  # whether all positions are finite

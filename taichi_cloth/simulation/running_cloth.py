@@ -327,10 +327,11 @@ class RunningCloth(HasParameters):
     def reaction_forces(self) -> NDArray[np.float64]:
         """Return the force that holds each particle [N], (N, 3): that of its pin, attachment or grab; 0 if it is free.
 
-        It is mass times acceleration minus `forces`, with the acceleration of the pin, attachment or grab over the last
-        two frames. What holds a particle against contact, self-collision, tethers, the strain limit and max distances
-        is not included. Forces are wrong if the iterations of the solver have not converged: those on a cloth at rest
-        then do not add up to its weight. Raises UsageError for `verlet`.
+        It is mass times acceleration over the last two frames, minus `forces`, as of now: while a grab or an attachment
+        accelerates, take the mean over the substeps (`step_by_substep`). What holds a particle against contact,
+        self-collision, tethers, the strain limit and max distances is not included. Forces are wrong if the iterations
+        of the solver have not converged: those on a cloth at rest then do not add up to its weight. Raises UsageError
+        for `verlet`.
         """
         forces = self._prescribed_acceleration() * self.topology.mass[:, None] - self.forces()
         held = self.topology.pinned.copy()
