@@ -129,6 +129,13 @@ def pose(collider: Motion | Ground, seconds: float) -> tuple[Floats, Floats]:
     return center, axes
 
 
+def in_first_pose(body: Motion, positions: Floats) -> Floats:
+    """Return positions relative to the pose of a body at the start: to its center there, in its axes there, (N, 3)."""
+    center, axes = pose(body, 0.0)
+    local: Floats = (positions - center) @ axes
+    return local
+
+
 def displaced(collider: Body, start: float, end: float, displacement: tuple[Floats, Floats]) -> Body:
     """Return a collider that is also displaced from its prescribed motion, for times between `start` and `end` [s].
 

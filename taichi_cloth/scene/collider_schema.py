@@ -56,7 +56,7 @@ class Motion(Table):
     keyframes: Keyframes = key_field(
         (),
         "rows [seconds, x, y, z] or [seconds, x, y, z, rx, ry, rz]: offset [m], rotation about x, then y, then z"
-        " [degrees]; interpolated linearly",
+        " [degrees]; interpolated linearly, and constant before the first row and after the last",
         min=-1e5,
         max=1e5,
     )
@@ -64,7 +64,11 @@ class Motion(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class Attachment(Motion):
-    """Pins that move together as one rigid body from their start positions, for example a bar or a hand."""
+    """Pins that move together as one rigid body from their start positions, for example a bar or a hand.
+
+    They are at their start positions at 0 s, whatever the pose is then, and only its changes move them. A particle that
+    several attachments name is moved by the last of them.
+    """
 
     pins: Pins = key_field((), "attached particles: edges, corners, particle indices, regions or groups, as in [cloth]")
 

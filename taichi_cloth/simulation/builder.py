@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import state
-from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, is_deforming, pose
+from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, in_first_pose, is_deforming
 from ..geometry.cloth_builder import (
     attachment_ids,
     build_topology,
@@ -168,8 +168,10 @@ def build(
         release_solver(solver)
         raise UsageError(f"{scene.name}: {reason}")
     if scene.attachments:
-        centers = np.array([pose(attachment, 0.0)[0] for attachment in scene.attachments])
-        attach_attachments(solver.layout, topology, np.where(pin_changes, -1, attachment_ids(scene, topology)), centers)
+        ids, local = attachment_ids(scene, topology), np.zeros_like(topology.start)
+        for k, attachment in enumerate(scene.attachments):
+            local[ids == k] = in_first_pose(attachment, topology.start[ids == k])
+        attach_attachments(solver.layout, topology, np.where(pin_changes, -1, ids), local)
     repulsion = repulsion_frequency(colliders_of(scene), scene.cloth.area_density)
     solver.frequency = hypot(solver.frequency, repulsion)
     wanted = scene.fabric.damping_time

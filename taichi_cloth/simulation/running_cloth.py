@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import state
-from ..collision.colliders import colliders_of, pose
+from ..collision.colliders import colliders_of, in_first_pose, pose
 from ..collision.response import Depenetration
 from ..geometry.cloth_builder import attachment_ids, spring_stiffness
 from ..geometry.spring_model import spring_model, wind_of
@@ -343,7 +343,7 @@ class RunningCloth(HasParameters):
         acceleration = np.zeros_like(self.topology.start)
         owner = attachment_ids(self.scene, self.topology)
         for k, attachment in enumerate(self.scene.attachments):
-            local = self.topology.start[owner == k] - pose(attachment, 0.0)[0]
+            local = in_first_pose(attachment, self.topology.start[owner == k])
             poses = [pose(attachment, max(self.seconds - n * FRAME_SECONDS, 0.0)) for n in range(3)]
             now, last, before = (center + local @ axes.T for center, axes in poses)
             acceleration[owner == k] = (now - 2 * last + before) / FRAME_SECONDS**2

@@ -274,26 +274,26 @@ class Attachments:
     index: ti.ScalarField
     """Layout index of the particle."""
     local: ti.MatrixField
-    """Position relative to the center of the attachment, in its axes at the start [m]."""
+    """Position relative to the center of the attachment, in its axes [m]; it never changes."""
     attachment: ti.ScalarField
     """Number of the attachment."""
     count: ti.ScalarField
 
 
 def attach_attachments(
-    layout: Layout, topology: Topology, attachment: NDArray[np.int64], centers: NDArray[np.float64]
+    layout: Layout, topology: Topology, attachment: NDArray[np.int64], local: NDArray[np.float64]
 ) -> None:
     """Set `layout.attachments`.
 
-    `attachment`: number of the attachment of every particle, −1 for none, (N,). `centers`: where the attachments start,
-    (A, 3) [m].
+    `attachment`: number of the attachment of every particle, −1 for none, (N,). `local`: position of every particle in
+    the first pose of its attachment, (N, 3) [m].
     """
     if layout.attachments is None:
         layout.attachments = build(layout, lambda: _allocate_attachments(layout_size(layout)))
     driven = np.flatnonzero(attachment >= 0)
     fields.upload_all(
         (layout.attachments.index, layout_index(layout, topology, driven)),
-        (layout.attachments.local, topology.start[driven] - centers[attachment[driven]]),
+        (layout.attachments.local, local[driven]),
         (layout.attachments.attachment, attachment[driven]),
     )
     layout.attachments.count[None] = len(driven)

@@ -55,6 +55,28 @@ def test_attached_pins_move_with_their_body(solver: str) -> None:
         assert simulation.positions()[8] == pytest.approx(edges_after(8 / 60)[1][0], abs=1e-6)
 
 
+@pytest.mark.parametrize("layout", ["serial", "simd", "parallel"])
+def test_only_changes_of_the_pose_since_the_start_move_attached_particles(layout: str) -> None:
+    """By one rule for offsets and rotations: a trajectory need not begin with zeros."""
+    axis = {"pins": ("right",), "center": (-0.4, 1.0, 0.0)}
+    moves = [
+        (axis | {"keyframes": ((0.0, 0.5, 0.0, 0.0, 0.0, 90.0, 0.0),)}, [0.0, 0.0, 0.0]),
+        (axis | {"keyframes": ((0.0, 0.5, 0.0, 0.0), (0.1, 0.6, 0.2, 0.0))}, [0.1, 0.2, 0.0]),
+        (axis | {"rocking": (0.0, 30.0, 0.0), "phase": (0.0, 90.0, 0.0), "period": (0.1, 0.1, 0.1)}, [0.0, 0.0, 0.0]),
+        # From 90° to 180° about y through x = −0.4 + 0.5, the edge at x = 0.4 turns by a right angle, from x to −z.
+        (axis | {"keyframes": ((0.0, 0.5, 0, 0, 0, 90, 0), (0.1, 0.5, 0, 0, 0, 180, 0))}, [-0.3, 0.0, -0.3]),
+    ]
+    for keys, moved in moves:
+        with Simulation(scene("explicit", Attachment(**keys)), layout) as simulation:
+            start = simulation.topology.start.reshape(6, 9, 3)
+            simulation.step()
+            assert np.abs(simulation.positions().reshape(6, 9, 3)[:, 8] - start[:, 8]).max() < 0.4
+            simulation.step(5)  # 0.1 s, a period of the rocking
+            assert simulation.positions().reshape(6, 9, 3)[:, 8] - start[:, 8] == pytest.approx(
+                np.tile(moved, (6, 1)), abs=1e-5
+            )
+
+
 @pytest.mark.parametrize("layout", ["serial", "simd"])
 @pytest.mark.parametrize("solver", ["xpbd", "explicit", "rk4", "implicit"])
 def test_attached_and_grabbed_particles_have_the_velocity_of_their_motion(solver: str, layout: str) -> None:
