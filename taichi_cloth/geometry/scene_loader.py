@@ -82,6 +82,8 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     Raises SceneError for a scene with a mistake, UsageError for a name that does not end in .toml, and OSError; a
     partial file never remains.
     """
+    if isinstance(path, Scene):
+        raise UsageError("save_scene takes the scene first, then the path")
     path = Path(path)
     if path.suffix.lower() != ".toml":
         raise UsageError(f"{path}: scenes are saved as TOML files: the name must end in .toml")

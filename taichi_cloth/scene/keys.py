@@ -339,8 +339,8 @@ class Section(NamedTuple):
 def check_table(cls: type, table: Any, mistakes: Mistakes, where: str = "", also: Iterable[str] = ()) -> dict[str, Any]:
     """Return the valid keys of a table. Messages name it `where`, and suggest the names in `also` as well."""
     if not isinstance(table, dict):
-        key = next((key for key in ("name", "preset") if key in keys_of(cls)), "")
-        example = f", as in {{{key} = {short_repr(table)}}}" if key and isinstance(table, str) else ""
+        key, text = next((key for key in ("name", "preset") if key in keys_of(cls)), ""), short_repr(table)
+        example = f", as in {{{key} = {text}}}, in Python {{'{key}': {text}}}" if key and isinstance(table, str) else ""
         wanted = f"must be a {cls.__name__} or a dict" if isinstance(table, Table) else f"must be a table{example}"
         mistakes.add(where, f"{wanted}, got {short_repr(table)}")
         return {}

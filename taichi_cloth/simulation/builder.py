@@ -274,6 +274,8 @@ def warnings_of(simulation: RunningCloth) -> list[str]:
         lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
     if simulation.scene.tearing is not None and simulation.scene.fabric.preset:
         lines.append(f"tearing leaves out the bending stiffness of {simulation.scene.fabric.preset}")
+    if not all(attachment.pins for attachment in simulation.scene.attachments):
+        lines.append("an attachment without pins moves nothing")
     if simulation.is_held_still:
         lines.append("penetration-free contact holds the cloth still: more pairs are near than it can list")
     return lines

@@ -82,9 +82,14 @@ def test_a_single_table_of_an_array_is_refused() -> None:
 
 
 def test_a_name_in_place_of_a_table_is_refused_with_an_example() -> None:
-    with pytest.raises(SceneError, match=r"solver: must be a table, as in \{name = 'xpbd'\}, got 'xpbd'"):
+    with pytest.raises(
+        SceneError, match=r"solver: must be a table, as in \{name = 'xpbd'\}, in Python \{'name': 'xpbd'\}, got 'xpbd'"
+    ):
         Scene(solver="xpbd")  # type: ignore[arg-type]
-    with pytest.raises(SceneError, match=r"fabric: must be a table, as in \{preset = 'silk'\}, got 'silk'"):
+    with pytest.raises(
+        SceneError,
+        match=r"fabric: must be a table, as in \{preset = 'silk'\}, in Python \{'preset': 'silk'\}, got 'silk'",
+    ):
         load_scene({"fabric": "silk"})
 
 

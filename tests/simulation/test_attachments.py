@@ -55,6 +55,13 @@ def test_attached_pins_move_with_their_body(solver: str) -> None:
         assert simulation.positions()[8] == pytest.approx(edges_after(8 / 60)[1][0], abs=1e-6)
 
 
+def test_an_attachment_without_pins_is_named() -> None:
+    for other, line in ((GOING, ""), (replace(GOING, pins=()), "an attachment without pins moves nothing")):
+        with Simulation(scene("explicit", TURNING, other)) as simulation:
+            assert line in simulation.warnings
+            assert ("attachment" in simulation.warnings) == bool(line)
+
+
 @pytest.mark.parametrize("layout", ["serial", "simd", "parallel"])
 def test_only_changes_of_the_pose_since_the_start_move_attached_particles(layout: str) -> None:
     """By one rule for offsets and rotations: a trajectory need not begin with zeros."""
