@@ -146,6 +146,7 @@ def links_of_forms(forms: list[QuadraticForms]) -> BendingLinks:
 NEAR = 0.2  # [mean squared distances] softens the weights 1/(NEAR + d²), so that no neighbor dominates the fit
 DETERMINED = 0.01  # least ratio of the eigenvalues of a fit that determines all three second derivatives
 NEGLIGIBLE = 1e-4  # share of the quadratic functions below which linear ones fit them: no second derivative is known
+FOLDED = 1e-6  # length of the summed normals over that of all, below which they cancel
 CHUNK = 8192  # vertices that are fitted at once, which limits the memory
 
 
@@ -247,7 +248,7 @@ class _Neighbors:
         size = (weight * (quadratic**2).sum(axis=2)).sum(axis=1)
         # What linear functions do not fit of the quadratic ones: a plane that turns or moves has no second derivatives.
         weighted = weight[:, None] * np.moveaxis(linear, 2, 1)
-        quadratic -= linear @ np.linalg.solve(weighted @ linear, weighted @ quadratic)
+        quadratic -= linear @ (np.linalg.pinv(weighted @ linear, hermitian=True) @ (weighted @ quadratic))
         weighted = weight[:, None] * np.moveaxis(quadratic, 2, 1)
         eigenvalues, vectors = np.linalg.eigh(weighted @ quadratic)
         kept = eigenvalues > NEGLIGIBLE * size[:, None]
@@ -282,6 +283,12 @@ def _tangents(surface: Surface, vertices: Ints) -> tuple[Floats, Floats]:
     normal = np.zeros((len(flat) + 1, 3))  # the last one is of −1
     for k in range(4):
         np.add.at(normal, faces[:, k], surface.area_vectors)
+    cancel = np.linalg.norm(normal, axis=1) < FOLDED * np.bincount(
+        faces.reshape(-1) % (len(flat) + 1), np.linalg.norm(surface.area_vectors, axis=1).repeat(4), len(flat) + 1
+    )
+    for k in range(4):  # faces that lie on each other, as at the seam of a flat bag: the plane is that of one of them
+        one = cancel[faces[:, k]]
+        normal[faces[one, k]] = surface.area_vectors[one]
     normal = _unit(normal[vertices])
     x = np.where(np.abs(normal[:, :1]) < 0.99, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     x = _unit(x - normal * (x * normal).sum(axis=1)[:, None])

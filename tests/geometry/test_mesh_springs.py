@@ -255,3 +255,19 @@ def test_a_mesh_of_few_vertices_resists_no_motion_of_a_rigid_body(tmp_path: Path
     values = np.linalg.eigvalsh(matrix)
     assert values[0] > -1e-9
     assert (values > 1e-6).sum() == (0 if len(faces) == 1 else len(points) - 3)
+
+
+def test_a_flat_bag_resists_no_motion_of_a_rigid_body(tmp_path: Path) -> None:
+    """Two sheets on each other, sewn along their edges: the normals at the seam cancel each other."""
+    points, faces = quads(5, 5)
+    seam = (np.abs(points) > 0.5 - 1e-9).any(axis=1)
+    other = np.where(seam, np.arange(25), 25 + np.cumsum(~seam) - 1)
+    a, b, c, d = np.array(faces).T
+    upper = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    lower = other[np.concatenate([np.stack([a, d, b], 1), np.stack([b, d, c], 1)])]
+    mesh = np.concatenate([points, points[~seam]]), np.concatenate([upper, lower])
+    topology, _ = made(tmp_path, mesh, Fabric(bending_stiffness=BENDING))
+    matrix = laplacian(topology).toarray()
+    assert np.abs(matrix @ np.c_[np.ones(len(topology.flat)), topology.flat[:, :2]]).max() < 1e-9
+    assert np.linalg.eigvalsh(matrix)[0] > -1e-9
+    assert np.abs(matrix).max() < 1e4 * BENDING  # [N/m] at a distance of 1/4 m

@@ -150,8 +150,8 @@ CASES = (
         "many layers",
         "50 sheets on a bar; none falls off, as fast as any other case",
         variants(layered_cloth.many_layers, {"50 sheets": None, "50 sheets of 7×7": 6}),
-        note="sheets of 7×7 particles also, with cells of the same size; no method is fast enough for them either, so"
-        " that nothing is known about this case; gaps and intersections at the end are only recorded",
+        note="sheets of 7×7 particles also, with cells of the same size; no method is fast enough for them either, and"
+        " the specification bounds only the time; gaps and intersections at the end are only recorded",
     ),
     Case(
         17,
