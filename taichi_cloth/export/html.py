@@ -103,7 +103,7 @@ class Samples:
             "deforming": self._solids.deforming,
             "solidLow": solid_low.tolist(),
             "solidStep": solid_step.tolist(),
-            **air(self._simulation.scene),
+            **air(self._simulation.scene, self._simulation.topology.start),
         }
         arrays = [
             solid_vertices.astype("<f4"),

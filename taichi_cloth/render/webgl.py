@@ -24,7 +24,7 @@ from ..scene.schema import Scene
 from ..simulation.simulation import Simulation
 from ..system.errors import one_line
 from . import draw_list, shading, split_view
-from .camera import camera_of
+from .camera import WIDTH_MARGIN, OrbitCamera, camera_of
 from .colors import round_down_125
 from .draw_list import TriangleSoup, collider_mesh, pole_mesh, with_color
 
@@ -134,8 +134,25 @@ class Solids:
         return descriptions, np.concatenate(vertices), np.concatenate(corners)
 
 
-def air(scene: Scene) -> dict[str, object]:
-    """Return camera, light and floor with the values of the window, for JSON; lengths in m, colors as factors 0…1."""
+BESIDE_CLOTH = 1.04  # width to show, over that of the cloth at its start
+
+
+def min_aspect(scene: Scene, start: Floats) -> float:
+    """Return the aspect ratio (width / height) below which pages move the eye back, to show the same width.
+
+    The width is that of the cloth at its start, (N, 3) [m], within the limits of the window: at least what the scene's
+    camera is meant to show, and at most what `OrbitCamera.fit_width` shows.
+    """
+    uv, _ = OrbitCamera.from_scene(scene).to_screen(start, 1.0)  # NaN behind the eye
+    width = BESIDE_CLOTH * 2 * float(np.nanmax(np.abs(uv[:, 0] - 0.5), initial=0.0))
+    return min(max(width, split_view.MIN_ASPECT), WIDTH_MARGIN * split_view.MIN_ASPECT)
+
+
+def air(scene: Scene, start: Floats) -> dict[str, object]:
+    """Return camera, light and floor with the values of the window, for JSON; lengths in m, colors as factors 0…1.
+
+    `start`: the cloth at its start, (N, 3) [m].
+    """
     camera = camera_of(scene)
     distance = float(np.linalg.norm(np.subtract(camera.eye, camera.target)))
     light = {
@@ -166,7 +183,7 @@ def air(scene: Scene) -> dict[str, object]:
             "eye": camera.eye,
             "target": camera.target,
             "fov": camera.fov,
-            "minAspect": split_view.MIN_ASPECT,
+            "minAspect": min_aspect(scene, start),
             "floor": None if scene.ground is None else scene.ground.height,
         },
         "light": {name: np.array(value, float).tolist() for name, value in light.items()},

@@ -272,7 +272,7 @@ class MessageBuilder:
             "charts": [[(curve.column, curve.name, curve.unit) for curve in curves] for curves in CHARTS],
             "chartSeconds": CHART_SECONDS,
             "chartLimits": self._session.history.min_limits,
-            **air(scene),
+            **air(scene, topology.start),
         }
         arrays = [
             solid_vertices.astype("<f4"),

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from taichi_cloth.geometry.cloth_builder import build_particles
+from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import (
     FAR,
     FLOOR_CLEARANCE,
@@ -22,6 +23,7 @@ from taichi_cloth.render.camera import (
     camera_of,
     floor_height,
 )
+from taichi_cloth.render.webgl import min_aspect
 from taichi_cloth.scene.collider_schema import Ground, Sphere
 from taichi_cloth.scene.schema import Camera, Cloth, Scene
 
@@ -292,3 +294,23 @@ def test_a_scene_without_a_camera_frames_its_cloth(size: float) -> None:
         assert np.ptp(uv[:, 1]) > 0.5
     own = Camera(eye=(1.0, 2.0, 3.0))
     assert camera_of(Scene(cloth=cloth, camera=own)) == own
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most"), [("curtain", 1.15, 1.15), ("twist", 1.35, 1.43), ("banner", 1.4375, 1.4375)]
+)
+def test_pages_show_the_width_of_the_cloth_within_limits(name: str, least: float, most: float) -> None:
+    """Also where panels cover both sides of a page; a cloth that is much wider than high would be small."""
+    scene = load_scene(name)
+    start = build_particles(scene).start
+    aspect = min_aspect(scene, start)
+    assert least <= aspect <= most
+    u = OrbitCamera.from_scene(scene).to_screen(start, aspect)[0][:, 0]
+    assert bool((np.abs(u - 0.5) < 0.5).all()) is (name != "banner")
+
+
+def test_particles_behind_the_eye_do_not_count() -> None:
+    scene = load_scene("curtain")
+    start = build_particles(scene).start
+    behind = np.array(scene.camera.eye) + [0.5, 0.0, 5.0]
+    assert min_aspect(scene, np.concatenate([start, [behind]])) == min_aspect(scene, start)
