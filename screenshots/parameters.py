@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,22 @@ HANGING: dict[str, Any] = {
 FROM_THE_SIDE = {"camera_eye": (4.2, 1.5, 1.2), "camera_target": (0.0, 1.35, 0.3)}
 TABLE: dict[str, Any] = {"camera_eye": (1.2, 1.25, 1.7), "camera_target": (0.0, 0.55, 0.0)}
 EXPLICIT: dict[str, Any] = {**TABLE, "solver": "explicit", "rows": 31, "columns": 31}
+
+COTTON = "royal-target"
+
+
+def straight_curves(preset: str) -> dict[str, Any]:
+    """Return the overrides for a weave whose curves are straight, with the constants of a measured fabric."""
+    fabric = tc.load_scene("table", preset=preset, model="membrane").fabric
+    return {
+        "model": "weave",
+        "weave_warp": [[0.1, 0.1 * fabric.c11]],  # strain, tension [N/m]
+        "weave_weft": [[0.1, 0.1 * fabric.c22]],
+        "weave_shear": [[10.0, radians(10.0) * fabric.c66]],  # angle [degrees], moment per area [N/m]
+    }
+
+
+MODELS = {name: {"model": name} for name in ("springs", "membrane")} | {"weave": straight_curves(COTTON)}
 
 STRIPS = (
     Strip(
@@ -158,6 +175,15 @@ STRIPS = (
         200,
         {**EXPLICIT, "model": "membrane"},
         columns=5,
+    ),
+    Strip(
+        "model",
+        "`[fabric] model`: the same measured fabric, a cotton with polyester, as springs, as a membrane, and as a weave"
+        " with straight curves of its constants; `explicit`",
+        MODELS,
+        "sphere",
+        150,
+        {"solver": "explicit", "preset": COTTON, "camera_eye": (0.75, 1.15, 1.4), "camera_target": (0.0, 0.72, 0.0)},
     ),
     Strip(
         "wind",
