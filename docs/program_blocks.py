@@ -147,7 +147,7 @@ SIMULATION_MEMBERS = {
     "State": ("positions", "velocities", "triangles", "set_state", "save", "load", "torn", "untear"),
     "Export": ("export", "export_clip"),
     "Metrics": ("metrics", "frame_error", "intersections", "colliders", "features", "method", "warnings"),
-    "Forces": ("forces", "reaction_forces"),
+    "Forces and energy": ("forces", "reaction_forces", "elastic_energy"),
     "Grabs, pins and moved colliders": (
         *("grab", "grab_handles", "grabbed", "pin", "unpin", "added_pins", "move_collider"),
     ),

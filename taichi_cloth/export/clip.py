@@ -158,10 +158,10 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         has not converged. Empty if none of these is true.
 
         The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins, and of `lines`,
-        for pins beside which no other particle is pinned. Nothing is estimated for `implicit`, for tethered cloth
-        with `lines`, and for cloth that hangs by grabs.
+        for pins beside which no other particle is pinned. Grabs count as pins if the cloth has no pins. Nothing is
+        estimated for `implicit`, and for tethered cloth with `lines`.
         """
-        few = unconverged(self.scene, self.topology, self.h, int(self.params["iterations"]))
+        few = unconverged(self.scene, self.topology, self.h, int(self.params["iterations"]), self.grabbed)
         return "; ".join(filter(None, [super().warnings, few, self._unknown_error()]))
 
     def _unknown_error(self) -> str:

@@ -132,15 +132,19 @@ class SpringModel:
         force[1] = -self.gravity * self.mass
         return force
 
-    def energy(self, x: Floats) -> float:
-        """Return the elastic and gravitational energy [J]."""
+    def elastic_energy(self, x: Floats) -> float:
+        """Return the energy of springs, bending links and membrane [J]."""
         gap = self.link_vectors(x)
         length = self.lengths(gap)
         stretching = 0.5 * float(self.effective_stiffness(length) @ (length - self.rest) ** 2)
         bending_gap = gap[:, len(self.rest) :]
         bending = 0.5 * float(self.bending @ np.einsum("ij,ij->j", bending_gap, bending_gap))
         membrane = 0.0 if self.membrane is None else self.membrane.energy(x)
-        return stretching + bending + membrane + self.gravity * float(self.mass @ x[1])
+        return stretching + bending + membrane
+
+    def energy(self, x: Floats) -> float:
+        """Return the elastic and gravitational energy [J]."""
+        return self.elastic_energy(x) + self.gravity * float(self.mass @ x[1])
 
     def stiffness_blocks(self, x: Floats, *, definite: bool = False) -> Floats:
         """Return −∂f/∂x of every link [N/m], (E + B, 3, 3): f is the force on its first end, x that end's position.

@@ -58,7 +58,8 @@ class Topology:
     rest: NDArray[np.float64]
     """Rest length of every spring [m], (E,)."""
     stiffness_factors: NDArray[np.float64]
-    """Factors of `STIFFNESS_KEYS` for every spring, (4, E). Its stiffness [N/m] is the sum of their products.
+    """Factors of the fabric's weft, warp, shear and bend_spring (`STIFFNESS_KEYS`) for every spring, (4, E). Its
+    stiffness [N/m] is the sum of their products.
 
     A spring along an edge of a sheet has half the factors if it represents half a cell.
     """

@@ -1,7 +1,7 @@
 """Conjugate gradients (Hestenes and Stiefel 1952) for (M + h²K)·δ = r, without forming the matrix.
 
 K is the stiffness matrix of springs and bending links at the present positions. A particle that is not free has
-residual 0. The search starts at δ = 0 with r in `residual` and ends when the residual is `TOLERANCE` of the first, or
+residual 0. The search starts at δ = 0 with r in `residual` and ends when the residual is `tolerance` of the first, or
 after `MAX_PRODUCTS`. The mass matrix is the preconditioner. Spring forces are equal and opposite, so the residuals of a
 free cloth always sum to 0, and the search conserves momentum wherever it stops.
 """
@@ -16,6 +16,8 @@ from .step_params import STIFFNESS_FACTOR
 from .vec import dot, length, max_lane, scale, select
 
 TOLERANCE = 0.01  # a larger one saves a few products, and cloth in contact comes to rest later (docs/trials.md)
+FULL_STEP = 2.44e-4  # [s] length h of a step from which on this is the tolerance: a stage of 1/1200 s
+MIN_TOLERANCE = 1e-5  # in float32
 MAX_PRODUCTS = 304  # of the matrix and a direction
 MIN_SQUARES = 1e-30  # [kg·m²] squared residual over mass below which products leave the range of float32
 MAX_SQUARES = 1e20  # [kg·m²] above which they may leave it too: the equation is then solved for a share of r
@@ -33,6 +35,16 @@ def init_particle(cloth: ti.template(), cg: ti.template(), i: int):
 def unit_of(squares: float) -> float:
     """Return the unit of r and δ in which the products of a search stay in the range of float32."""
     return ti.select(squares > MAX_SQUARES, ti.sqrt(squares), 1.0)
+
+
+@ti.func
+def tolerance(h: float) -> float:
+    """Return the residual at the end of a search over that at its start.
+
+    The force that is left is this share of that of the springs. In short steps it falls as h², like the error of the
+    steps: with the same share in all of them, shorter steps would soon gain nothing.
+    """
+    return ti.max(TOLERANCE * ti.min(1.0, (h / FULL_STEP) ** 2), MIN_TOLERANCE)
 
 
 @ti.func
@@ -124,7 +136,7 @@ def cg_solve(cloth: ti.template(), cg: ti.template(), features: ti.template(), p
             cg.residual[i] = cg.residual[i] * (1.0 / unit)
             init_particle(cloth, cg, i)
         squares = inner_product(cloth, cg.residual, cg.scaled)
-    goal = ti.max(squares * TOLERANCE**2, MIN_SQUARES)
+    goal = ti.max(squares * tolerance(h) ** 2, MIN_SQUARES)
     products = 0
     while squares > goal and products < MAX_PRODUCTS:
         products += 1
@@ -191,7 +203,7 @@ def parallel_largest_square(cloth: ti.template(), a: ti.template(), result: ti.t
 
 
 @ti.func
-def cg_init(cloth: ti.template(), cg: ti.template()):
+def cg_init(cloth: ti.template(), cg: ti.template(), h: float):
     """Start the search. `largest_move` holds the unit of δ until `cg_finish`."""
     for i in range(cloth.packet_count[None]):
         init_particle(cloth, cg, i)
@@ -203,7 +215,7 @@ def cg_init(cloth: ti.template(), cg: ti.template()):
         init_particle(cloth, cg, i)
     parallel_inner_product(cloth, cg.residual, cg.scaled, cg.squares)
     for _ in range(1):
-        cg.goal[None] = ti.max(cg.squares[None] * TOLERANCE**2, MIN_SQUARES)
+        cg.goal[None] = ti.max(cg.squares[None] * tolerance(h) ** 2, MIN_SQUARES)
 
 
 @ti.func

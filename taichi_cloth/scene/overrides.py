@@ -85,7 +85,15 @@ def apply_override(data: dict[str, Any], key: str, value: Any, file: str) -> Non
             raise SceneError(file, key, f"was renamed to {_dotted(new) if '.' in key else new}")
         known = [one for one, targets in names.items() if any(_is_in(part, data) for part, _ in targets)]
         hint = nearest_name(key, map(_dotted, known) if "." in key else [*known, *sections()])
-        raise SceneError(file, key, "unknown key" + ("" if hint else "; `taichi-cloth schema` lists them"), hint)
+        keys = next(
+            (
+                f"; [{one.name}] has {', '.join(keys_of(one.cls))}"
+                for one in sections().values()
+                if name.startswith(f"{one.singular}_")
+            ),
+            "; `taichi-cloth schema` lists them",
+        )
+        raise SceneError(file, key, "unknown key" + ("" if hint else keys), hint)
     in_file = [target for target in names[name] if target[0] is None or target[0].name in data]
     in_every_scene = [target for target in names[name] if target[0] and not target[0].optional]
     targets = in_file or in_every_scene or names[name]

@@ -260,6 +260,9 @@ class StepRow:
         return row
 
 
+HEAVY = 10.0  # [kg/m²] area density above which it may be meant in g/m²
+
+
 def warnings_of(simulation: RunningCloth) -> list[str]:
     """Return what a running cloth does not do as requested: substeps, damping, springs, bending, contact."""
     lines = list(filter(None, [keys_without_effect(simulation.scene)]))
@@ -274,6 +277,8 @@ def warnings_of(simulation: RunningCloth) -> list[str]:
         lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
     if simulation.scene.tearing is not None and simulation.scene.fabric.preset:
         lines.append(f"tearing leaves out the bending stiffness of {simulation.scene.fabric.preset}")
+    if simulation.scene.cloth.area_density > HEAVY:
+        lines.append(f"cloth.area_density is {simulation.scene.cloth.area_density:g} kg/m²: fabrics have 0.02 to 2")
     if not all(attachment.pins for attachment in simulation.scene.attachments):
         lines.append("an attachment without pins moves nothing")
     if simulation.is_held_still:

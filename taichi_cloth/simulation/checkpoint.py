@@ -142,9 +142,10 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
     section = ""
     for ours, other in zip(scene_text.splitlines(), theirs.splitlines(), strict=False):
         if ours != other:
+            where = "" if "[" in (ours[:1], other[:1]) else section  # lines of tables have none
             raise ValueError(
                 f"{name}: a checkpoint of another scene: it has {short_repr(other)}, this one {short_repr(ours)}"
-                f"{section}; switch to its solver, fabric or scene before loading"
+                f"{where}; switch to its solver, fabric or scene before loading"
             )
         if ours.startswith("["):
             section = f", in {ours}"

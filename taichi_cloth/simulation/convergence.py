@@ -18,6 +18,7 @@ differs from spring to spring. It depends on the cells of the sheet, not on thei
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from math import sqrt
 
@@ -127,11 +128,17 @@ def lines_excess(cloth: Cloth, fabric: Fabric, h: float, iterations: int) -> flo
     return float(abs(excess[~free][1::2].sum() / weight.sum()))
 
 
-def unconverged(scene: Scene, topology: Topology, h: float, iterations: int) -> str:
+def unconverged(
+    scene: Scene, topology: Topology, h: float, iterations: int, grabbed: NDArray[np.int64] | None = None
+) -> str:
     """Return a line with the artificial stretch by iterations that do not converge; empty if it is small.
 
-    `h`: length of a substep [s].
+    `h`: length of a substep [s]. `grabbed`: indices of particles that hold a cloth without pins.
     """
+    if grabbed is not None and len(grabbed) and not topology.pinned.any():
+        held = np.zeros_like(topology.pinned)
+        held[grabbed] = True
+        topology = replace(topology, pinned=held)
     rows, gravity = rows_below(topology), abs(scene.forces.gravity)
     if not rows or not gravity:
         return ""

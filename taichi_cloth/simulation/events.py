@@ -298,10 +298,16 @@ def collider_event(simulation: Simulation, collider: SupportsIndex | str, target
 def particle_of(simulation: Simulation, particle: ArrayLike) -> int:
     """Return a particle's index. `particle` is that index or a position [m], which stands for the nearest particle.
 
-    Raises ValueError, also if the nearest particle is farther away than the cloth is long: three indices, for example.
+    Raises ValueError, also for several integers, which may be meant as indices, and if the nearest particle is farther
+    away than the cloth is long.
     """
     if np.ndim(particle) == 0:
         return simulation.check_particle(particle)  # type: ignore[arg-type]
+    if np.asarray(particle).dtype.kind in "iu":
+        raise ValueError(
+            "a particle is one index, such as 12, or a position with decimals, such as [0.0, 1.5, 0.0],"
+            f" not {short_repr(particle)}: call once for each particle"
+        )
     position = check_vectors(particle, "the position of a particle", (3,))
     away = np.linalg.norm(simulation.positions() - position, axis=1)
     nearest = int(away.argmin())

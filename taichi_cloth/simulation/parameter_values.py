@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from dataclasses import replace
 from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..scene import Scene
 from ..scene.keys import keys_of
 from ..scene.overrides import targets_of
 from ..scene.parameters import Parameter, check_parameter, parameter_names
+from ..scene.schema import COLLIDERS
 from ..system.errors import choose_from, nearest_name, short_repr
 
 Floats = NDArray[np.float64]
@@ -209,6 +212,18 @@ SWITCHES = {  # how a scene's key changes while it runs, by section
     "solver": "is changed by switch_solver, not by a parameter",
     "fabric": "is changed by switch_fabric and switch_scene, not by a parameter",
 }
+
+
+def with_values(scene: Scene, params: Parameters, damping_time: float) -> Scene:
+    """Return a scene with the values of its parameters, but those of colliders, and the damping time in use [s]."""
+    values: dict[str, dict[str, float]] = {"fabric": {"damping_time": damping_time}}
+    for name, parameter in params.known().items():
+        if parameter.section not in COLLIDERS:
+            values.setdefault(parameter.section, {})[parameter.key_name] = params.values_by_name[name]
+    if not params.wind_on and scene.wind is not None:
+        values[WIND] |= {"x": 0.0, "z": 0.0}
+    changed: dict[str, Any] = {name: replace(getattr(scene, name), **of) for name, of in values.items()}
+    return replace(scene, **changed)
 
 
 class HasParameters:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any, SupportsIndex
+from typing import SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from ..geometry.topology import origin_shift, spring_strains
 from ..kernels.integration import any_longer_than
 from ..scene import Scene, parameters_of
 from ..scene.collider_schema import Collider, Ground
-from ..scene.schema import COLLIDERS, FRAME_SECONDS
+from ..scene.schema import FRAME_SECONDS
 from ..solvers import FrameInput, Solver
 from ..state.constraint_data import upload_grabbed
 from ..state.field_pool import upload, upload_all
@@ -30,7 +29,7 @@ from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
 from .frame_contact import Displacement, IntersectionGuard, move_colliders, present_colliders
 from .grabbing import Grab, all_grabbed
-from .parameter_values import HasParameters, Parameters, check_frames, check_particle
+from .parameter_values import HasParameters, Parameters, check_frames, check_particle, with_values
 
 Floats = NDArray[np.float64]
 
@@ -312,17 +311,29 @@ class RunningCloth(HasParameters):
         It is computed in float64 from positions and velocities, and does not depend on the solver. Not included are
         contact, self-collision, tethers, the strain limit, max distances and `damping`. Raises UsageError for `verlet`.
         """
-        if self.solver.info.stiffness_section == "verlet":
-            raise UsageError(f"{self.solver.name} has stiffnesses without unit, and so no forces: use another solver")
-        scene = self._scene_with_values()
-        model = spring_model(scene, self.topology)
-        x, v = self.positions().T, self.velocities().T
+        scene = self._scene_with_units()
+        model, x, v = spring_model(scene, self.topology), self.positions().T, self.velocities().T
         force = model.elastic_force(x) + model.weight()
         if self.solver.features.spring_damping:
             force += model.damping_force(x, v)
         if (wind := wind_of(scene, model)) is not None:
             force += wind.force(x, v, self.seconds)
         return np.ascontiguousarray(force.T)
+
+    def elastic_energy(self) -> float:
+        """Return the energy of springs, or of a membrane or weave, and of bending [J], from whose forces `forces` is.
+
+        With the energies of `metrics` it is the total energy. Raises UsageError for `verlet`.
+        """
+        return spring_model(self._scene_with_units(), self.topology).elastic_energy(self.positions().T)
+
+    def _scene_with_units(self) -> Scene:
+        """Return the scene with the present values of its parameters. Raises UsageError for `verlet`."""
+        if self.solver.info.stiffness_section == "verlet":
+            raise UsageError(
+                f"{self.solver.name} has stiffnesses without unit, and so no forces and no energy: use another solver"
+            )
+        return with_values(self.scene, self.params, self.built.damping_time)
 
     def reaction_forces(self) -> NDArray[np.float64]:
         """Return the force that holds each particle [N], (N, 3): that of its pin, attachment or grab; 0 if it is free.
@@ -350,17 +361,6 @@ class RunningCloth(HasParameters):
         for grab in self.grabs.values():
             acceleration[grab.particles] = grab.acceleration()
         return acceleration
-
-    def _scene_with_values(self) -> Scene:
-        """Return the scene with the damping time in use and the runtime parameters, but those of colliders."""
-        values: dict[str, dict[str, float]] = {"fabric": {"damping_time": self.built.damping_time}}
-        for name, parameter in self.params.known().items():
-            if parameter.section not in COLLIDERS:
-                values.setdefault(parameter.section, {})[parameter.key_name] = self.params.values_by_name[name]
-        if not self.params.wind_on and self.scene.wind is not None:
-            values["wind"] |= {"x": 0.0, "z": 0.0}
-        changed: dict[str, Any] = {name: replace(getattr(self.scene, name), **of) for name, of in values.items()}
-        return replace(self.scene, **changed)
 
     # -- tearing -------------------------------------------------------------------------------------------------------
 

@@ -62,7 +62,7 @@ class Simulation(RunningCloth):
         `layout`: "simd", "serial" or "parallel"; chosen for the cloth and the backend if None.
 
         Raises SceneError for an invalid scene, and UsageError for a layout that is not supported and for springs that
-        would take too many substeps.
+        would take more than 200,000 substeps a frame; `warnings` tells if they take more than requested.
         """
         self.listeners: list[Listener] = []
         self._queue = EventQueue()

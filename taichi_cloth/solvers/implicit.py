@@ -92,7 +92,7 @@ def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
 def start_iteration(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     """The beginning of a parallel step of Newton's method; `cg_iteration` and `end_iteration` follow."""
     write_residual(cloth, features, ctx)
-    cg_init(cloth, cloth.cg)
+    cg_init(cloth, cloth.cg, ctx.h * STAGE_LENGTH)
 
 
 @ti.func

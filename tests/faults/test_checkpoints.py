@@ -247,6 +247,7 @@ def one_element(value: float) -> Callable[[Any], Any]:
             changed("scene", lambda text: str(text).replace("turbulence = ", "turbulence = 1")),
             "in [wind]; switch to its solver, fabric or scene",
         ),
+        (changed("scene", lambda text: str(text).replace("[wind]", "[ground]")), "this one '[wind]'; switch to its"),
         (changed("scene", b"bytes"), "scene is |S5"),
         (lambda arrays: {k: v for k, v in arrays.items() if k != "x"}, "no item named 'x.npy'"),
     ],

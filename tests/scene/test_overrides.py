@@ -214,6 +214,7 @@ TWO_BRACKETS = "write [[spheres]] with two brackets: it is an array of tables; i
         ({"verlet": None, "fabric": "silk"}, "verlet: must be a table, got None"),
         ({"wind_zz": 1}, "wind_zz: unknown key (did you mean 'wind_z'?)"),
         ({"qqqq": 1}, "qqqq: unknown key; `taichi-cloth schema` lists them"),
+        ({"wind_speed": 1}, "wind_speed: unknown key; [wind] has x, z, turbulence, drag, lift, air_density"),
         ({"name_or_path": 1}, "name_or_path: unknown key; `taichi-cloth schema` lists them"),
         ({"a\nb": 1}, "a\\nb: unknown key; `taichi-cloth schema` lists them"),
         ({"center": (0, 0, 0)}, "center: ambiguous: use cloth_center or sphere_center"),

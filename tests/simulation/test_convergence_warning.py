@@ -162,6 +162,22 @@ def test_rows_are_counted_from_the_nearest_pin(pins: tuple[str, ...], rows: int)
     assert rows_below(build_topology(scene, "fabric")) == rows
 
 
+@pytest.mark.parametrize("solver", ["xpbd", "lines"])
+def test_grabs_count_as_pins_of_a_cloth_without_pins(solver: str) -> None:
+    scene = replace(sheet_of(16, 1, pins=()), solver=Solver(solver, 10, 1))
+    topology = build_topology(scene, "fabric")
+    hanging = build_topology(replace(scene, cloth=replace(scene.cloth, pins=CORNERS)), "fabric")
+    corners = np.flatnonzero(hanging.pinned)
+    h = FRAME_SECONDS / 10
+    assert unconverged(scene, topology, h, 1) == unconverged(scene, topology, h, 1, corners[:0]) == ""
+    line = unconverged(scene, hanging, h, 1)
+    assert line.startswith("not converged: forces of ")
+    assert unconverged(scene, topology, h, 1, corners) == line
+    assert unconverged(scene, hanging, h, 1, np.array([200])) == line, (
+        "a sheet that hangs by pins is not held by a grab"
+    )
+
+
 def test_many_points_are_sampled() -> None:
     points = np.arange(30_000.0).reshape(-1, 3)
     seen = sample_points(points)

@@ -66,15 +66,25 @@ def test_closing_releases_grabs() -> None:
 
 
 def test_a_position_far_from_the_cloth_is_no_particle() -> None:
-    """Three indices would otherwise be one."""
     with Simulation(Scene(cloth=CLOTH)) as simulation:
         side = simulation.topology.longest_side
         near = simulation.positions()[MIDDLE] + (0.0, 0.0, 0.9 * side)
         assert repr(simulation.grab(near)) == "<GrabHandle 0: of 1 particle>"
         assert repr(simulation.grab(0, radius=10.0)).endswith("particles>")
         for call in (simulation.pin, simulation.unpin, simulation.grab):
-            with pytest.raises(ValueError, match=r"^no particle is near the position \[24, 12, 7\]: the nearest is "):
-                call([24, 12, 7])
+            with pytest.raises(
+                ValueError, match=r"^no particle is near the position \[24.0, 12.0, 7.0\]: the nearest is "
+            ):
+                call([24.0, 12.0, 7.0])
+        assert not len(simulation.added_pins)
+
+
+@pytest.mark.parametrize("indices", [[0, 1, 2], (0, 1), np.array([0, 1, 2]), [[0, 1, 2]]])
+def test_several_indices_are_not_taken_as_a_position(indices: object) -> None:
+    with Simulation(Scene(cloth=CLOTH)) as simulation:
+        for call in (simulation.pin, simulation.unpin, simulation.grab):
+            with pytest.raises(ValueError, match=r"^a particle is one index, .* call once for each particle$"):
+                call(indices)
         assert not len(simulation.added_pins)
 
 

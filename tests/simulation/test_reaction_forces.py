@@ -9,7 +9,7 @@ import pytest
 
 from taichi_cloth.scene.collider_schema import Attachment
 from taichi_cloth.scene.fabric_schema import Fabric
-from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Forces, Scene, Solver, Tearing, Wind
+from taichi_cloth.scene.schema import FRAME_SECONDS, Cloth, Forces, Scene, Solver, Tearing, Weave, Wind
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
@@ -186,8 +186,10 @@ def test_forces_without_a_unit_are_refused_in_one_line() -> None:
     with Simulation(sheet(), "serial") as simulation:
         grab = simulation.grab(40)
         simulation.switch_solver("verlet")
-        for read in (simulation.forces, simulation.reaction_forces, lambda: grab.force):
-            with pytest.raises(UsageError, match=r"\Averlet has stiffnesses without unit, and so no forces: .+\Z"):
+        for read in (simulation.forces, simulation.reaction_forces, simulation.elastic_energy, lambda: grab.force):
+            with pytest.raises(
+                UsageError, match=r"\Averlet has stiffnesses without unit, and so no forces and no energy: .+\Z"
+            ):
                 read()
         simulation.switch_solver("xpbd")
         assert np.isfinite(grab.force).all()
@@ -197,3 +199,39 @@ def test_a_cloth_that_has_collapsed_to_a_point_has_finite_forces() -> None:
     with Simulation(sheet(fabric=replace(SHEET.fabric, damping_time=1e-3)), "serial") as simulation:
         simulation.set_state(np.zeros_like(simulation.topology.start))
         assert np.isfinite(simulation.forces()).all()
+
+
+CURVE = ((0.05, 5.0), (0.2, 30.0))  # strain, tension [N/m]
+WEAVE = Weave(warp=CURVE, weft=CURVE, shear=((10.0, 1.0), (30.0, 5.0)))
+
+
+@pytest.mark.parametrize("model", ["springs", "membrane", "weave"])
+def test_the_total_energy_of_an_undamped_cloth_is_constant(model: str) -> None:
+    """Kinetic and potential energy change by a hundred times more than their sum with the elastic energy."""
+    fabric = replace(SHEET.fabric, model=model, bending_stiffness=1e-3, bend_spring=1.0 * (model == "springs"))
+    scene = replace(
+        SHEET,
+        fabric=fabric,
+        solver=Solver("rk4", 200, 1, damping=0.0),
+        weave=WEAVE if model == "weave" else None,
+    )
+    with Simulation(scene, "serial") as simulation:
+        simulation.set_state(simulation.topology.start, (0.0, 0.0, 1.0))
+        totals, others = [], []
+        for _ in range(20):
+            simulation.step()
+            metrics = simulation.metrics()
+            others.append(metrics.kinetic_energy + metrics.potential_energy)
+            totals.append(others[-1] + simulation.elastic_energy())
+        assert np.ptp(totals) < 0.01 * np.ptp(others)
+
+
+def test_the_elastic_energy_has_the_present_values_of_parameters() -> None:
+    with Simulation(sheet(), "serial") as simulation:
+        simulation.set_state(1.1 * simulation.topology.start)
+        before = simulation.elastic_energy()
+        topology, fabric = simulation.topology, SHEET.fabric
+        constants = np.array([fabric.weft, fabric.warp, fabric.shear, fabric.bend_spring]) @ topology.stiffness_factors
+        assert before == pytest.approx(0.5 * float(constants @ (0.1 * topology.rest) ** 2), rel=1e-5)
+        simulation.params["stiffness"] = 0.5
+        assert simulation.elastic_energy() == pytest.approx(before / 2)

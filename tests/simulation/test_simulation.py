@@ -414,3 +414,10 @@ def test_a_simulation_that_cannot_be_built_again_is_closed(monkeypatch: pytest.M
             other.step()
         with pytest.raises(RuntimeError, match="closed"):
             simulation.step()
+
+
+@pytest.mark.parametrize(("density", "named"), [(0.2, False), (10.0, False), (150.0, True)])
+def test_an_area_density_that_may_be_meant_in_grams_is_named(density: float, named: bool) -> None:
+    with Simulation(Scene(cloth=Cloth(rows=3, columns=3, area_density=density))) as simulation:
+        line = "cloth.area_density is 150 kg/m²: fabrics have 0.02 to 2"
+        assert (line in simulation.warnings) is named
