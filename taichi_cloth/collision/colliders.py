@@ -311,6 +311,16 @@ def signed_distance(posed: PosedCollider, points: Floats) -> Floats:
     return shape_of(posed.collider).signed_distance(posed.collider, (points - posed.center) @ posed.axes)
 
 
+def triangle_distance(posed: PosedCollider, corners: Floats) -> Floats:
+    """Return the distance of triangles, corners (T, 3, 3), to the surface of a collider [m], (T,); negative inside.
+
+    Only for a shape that collides with triangles.
+    """
+    distance = shape_of(posed.collider).triangle_distance
+    assert distance is not None
+    return distance(posed.collider, (corners - posed.center) @ posed.axes)
+
+
 def max_penetration(colliders: Sequence[PosedCollider], points: Floats) -> float:
     """Return the largest depth of points (N, 3) below a surface [m], at least 0. Margins do not count."""
     return max([0.0, *(float(-signed_distance(collider, points).min()) for collider in colliders)])

@@ -9,9 +9,9 @@
 The last two do not project the position. With reflection a particle sinks in by its motion in one substep, and further
 under a steady load; with repulsion, until the force carries the cloth.
 
-Depenetration: a collider that appears around particles starts with its margin reduced by their largest depth, and the
-margin then grows. Projecting all particles to the full margin at once would give them a high velocity; moving each of
-them slowly would stretch springs, which snap back later.
+Depenetration: a collider that appears around particles, or touches triangles that collide with it, starts with its
+margin reduced by their largest depth, and the margin then grows. Projecting all particles to the full margin at once
+would give them a high velocity; moving each of them slowly would stretch springs, which snap back later.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,7 +33,16 @@ from ..kernels.step_params import (
 )
 from ..kernels.vec import any_at_most, any_nonzero, broadcast, cross, dot, is_scalar, length, scale, select
 from ..scene.collider_schema import PROJECTION, REFLECTION, REPULSION, Collider, Ground
-from .colliders import SURFACE_TOLERANCE, Floats, pose_colliders, signed_distance, table_range, teleports
+from .colliders import (
+    SURFACE_TOLERANCE,
+    Floats,
+    collides_with_triangles,
+    pose_colliders,
+    signed_distance,
+    table_range,
+    teleports,
+    triangle_distance,
+)
 from .shapes import SHAPES
 from .shapes.shape import to_local, to_world
 from .static_friction import add_friction
@@ -243,11 +252,17 @@ class Depenetration:
         self.reduction[row] = UNKNOWN
 
     def advance(
-        self, colliders: Sequence[Collider | Ground], points: Callable[[], Floats], start: float, end: float
+        self,
+        colliders: Sequence[Collider | Ground],
+        points: Callable[[], Floats],
+        corners: Callable[[], Floats],
+        start: float,
+        end: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the reduction of every collider at the start and the end of a frame [m].
 
-        `points` returns the positions of all free particles [m], (N, 3); it is called only when needed.
+        `points` returns the positions of all free particles [m], (N, 3), and `corners` those of the corners of all
+        triangles with a free particle [m], (T, 3, 3). They are called only when needed.
         """
         teleported = [row for row, collider in enumerate(colliders) if teleports(collider, start, end)]
         self.reduction[teleported] = UNKNOWN
@@ -255,7 +270,10 @@ class Depenetration:
             positions = points()
             for row in map(int, np.flatnonzero(self.reduction)):
                 (posed,) = pose_colliders([colliders[row]], end if row in teleported else start)
-                depth = posed.collider.margin - float(signed_distance(posed, positions).min(initial=np.inf))
+                distance = float(signed_distance(posed, positions).min(initial=np.inf))
+                if collides_with_triangles(posed.collider):
+                    distance = min(distance, float(triangle_distance(posed, corners()).min(initial=np.inf)))
+                depth = posed.collider.margin - distance
                 if self.reduction[row] == UNKNOWN:
                     self.reduction[row] = max(depth, 0.0)
                 else:

@@ -158,8 +158,8 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         has not converged. Empty if none of these is true.
 
         The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins, and of `lines`,
-        for pins beside which no other particle is pinned. Grabs count as pins if the cloth has no pins. Nothing is
-        estimated for `implicit`, and for tethered cloth with `lines`.
+        for pins beside which no other particle is pinned. Grabs count as pins if the cloth has no pins; with `lines`
+        no figure is given for them. Nothing is estimated for `implicit`, and for tethered cloth with `lines`.
         """
         few = unconverged(self.scene, self.topology, self.h, int(self.params["iterations"]), self.grabbed)
         return "; ".join(filter(None, [super().warnings, few, self._unknown_error()]))

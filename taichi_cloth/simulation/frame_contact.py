@@ -103,7 +103,12 @@ def displacement_to(simulation: RunningCloth, row: int, target: Floats) -> Displ
 def move_colliders(simulation: RunningCloth, start: float, end: float) -> NDArray[np.float32]:
     """Return the table of rigid colliders and attachments of a frame [s], and set the surfaces that deform."""
     colliders, scene = simulation.scene_colliders(), simulation.scene
-    before, after = simulation.depenetration.advance(colliders, simulation.free_positions, start, end)
+
+    def free_corners() -> Floats:
+        triangles, pinned = simulation.topology.triangles, simulation.topology.pinned
+        return simulation.positions()[triangles[~pinned[triangles].all(axis=1)]]
+
+    before, after = simulation.depenetration.advance(colliders, simulation.free_positions, free_corners, start, end)
     deforms = np.array([is_deforming(collider) for collider in colliders], bool)
     _move_surfaces(simulation, start, end, (before[deforms], after[deforms]))
     moving = [*(collider for collider in colliders if not is_deforming(collider)), *scene.attachments]

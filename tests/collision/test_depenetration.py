@@ -29,6 +29,43 @@ def test_keyframes_faster_than_sound_are_a_teleport() -> None:
     assert not teleports(fast, 0.0, FRAME)
 
 
+def no_triangles() -> np.ndarray:
+    raise AssertionError("corners of triangles are needed only for colliders that collide with them")
+
+
+def test_triangles_within_a_margin_count_for_colliders_that_collide_with_them() -> None:
+    """All particles are outside, and a triangle passes the sphere at half its margin."""
+    corners = np.array([[[-1.0, 1.05, -1.0], [1.0, 1.05, -1.0], [0.0, 1.05, 2.0]], [[9.0, 9.0, 9.0]] * 3])
+    sphere = Sphere(center=(0.0, 0.0, 0.0), radius=1.0, margin=0.1, collide_with="triangles", friction=0.0)
+    for one, expected in ((sphere, 0.05), (replace(sphere, collide_with="particles"), 0.0)):
+        before, after = Depenetration(1).advance([one], lambda: corners.reshape(-1, 3), lambda: corners, 0.0, FRAME)
+        assert before == pytest.approx([expected])
+        assert after == pytest.approx([max(expected - GROWTH_RATE * FRAME, 0.0)])
+
+
+@pytest.mark.parametrize("kind", ["spheres", "capsules"])
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
+def test_triangles_that_start_within_a_margin_are_not_shot_away(solver: str, kind: str) -> None:
+    """A bar between two rows of particles, 5 mm deep in its margin; in short substeps too."""
+    cloth = Cloth(rows=7, columns=7, width=0.24, height=0.24, center=(0.0, 1.0, 0.0), pins=())
+    shape = {"spheres": Sphere, "capsules": Capsule}[kind]
+    length = {"length": 0.5} if kind == "capsules" else {}
+    bar = shape(
+        center=(0.02, 1.02, -0.015),
+        rotation=(0.0, 0.0, 90.0),
+        radius=0.01,
+        margin=0.01,
+        collide_with="triangles",
+        friction=0.0,
+        **length,
+    )
+    choice = Solver(solver, 60, 2)
+    colliders: dict[str, Any] = {kind: (bar,)}
+    with Simulation(Scene(cloth=cloth, forces=Forces(gravity=0.0), solver=choice, **colliders)) as simulation:
+        assert fastest(simulation, 10) < 5 * GROWTH_RATE
+        assert np.abs(simulation.positions()[:, 2]).max() > 0.004
+
+
 def test_the_depth_of_a_collider_is_tracked_until_it_is_zero() -> None:
     sphere = Sphere(center=(0.0, 0.0, 0.0), radius=1.0, margin=0.1, friction=0.0)
     queried: list[float] = []
@@ -38,7 +75,7 @@ def test_the_depth_of_a_collider_is_tracked_until_it_is_zero() -> None:
             queried.append(x)
             return np.array([[2.0, 0.0, 0.0], [x, 0.0, 0.0]])
 
-        before, after = depenetration.advance([sphere], points, 0.0, FRAME)
+        before, after = depenetration.advance([sphere], points, no_triangles, 0.0, FRAME)
         return float(before[0]), float(after[0])
 
     depenetration, step = Depenetration(1), GROWTH_RATE * FRAME

@@ -10,7 +10,7 @@ import taichi.math as tm
 from serial_kernels import run_serially
 
 from taichi_cloth import state
-from taichi_cloth.collision.colliders import collider_counts, collider_table
+from taichi_cloth.collision.colliders import collider_counts, collider_table, pose_colliders, triangle_distance
 from taichi_cloth.collision.response import resolve_contacts
 from taichi_cloth.collision.shapes import SHAPES
 from taichi_cloth.geometry.closed_surface import closest_point_on_triangle
@@ -58,6 +58,26 @@ def test_closest_point_of_a_triangle_to_a_collider(kind: str) -> None:
     at = np.einsum("ij,ijk->ik", weights, corners)
     at[:, 1] -= np.clip(at[:, 1], -half, half)
     assert at == pytest.approx(offsets, abs=1e-5)
+
+
+@pytest.mark.parametrize("half", [0.0, 0.7])
+def test_distances_of_triangles_are_those_of_their_closest_points(half: float) -> None:
+    """Compare with 2001 points along the axis, also where it passes through a triangle."""
+    random = np.random.default_rng(9)
+    corners = random.normal(size=(300, 3, 3)) + random.normal(size=(300, 1, 3))
+    corners[:10, 2] = corners[:10, 1]  # triangles of no area
+    corners[10:20, :, 0] = 0.3  # parallel to the axis
+    least = np.full(300, np.inf)
+    for level in np.linspace(-half, half, 2001 if half else 1):
+        point = np.tile([0.0, level, 0.0], (300, 1))
+        foot = np.einsum("ij,ijk->ik", closest_point_on_triangle(point, corners), corners)
+        least = np.minimum(least, np.linalg.norm(foot - point, axis=1))
+    collider = Capsule(length=2 * half, radius=0.2) if half else Sphere(radius=0.2)
+    (posed,) = pose_colliders([replace(collider, center=(0.0, 3.0, 0.0), rotation=(0.0, 0.0, 90.0))], 0.0)
+    found = triangle_distance(posed, corners @ posed.axes.T + posed.center)
+    assert found == pytest.approx(least - 0.2, abs=1e-3)
+    assert (found > -0.1999).sum() > 250
+    assert (found < -0.1999).any() == bool(half)
 
 
 def one_cell() -> Topology:

@@ -4,7 +4,7 @@ import numpy as np
 import taichi as ti
 import taichi.math as tm
 
-from ...geometry.closed_surface import capsule_triangles
+from ...geometry.closed_surface import capsule_triangles, closest_point_on_triangle
 from ...kernels.constraint_math import TINY, closest_on_triangle, push_out_of_sphere
 from ...kernels.vec import abs_, broadcast, component, dot, from_components, length, scale
 from ...scene.collider_schema import Capsule
@@ -18,6 +18,30 @@ def signed_distance(capsule: Capsule, points: Floats) -> Floats:
     offset[:, 1] -= np.clip(points[:, 1], -half, half)
     distance: Floats = np.linalg.norm(offset, axis=1) - capsule.radius
     return distance
+
+
+def triangle_distance(capsule: Capsule, corners: Floats) -> Floats:
+    """From the segment's ends and its point in the plane of a triangle to it, and from the segment to its edges."""
+    half, least = capsule.length / 2, np.full(len(corners), np.inf)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    steepness = np.where(normal[:, 1] != 0, normal[:, 1], 1.0)
+    in_plane = np.clip((normal * corners[:, 0]).sum(axis=1) / steepness, -half, half)
+    for y in (-half, half, in_plane):
+        end = np.zeros((len(corners), 3))
+        end[:, 1] = y
+        point = np.einsum("ij,ijk->ik", closest_point_on_triangle(end, corners), corners)
+        least = np.minimum(least, np.linalg.norm(point - end, axis=1))
+    for k in range(3):
+        start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        across = np.maximum(edge[:, 0] ** 2 + edge[:, 2] ** 2, TINY**2)
+        t = np.clip(-(start[:, 0] * edge[:, 0] + start[:, 2] * edge[:, 2]) / across, 0.0, 1.0)
+        end = np.zeros_like(start)
+        end[:, 1] = np.clip(start[:, 1] + t * edge[:, 1], -half, half)
+        along = ((end - start) * edge).sum(axis=1) / np.maximum((edge * edge).sum(axis=1), TINY**2)
+        point = start + np.clip(along, 0.0, 1.0)[:, None] * edge
+        point[:, 1] -= np.clip(point[:, 1], -half, half)
+        least = np.minimum(least, np.linalg.norm(point, axis=1))
+    return least - capsule.radius
 
 
 def triangles(capsule: Capsule) -> Corners:
@@ -104,6 +128,7 @@ CAPSULE = Shape(
     time_of_impact=time_of_impact,
     closest_on_triangle=closest,
     core=core,
+    triangle_distance=triangle_distance,
     triangles=triangles,
     color=(0.47, 0.40, 0.34),
     usd=UsdSchema("Capsule", lambda size: {"Axis": "Y", "Height": 2 * float(size[0]), "Radius": float(size[1])}),

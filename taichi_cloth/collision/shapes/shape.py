@@ -57,6 +57,9 @@ class Shape(NamedTuple):
     nearest_center: Callable[[Floats, Floats], Floats] = lambda center, axes: center
     """Return a center that means the same for a shape at rest, and is nearest to the cloth's origin, from the center
     relative to that origin [m], (3,), and the axes, (3, 3): float32 rounds coarsely far from it."""
+    triangle_distance: Callable[[object, Floats], Floats] | None = None
+    """Return the distance [m] of local triangles, corners (T, 3, 3), to the surface as drawn, (T,); negative where the
+    triangle is inside. None if `closest_on_triangle` is."""
     triangles: Callable[[object], Corners] | None = None
     """Return the local triangles that are drawn for a scene class; None for a shape that is drawn by other means."""
     color: Color = (0.66, 0.52, 0.38)

@@ -4,7 +4,7 @@ import numpy as np
 import taichi as ti
 import taichi.math as tm
 
-from ...geometry.closed_surface import unit_sphere
+from ...geometry.closed_surface import closest_point_on_triangle, unit_sphere
 from ...kernels.constraint_math import TINY, closest_on_triangle, push_out_of_sphere
 from ...kernels.vec import dot, length, neg, scale
 from ...scene.collider_schema import Sphere
@@ -13,6 +13,12 @@ from .shape import NO_IMPACT, Corners, Floats, Shape, UsdSchema
 
 def signed_distance(sphere: Sphere, points: Floats) -> Floats:
     distance: Floats = np.linalg.norm(points, axis=1) - sphere.radius
+    return distance
+
+
+def triangle_distance(sphere: Sphere, corners: Floats) -> Floats:
+    weights = closest_point_on_triangle(np.zeros((len(corners), 3)), corners)
+    distance: Floats = np.linalg.norm(np.einsum("ij,ijk->ik", weights, corners), axis=1) - sphere.radius
     return distance
 
 
@@ -67,6 +73,7 @@ SPHERE = Shape(
     time_of_impact=time_of_impact,
     closest_on_triangle=closest,
     core=core,
+    triangle_distance=triangle_distance,
     triangles=triangles,
     color=(0.13, 0.35, 0.50),
     usd=UsdSchema("Sphere", lambda size: {"Radius": float(size[0])}),
