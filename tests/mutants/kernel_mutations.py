@@ -367,4 +367,11 @@ KERNELS = [
         "is_finite(x.x) * is_finite(x.y)",
         ("simulation/test_divergence.py::test_one_component_of_one_particle_is_detected",),
     ),
+    Mutation(
+        "tolerance-of-short-steps-as-of-long-ones",
+        "kernels/conjugate_gradient.py",
+        "ti.min(1.0, (h / FULL_STEP) ** 2)",
+        "1.0",
+        ("solvers/test_implicit.py::test_the_error_falls_with_the_square_of_the_substep_in_short_steps_too[serial]",),
+    ),
 ]

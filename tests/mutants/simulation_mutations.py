@@ -333,4 +333,35 @@ SIMULATION = [
         "",
         (SOURCES + "test_positions_are_composed_once_for_each_function",),
     ),
+    Mutation(
+        "three-indices-are-a-position",
+        "simulation/events.py",
+        'if np.asarray(particle).dtype.kind in "iu":',
+        "if False:",
+        ("simulation/test_grabbing.py::test_several_indices_are_not_taken_as_a_position[indices0]",),
+    ),
+    Mutation(
+        "elastic-energy-without-bending",
+        "geometry/spring_model.py",
+        "return stretching + bending + membrane",
+        "return stretching + membrane",
+        ("simulation/test_reaction_forces.py::test_the_total_energy_of_an_undamped_cloth_is_constant[springs]",),
+    ),
+    Mutation(
+        "elastic-energy-of-the-scenes-own-stiffness",
+        "simulation/parameter_values.py",
+        "[parameter.key_name] = params.values_by_name[name]",
+        "[parameter.key_name] = parameter.value",
+        ("simulation/test_reaction_forces.py::test_the_elastic_energy_has_the_present_values_of_parameters",),
+    ),
+    Mutation(
+        "forces-of-grabs-not-warned",
+        "simulation/convergence.py",
+        "if grabbed is not None and len(grabbed) and not topology.pinned.any():",
+        "if False:",
+        (
+            "simulation/test_convergence_warning.py::test_grabs_count_as_pins_of_a_cloth_without_pins",
+            "simulation/test_convergence_warning.py::test_forces_of_grabs_with_lines_are_not_estimated",
+        ),
+    ),
 ]
