@@ -224,7 +224,10 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         super().notify(event)
 
     def tuned_scene(self) -> Scene:
-        """Return the scene with the present values of `params`, without its wind if that is off, for `save_scene`."""
+        """Return the scene with the present values of `params`, without its wind if that is off, for `save_scene`.
+
+        A checkpoint has these values too; it belongs to the scene that runs, `scene`, not to this one.
+        """
         return tuned_scene(self)
 
     def _meter(self) -> FrameErrorMeter:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
+from collections import Counter
 from math import prod
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any
@@ -139,22 +140,40 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
         raise
     except Exception as error:  # the readers of zip, deflate and NumPy headers raise a dozen kinds
         raise ValueError(f"{name}: not a checkpoint ({one_line(str(error))})") from None
-    section = ""
-    for ours, other in zip(scene_text.splitlines(), theirs.splitlines(), strict=False):
-        if ours != other:
-            where = "" if "[" in (ours[:1], other[:1]) else section  # lines of tables have none
-            raise ValueError(
-                f"{name}: a checkpoint of another scene: it has {short_repr(other)}, this one {short_repr(ours)}"
-                f"{where}; switch to its solver, fabric or scene before loading"
-            )
-        if ours.startswith("["):
-            section = f", in {ours}"
     if theirs != scene_text:
-        raise ValueError(f"{name}: a checkpoint of another scene")
+        raise ValueError(f"{name}: a checkpoint of another scene{_first_difference(theirs, scene_text)}")
     for key, array in arrays.items():
         if not np.isfinite(array).all():
             raise ValueError(f"{name}: damaged: {key} is not finite")
     return arrays
+
+
+def _first_difference(theirs: str, ours: str) -> str:
+    """Return the first line in which the TOML text of the scene of a checkpoint differs from that of this scene."""
+    its, own = _lines_by_key(theirs), _lines_by_key(ours)
+    for (table, key), line in [*its.items(), *own.items()]:
+        here, there = own.get((table, key)), its.get((table, key))
+        if here != there:
+            what = (
+                f"it has {short_repr(line)}, this one has not" if here is None else f"this one has {short_repr(line)}"
+            )
+            if here is not None and there is not None:
+                what = f"it has {short_repr(there)}, this one {short_repr(here)}"
+            where = f", in {table[0]}" if key and table[0] else ""
+            return f": {what}{where}; switch to its solver, fabric or scene before loading"
+    return ""
+
+
+def _lines_by_key(scene_text: str) -> dict[tuple[tuple[str, int], str], str]:
+    """Return the lines of a scene by table, with its number among those of its name, and key; "" for the table."""
+    table, tables, lines = ("", 0), Counter[str](), {}
+    for line in filter(None, scene_text.splitlines()):
+        key = line.partition(" = ")[0]
+        if line.startswith("["):
+            table, key = (line, tables[line]), ""
+            tables[line] += 1
+        lines[table, key] = line
+    return lines
 
 
 def _without_folders(scene_text: str) -> str:

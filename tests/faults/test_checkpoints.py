@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import struct
 import subprocess
 import zipfile
@@ -241,13 +242,20 @@ def one_element(value: float) -> Callable[[Any], Any]:
         (changed("params", lambda params: 0 * params), "sphere_radius: 0.0 is out of range: above 0 to 1000 m"),
         (changed("params", lambda params: [*params[:-1], 1.5]), "substeps: must be an integer, got 1.5"),
         (changed("wind_on", 2), "wind_on is int64 of shape (), not bool of shape ()"),
-        (changed("scene", "seed = 3"), "a checkpoint of another scene: it has 'seed = 3', this one 'title"),
+        (changed("scene", "seed = 3"), "a checkpoint of another scene: it has 'seed = 3', this one 'seed = 0'; switch"),
         (changed("scene", lambda text: str(text) + "# more"), "a checkpoint of another scene"),
         (
             changed("scene", lambda text: str(text).replace("turbulence = ", "turbulence = 1")),
             "in [wind]; switch to its solver, fabric or scene",
         ),
-        (changed("scene", lambda text: str(text).replace("[wind]", "[ground]")), "this one '[wind]'; switch to its"),
+        (
+            changed("scene", lambda text: str(text).replace("[wind]", "[ground]")),
+            "another scene: it has '[ground]', this one has not; switch to its",
+        ),
+        (
+            changed("scene", lambda text: re.sub(r"\[wind\][^[]*", "", str(text))),
+            "another scene: this one has '[wind]'; switch to its",
+        ),
         (changed("scene", b"bytes"), "scene is |S5"),
         (lambda arrays: {k: v for k, v in arrays.items() if k != "x"}, "no item named 'x.npy'"),
     ],

@@ -49,8 +49,9 @@ RATE_NOTE = (
     f"frames/s: the highest of {', '.join(map(str, FRAME_RATES))} that the 95th percentile of the frame time allows."
 )
 MODEL_NOTE = (
-    "Fine settings may keep the same distance to the reference: contact and tethers of the solvers act once per substep"
-    " or iteration."
+    "Fine settings may keep the same distance to the reference. Contact and tethers of the solvers act once per substep"
+    " or iteration. The reference damps springs as `fabric.damping_time` says, which presets of fabrics set; `implicit`"
+    " and `verlet` do not, and `explicit` and `rk4` only as far as their substeps allow."
 )
 VERLET_NOTE = "`verlet` has stiffness 0…1 instead of SI constants: its error includes that of the model."
 # (substeps, iterations), measured in addition to the scene's own. They include the defaults of the solvers. Explicit
