@@ -178,6 +178,7 @@ def api() -> str:
     functions = (
         "init",
         "list_scenes",
+        "list_presets",
         "load_scene",
         "save_scene",
         "render_image",

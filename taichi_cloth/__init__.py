@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from .scene import SceneError
 from .scene.collider_schema import Attachment, Box, Capsule, Ground, Mesh, Plane, Sphere
 from .scene.fabric_schema import Fabric, Look, VerletSprings, Weave
+from .scene.presets import preset_names as list_presets
 from .scene.presets import scene_names as list_scenes
 from .scene.schema import (
     Camera,
@@ -87,6 +88,7 @@ __all__ = [
     "__version__",
     "export_mesh",
     "init",
+    "list_presets",
     "list_scenes",
     "load_scene",
     "render_image",

@@ -264,7 +264,7 @@ def count_intersection(cloth: ti.template(), ctx: ti.template(), n: int, m: int,
 
 @ti.kernel
 def count_intersections(cloth: ti.template()) -> int:
-    """Return how many edges pass through a triangle, of a cloth that has `self_contact`."""
+    """Return how many times an edge passes through a triangle, of a cloth that has `self_contact`."""
     cloth.self_contact.intersection_count[None] = 0
     for_each_intersection_candidate(cloth, 0, count_intersection, 1)
     return cloth.self_contact.intersection_count[None]

@@ -344,7 +344,7 @@ class ClothMetrics:
     potential_energy: float  # [J] of gravity, zero at y = 0
     penetration: float  # [m] largest depth of a particle below a collider's surface, 0 if there is none
     finite: bool  # whether all positions are finite
-    intersections: int | None  # number of edges that pass through a triangle; None without self-collision
+    intersections: int | None  # times that an edge passes through a triangle; None without self-collision
     frame_error: float | None = None  # [m] error of the last frame (docs/frame_error.md); None if it was not measured
 
 

@@ -30,6 +30,11 @@ def scene_names() -> list[str]:
     return sorted(path.stem for path in (asset_folder() / "scenes").glob("*.toml"))
 
 
+def preset_names() -> list[str]:
+    """Return the names of all shipped fabrics, for `preset` in `[fabric]`: from light to heavy."""
+    return list(PRESET_NAMES)
+
+
 def mesh_names() -> list[str]:
     """Return the names of all shipped meshes, sorted."""
     return sorted(path.stem for path in (asset_folder() / "meshes").glob("*.obj"))

@@ -24,7 +24,7 @@ from ..system.errors import RENAMED_SOLVERS, UsageError, choose_from, short_repr
 from .checkpoint import read_checkpoint
 from .frame_contact import check_movable, describe_intersections, displacement_to
 from .grabbing import Grab, vertices_in_radius
-from .parameter_values import check_numbers, check_radius, check_target, check_vectors
+from .parameter_values import check_frames, check_numbers, check_radius, check_target, check_vectors
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,10 @@ def reset(simulation: Simulation) -> None:
     simulation.set_torn(False)
 
 
-def set_state(simulation: Simulation, positions: Vectors, velocities: Vectors | list[float]) -> None:
-    shape = simulation.topology.start.shape
+def set_state(
+    simulation: Simulation, positions: Vectors, velocities: Vectors | list[float], frame: int | None = None
+) -> None:
+    shape, number = simulation.topology.start.shape, simulation.frame if frame is None else check_frames(frame, "frame")
     x = check_vectors(positions, "positions", shape)
     contact = simulation.scene.self_collision
     if contact is not None and contact.penetration_free and not contact.untangle:
@@ -64,8 +66,9 @@ def set_state(simulation: Simulation, positions: Vectors, velocities: Vectors | 
             raise ValueError(f"positions with intersections, which self_collision.penetration_free forbids: {found}")
     v = np.array(np.broadcast_to(check_vectors(velocities, "velocities", shape, (3,)), shape))
     v[simulation.topology.pinned] = 0.0
-    for number in list(simulation.grabs):
-        release(simulation, number)
+    for grabbed in list(simulation.grabs):
+        release(simulation, grabbed)
+    simulation.set_frame(number)  # before placing, which tells penetration-free contact the frame
     simulation.place(x)
     simulation.solver.set_velocities(v, simulation.h)
     simulation.depenetration.invalidate()
@@ -194,7 +197,7 @@ EVENTS: dict[str, EventKind] = {
     "pin": EventKind(pin, ((int,), (bool,))),
     "pin_within": EventKind(pin_within, ((int,), (float,), (bool,))),  # particle, radius [m]
     "reset": EventKind(reset),
-    "set_state": EventKind(set_state, ((list,), (list,))),  # positions [m], velocities [m/s]
+    "set_state": EventKind(set_state, ((list,), (list,), (int,)), optional=1),  # positions, velocities, frame
     "untear": EventKind(untear),
     "load": EventKind(load, ((str,),)),  # a checkpoint in base64
     "roll_back": EventKind(report_roll_back),

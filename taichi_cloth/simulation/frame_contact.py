@@ -156,7 +156,7 @@ def _move_surfaces(simulation: RunningCloth, start: float, end: float, margin_re
 
 
 def intersection_count(simulation: RunningCloth) -> int:
-    """Return how many edges of the cloth pass through one of its triangles."""
+    """Return how many times an edge of the cloth passes through one of its triangles."""
     if not simulation.has_self_contact:
         attach_self_contact(simulation.cloth, simulation.topology)
         simulation.has_self_contact = True
@@ -172,7 +172,8 @@ def describe_intersections(topology: Topology, positions: Floats) -> str:
     middles = positions[edges[found[:, 0]]].mean(axis=1)
     places = list(dict.fromkeys("({:.3g}, {:.3g}, {:.3g})".format(*point) for point in middles))
     more = ", …" if len(places) > MAX_PLACES else ""
-    return f"{len(found)} edges pass through triangles, near {', '.join(places[:MAX_PLACES])}{more} m"
+    count = len(np.unique(found[:, 0]))
+    return f"{count} edges pass through triangles, near {', '.join(places[:MAX_PLACES])}{more} m"
 
 
 class IntersectionGuard:

@@ -51,9 +51,7 @@ class Simulation(RunningCloth):
 
     A frame is 1/60 s. Positions are in meters, y up; particles are numbered row by row from the top left corner of the
     sheet, those of a mesh file in its order. `params` holds the runtime parameters by name. Close a simulation when
-    done, or use it in a `with` block.
-
-    All changes are events: `apply` applies one and calls the `listeners`.
+    done, or use it in a `with` block. All changes are events: `apply` applies one and calls the `listeners`.
     """
 
     def __init__(self, scene: Scene | str | Path | dict[str, Any], layout: str | None = None) -> None:
@@ -105,16 +103,17 @@ class Simulation(RunningCloth):
         """Return to the first frame, bit for bit, with the scene's own pins. Parameters keep their values."""
         self.apply(Event("reset"))
 
-    def set_state(self, positions: ArrayLike, velocities: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+    def set_state(self, positions: ArrayLike, velocities: ArrayLike = (0, 0, 0), frame: int | None = None) -> None:
         """Set the position of every particle [m], (N, 3), and its velocity [m/s], (N, 3) or one for all.
 
-        Pins jump to where they are put, which shakes the cloth; attachments and grabs move evenly. Attached particles
-        return to their attachment in the next frame. Raises ValueError, and changes nothing, for another shape, numbers
-        that are not finite or exceed 10⁶, and with `penetration_free` for intersections, unless `untangle` is on.
+        `frame`: that of this state, whose time wind and colliders follow; None keeps the present one. Pins jump to
+        where they are put, which shakes the cloth; attachments and grabs move evenly. Attached particles return to
+        their attachment in the next frame. Raises ValueError, and changes nothing, for another shape, numbers that are
+        not finite or exceed 10⁶, and with `penetration_free` for intersections, unless `untangle` is on.
         """
         shape = self.topology.start.shape
         x, v = check_vectors(positions, "positions", shape), check_vectors(velocities, "velocities", shape, (3,))
-        self.apply(Event("set_state", (x, v)))
+        self.apply(Event("set_state", (x, v) if frame is None else (x, v, frame)))
 
     def switch_solver(self, name: str) -> None:
         """Continue with another solver, from the same positions and velocities, with the springs of its own section.
@@ -203,7 +202,7 @@ class Simulation(RunningCloth):
 
     @property
     def triangles(self) -> NDArray[np.int32]:
-        """The three particles of every triangle that is not torn, (T, 3)."""
+        """The three particles of every triangle that is not torn, (T, 3); docs/api.md tells their order."""
         return self.topology.triangles.copy()
 
     @property
@@ -246,5 +245,5 @@ class Simulation(RunningCloth):
         )
 
     def intersections(self) -> int:
-        """Return how many edges of the cloth pass through one of its triangles."""
+        """Return how many times an edge of the cloth passes through one of its triangles; touching does not count."""
         return intersection_count(self)

@@ -233,11 +233,11 @@ def statistics(session: Session, times: dict[str, float], fps: float, view: str 
 
 
 def intersection_lines(simulation: Simulation, metrics: ClothMetrics) -> list[str]:
-    """Return the number of edges that pass through triangles, and whether contact keeps it 0; [] without contact."""
+    """Return how often an edge passes through a triangle, and whether contact keeps it 0; [] without contact."""
     if metrics.intersections is None:
         return []
     note = "" if simulation.penetration_free_since is None else " (guaranteed)"
-    return [f"self-intersections: {metrics.intersections} edges{note}"]
+    return [f"self-intersections: {metrics.intersections}{note}"]
 
 
 def milliseconds(time: float) -> str:

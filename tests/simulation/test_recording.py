@@ -107,6 +107,13 @@ def test_all_changes_are_replayed_bit_for_bit(recorder: Recorder, tmp_path: Path
     check_replay(recorder, tmp_path / "middle.toml")
 
 
+def test_a_state_with_its_frame_is_replayed(recorder: Recorder, tmp_path: Path) -> None:
+    recorder.simulation.set_state(recorder.simulation.positions() + 0.1, frame=40)
+    run(recorder.simulation, 2)
+    assert recorder.simulation.frame == 42
+    check_replay(recorder, tmp_path / "state.toml")
+
+
 def test_pins_fabrics_patches_and_features_are_replayed(recorder: Recorder, tmp_path: Path) -> None:
     simulation = recorder.simulation
     run(simulation, 2)

@@ -304,6 +304,36 @@ def test_set_state_sets_positions_and_velocities() -> None:
         assert simulation.positions()[pins] == pytest.approx((start + [0.0, 1.0, 0.0])[pins], abs=1e-6)
 
 
+def test_a_run_continues_from_a_stored_state_with_its_frame() -> None:
+    """Gusts and a collider that moves follow the time; explicit steps have no other state."""
+    with tc.Simulation(replace(SMALL, wind=Wind(z=6.0, turbulence=0.9), solver=Solver("explicit"))) as simulation:
+        simulation.step(20)
+        frame, x, v = simulation.frame, simulation.positions(), simulation.velocities()
+        simulation.step(5)
+        expected = simulation.positions()
+        simulation.reset()
+        simulation.set_state(x, v, np.int64(frame))  # type: ignore[arg-type]
+        assert simulation.frame == 20
+        simulation.step(5)
+        assert simulation.positions() == pytest.approx(expected, abs=1e-5)
+        simulation.set_state(x, v)
+        assert simulation.frame == 25
+        simulation.step(5)
+        assert np.abs(simulation.positions() - expected).max() > 1e-3
+
+
+@pytest.mark.parametrize("frame", [-1, 1.5, True, "1"])
+def test_set_state_with_an_invalid_frame_raises_and_changes_nothing(frame: Any) -> None:
+    with tc.Simulation(SMALL) as simulation:
+        start = simulation.positions()
+        with pytest.raises(
+            ValueError, match=r"frame must be an integer from 0|argument 3 of event set_state must be int"
+        ):
+            simulation.set_state(start + 1.0, frame=frame)
+        assert (simulation.positions() == start).all()
+        assert simulation.frame == 0
+
+
 @pytest.mark.parametrize("values", [[1.0, 2.0], "here", [[float("nan")] * 3] * 30])
 def test_set_state_with_invalid_positions_raises_and_changes_nothing(values: Any) -> None:
     with tc.Simulation(SMALL) as simulation:
