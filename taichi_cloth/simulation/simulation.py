@@ -100,7 +100,7 @@ class Simulation(RunningCloth):
         self._queue.pass_on(event, self.listeners)
 
     def reset(self) -> None:
-        """Return to the first frame, bit for bit, with the scene's own pins. Parameters keep their values."""
+        """Return to the first frame, bit for bit, with the scene's own pins. Parameters, solver and fabric stay."""
         self.apply(Event("reset"))
 
     def set_state(self, positions: ArrayLike, velocities: ArrayLike = (0, 0, 0), frame: int | None = None) -> None:
