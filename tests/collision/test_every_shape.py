@@ -8,7 +8,14 @@ import pytest
 import taichi as ti
 import taichi.math as tm
 
-from taichi_cloth.collision.colliders import collider_counts, pose_colliders, ray_cast, shape_of, signed_distance
+from taichi_cloth.collision.colliders import (
+    collider_counts,
+    pose_colliders,
+    ray_cast,
+    shape_of,
+    signed_distance,
+    triangle_distance,
+)
 from taichi_cloth.collision.shapes import SHAPES, Shape
 from taichi_cloth.geometry.signed_distance import collider_sdf
 from taichi_cloth.render.draw_list import collider_mesh
@@ -54,6 +61,18 @@ def test_scene_sections_match_the_shapes() -> None:
     for shape in SHAPES:
         assert sections()[shape.section].cls is shape.classes[0]
         assert all(shape_of(cls()) is shape for cls in shape.classes)
+
+
+@EVERY
+def test_what_collides_with_triangles_measures_their_distance(shape: Shape) -> None:
+    """Else cloth that starts within its margin would be shot away."""
+    needed = (shape.closest_on_triangle, shape.core, shape.triangle_distance)
+    assert all(needed) or not any(needed)
+    if shape.triangle_distance is None:
+        return
+    far = np.array([[[9.0, 9.0, 9.0], [10.0, 9.0, 9.0], [9.0, 10.0, 9.0]]])
+    assert triangle_distance(*pose_colliders([example(shape)], 0.0), far)[0] > 1.0
+    assert triangle_distance(*pose_colliders([example(shape)], 0.0), far - 9.0)[0] < 0.0  # through the center
 
 
 @EVERY
