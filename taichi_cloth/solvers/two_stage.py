@@ -85,10 +85,17 @@ def accelerate(cloth: ti.template(), params: ti.template(), h: float):
 
 
 @ti.func
-def prepare_extrapolation(cloth: ti.template()):
-    """Store what (2) adds to the velocity, before contact changes it."""
+def complete_step(cloth: ti.template(), h: float):
+    """Set x to that of (1), and store what (2) adds to the velocity, before contact changes both.
+
+    In short steps the corrections h²·a are smaller than the spacing of float32 at x, and adding each of them to x loses
+    them. Steps without them are explicit, and their energy grows. The velocity has collected h·a without this loss.
+    """
     for i in range(cloth.packet_count[None]):
-        change = cloth.velocity[i] - cloth.stage_start.velocity[i]
+        velocity = cloth.velocity[i]
+        x = cloth.x_prev[i] + velocity * h
+        cloth.x[i] = select(cloth.inverse_mass[i] > 0.0, x, cloth.x[i])
+        change = velocity - cloth.stage_start.velocity[i]
         cloth.stage_start.velocity[i] = change * ti.static((1 - GAMMA) / GAMMA - 1)
 
 
@@ -121,7 +128,7 @@ def begin_stage(cloth: ti.template(), features: ti.template(), ctx: ti.template(
 
 @ti.func
 def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    prepare_extrapolation(cloth)
+    complete_step(cloth, ctx.h * STAGE_LENGTH)
     stage = ti.static(ctx._replace(dt_scale=STAGE_LENGTH))
     project_distance_bounds(cloth, features, stage)
     project_self_contacts(cloth, features, stage)

@@ -1,4 +1,4 @@
-"""Contact in the two stages of a substep of `lines` and `implicit`."""
+"""The two stages of a substep of `lines` and `implicit`: contact, and short steps."""
 
 from dataclasses import replace
 
@@ -32,3 +32,26 @@ def test_a_sheet_that_lands_in_any_part_of_a_substep_stays_down(solver: str) -> 
             speeds.append(fastest)
             assert simulation.positions()[:, 1].max() < 0.05
     assert max(speeds) < 0.01, speeds
+
+
+@pytest.mark.parametrize("layout", ["serial", "simd", "parallel"])
+@pytest.mark.parametrize("solver", ["lines", "implicit"])
+def test_the_energy_stays_constant_in_very_short_steps(solver: str, layout: str) -> None:
+    """An undamped sheet swings down from 45°. With 320 substeps a correction is a 25th of the spacing of float32 at 1 m."""
+    scene = Scene(
+        cloth=Cloth(rows=9, columns=11, width=1.0, height=0.8, rotation=(-45.0, 0.0, 0.0)),
+        fabric=Fabric(warp=500.0, weft=500.0, shear=100.0),
+        solver=Solver(name=solver, substeps=320, iterations=1, damping=0.0),
+    )
+    with Simulation(scene, layout=layout) as simulation:
+        masses = simulation.topology.mass.astype(np.float64)
+
+        def energy() -> float:
+            x, v = simulation.positions().astype(np.float64), simulation.velocities().astype(np.float64)
+            return 0.5 * masses @ (v**2).sum(1) + masses @ x[:, 1] * scene.forces.gravity + simulation.elastic_energy()
+
+        before = energy()
+        simulation.step(60)
+        kinetic = 0.5 * masses @ (simulation.velocities().astype(np.float64) ** 2).sum(1)
+        assert kinetic > 0.01
+        assert energy() == pytest.approx(before, abs=1e-4)
