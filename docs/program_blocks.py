@@ -179,6 +179,7 @@ def api() -> str:
         "init",
         "list_scenes",
         "list_presets",
+        "list_solvers",
         "load_scene",
         "save_scene",
         "render_image",

@@ -25,6 +25,12 @@ def machine_and_date(words: stored.Words) -> str:
     return " · ".join(parts)
 
 
+def validation_run(words: stored.Words) -> str:
+    """Return the machine, the date and the commit of a run, and how many of its rows were measured later."""
+    later = sum(bool(row.get("later")) for row in words["rows"])
+    return machine_and_date(words) + f" ({later} of {len(words['rows'])} rows later)" * bool(later)
+
+
 def short_commit(words: stored.Words) -> str:
     """Return the first digits of a run's commit, with a + if files had changed since."""
     commit = words.get("commit")
@@ -66,7 +72,7 @@ RUNS: dict[str, tuple[str, Callable[[stored.Words], str]]] = {
     "bench --goals": ("goals", machine_and_date),
     "bench --gpu": ("gpu", gpu_and_date),
     "bench --error --scene": ("scene_errors", machine_and_date),
-    "validate": ("validation", machine_and_date),
+    "validate": ("validation", validation_run),
     "ablate": ("ablation", machine_and_date),
     "stress": ("stability", machines_and_dates),
     "stress --soak": ("soak", machines_and_dates),

@@ -32,7 +32,7 @@ def choosing() -> str:
         ],
         rows,
     )
-    robust = f"Stress cases survived with the recommended setting `{ROBUST.name}`: {survives(ROBUST.name)}."
+    robust = f"Stress cases survived with the setting `{ROBUST.name}`: {survives(ROBUST.name)}."
     return with_runs(f"{found}\n\n{robust}", "bench --error --scene", "validate", "stress")
 
 
@@ -71,24 +71,36 @@ def distance(solver: str) -> str:
 def shown_references(words: stored.Words, solver: str) -> list[str]:
     """Return the references to compare a default setting with: with those for which its iterations end too early."""
     missed = [row for row in words["rows"] if row["solver"] == solver and row["verdict"] not in stored.PASSED]
-    early = [row for row in missed if row["exact"] and any(words in (row.get("reason") or "") for words in TOO_EARLY)]
+    early = [row for row in missed if any(words in (row.get("reason") or "") for words in TOO_EARLY)]
     of_default = [row["reference"] for row in early if not row["reference"].startswith(OWN_SETTINGS)]
     return list(dict.fromkeys([*ALWAYS_SHOWN, *of_default]))
 
 
 def worst_row(rows: list[stored.Words]) -> str:
     """Return the row of a reference with the largest relative error, and the number of rows without a result."""
-    measured = [(row["measured"] / row["exact"] - 1, row) for row in rows if row["measured"] is not None]
+    measured = [row for row in rows if row["measured"] is not None]
     title = f"{rows[0]['reference']} {rows[0]['name']}"
     parts = [title]
     if measured:
-        share, row = max(measured, key=lambda one: abs(one[0]))
+        row = max(measured, key=relative_error)
         passed = "" if row["verdict"] in stored.PASSED else ", falls short"
         what = re.sub(r" ?\[[^]]*\]$", "", row["what"])  # without its unit
-        parts = [f"{signed(share)} in {title} (*{what}*{passed})"]
+        parts = [f"{difference(row)} in {title} (*{what}*{passed})"]
     if slow := len(rows) - len(measured):
         parts.append(f"{slow} of {len(rows)} rows too slow to be measured")
     return ", ".join(parts)
+
+
+def relative_error(row: stored.Words) -> float:
+    """Return how far the measured value is from the exact one, as a share of it, or as it is if the exact one is 0."""
+    return abs(row["measured"] - row["exact"]) / (abs(row["exact"]) or 1.0)
+
+
+def difference(row: stored.Words) -> str:
+    """Return the difference of the measured value from the exact one in words."""
+    if row["exact"]:
+        return signed(row["measured"] / row["exact"] - 1)
+    return f"{row['measured']:.2g} instead of 0"
 
 
 def signed(share: float) -> str:
@@ -272,8 +284,9 @@ def validation_page() -> str:
 
 
 def stability_page() -> str:
-    """Return the summary of docs/stability.md as it is."""
-    return with_runs(quoted("stability.md", r"\d+ (starts per variant|results were confirmed)"), "stress")
+    """Return the summary of docs/stability.md as it is, with the lines below its table as one paragraph."""
+    rows, _, below = quoted("stability.md", r"\d+ starts per variant").partition("\n\n")
+    return with_runs(f"{rows}\n\n{' '.join(below.split())}", "stress")
 
 
 def unfinished() -> str:
@@ -286,8 +299,7 @@ def unfinished() -> str:
         for number in shown_references(words, solver):
             rows = [row for row in words["rows"] if (row["reference"], row["solver"]) == (number, solver)]
             missed = [row for row in rows if row["verdict"] not in stored.PASSED and row["measured"] is not None]
-            shares = [row["measured"] / row["exact"] - 1 for row in missed if row["exact"]]
-            worst += [f"{signed(max(shares, key=abs))} in {number}"] if shares else []
+            worst += [f"{difference(max(missed, key=relative_error))} in {number}"] if missed else []
         parts += [f"`{solver}` ({', '.join(worst)})"] if worst else []
     return f"Defaults that do not reach the solution: {', '.join(parts) or 'none'}."
 

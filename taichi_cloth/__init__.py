@@ -35,6 +35,7 @@ from .scene.schema import (
     Tethers,
     Wind,
 )
+from .scene.solver_catalog import solver_names as list_solvers
 from .system.errors import Diverged, UsageError, nearest_hint
 from .system.taichi_runtime import start as init
 
@@ -90,6 +91,7 @@ __all__ = [
     "init",
     "list_presets",
     "list_scenes",
+    "list_solvers",
     "load_scene",
     "render_image",
     "render_video",

@@ -69,6 +69,11 @@ SOLVER_CATALOG: dict[str, SolverInfo] = {
 }
 
 
+def solver_names() -> list[str]:
+    """Return the names of all solvers, for `name` in `[solver]` and for `switch_solver`."""
+    return list(SOLVER_CATALOG)
+
+
 def needs_other_model(solver: str, model: str) -> str:
     """Return why a solver is refused that does not support a `fabric.model`."""
     others = ", ".join(name for name, info in SOLVER_CATALOG.items() if model in info.models and info.uses_si_constants)

@@ -19,6 +19,7 @@ from ..system.errors import choose_from, nearest_name, short_repr
 Floats = NDArray[np.float64]
 
 MAX_COORDINATE = 1e6  # [m], [m/s] ten times what a scene file allows; its square does not overflow float32
+MAX_FRAMES = 10**9  # half a year of simulated time
 
 
 def check_vectors(values: ArrayLike, name: str, *shapes: tuple[int, ...]) -> Floats:
@@ -56,9 +57,11 @@ def check_radius(radius: float) -> float:
 
 
 def check_frames(frames: SupportsIndex, name: str = "frames", least: int = 0) -> int:
-    """Return a number of frames. Raises ValueError unless it is an integer from `least`."""
+    """Return a number of frames. Raises ValueError unless it is an integer from `least` to `MAX_FRAMES`."""
     if isinstance(frames, (bool, np.bool_)) or not isinstance(frames, (int, np.integer)) or frames < least:
         raise ValueError(f"{name} must be an integer from {least}, not {short_repr(frames)}")
+    if frames > MAX_FRAMES:
+        raise ValueError(f"{name} must be at most {MAX_FRAMES}, not {short_repr(frames)}")
     return int(frames)
 
 

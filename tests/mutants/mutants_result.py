@@ -1,14 +1,17 @@
 """The results of `make mutants` in a small file next to the tests: `tests/mutants_result.toml`. A test reads it.
 
-Every mutation has a line with its verdict, a digest of its text and tests, and the tested commit. A run of some
-mutations replaces their lines, so that a mutation that is added or changed needs no run of all.
+Every mutation has a line with its verdict, a digest of its text and the bodies of its tests, and the tested commit. A
+run of some mutations replaces their lines, so that a mutation that is added or changed needs no run of all.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import tomllib
 from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 
 from mutation import ROOT, Mutation
 from mutations import MUTATIONS
@@ -22,8 +25,26 @@ KILLED, SURVIVED, BROKEN = "killed", "SURVIVED", "BROKEN"
 
 
 def digest(mutation: Mutation) -> str:
-    """Return a digest of a mutation with its text and tests, 8 hex digits."""
-    return hashlib.sha256(repr(mutation).encode()).hexdigest()[:8]
+    """Return a digest of a mutation with its text and the bodies of its tests, 8 hex digits."""
+    words = [repr(mutation), *map(body, mutation.tests)]
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:8]
+
+
+def body(test: str) -> str:
+    """Return the syntax tree of a test, or of all tests of a file, without comments and line breaks."""
+    path, *names = test.split("::")
+    tree = parsed(ROOT / "tests" / path)
+    if not names:
+        return ast.dump(tree)
+    name = names[-1].partition("[")[0]
+    [found] = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == name]
+    return ast.dump(found)
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Return the syntax tree of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def line_of(mutation: Mutation, verdict: str, commit: str) -> str:

@@ -109,6 +109,23 @@ def test_a_changed_mutation_has_another_digest() -> None:
     assert digest(replace(first)) == digest(first)
 
 
+def test_the_digest_covers_the_bodies_of_the_tests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mutants_result, "ROOT", tmp_path)
+    (tmp_path / "tests").mkdir()
+    bodies = []
+    for text in ("def test_b(): assert 1", "def test_b():\n    assert 1  # a comment", "def test_b(): pass"):
+        (tmp_path / "tests" / "test_a.py").write_text(text, encoding="utf-8")
+        mutants_result.parsed.cache_clear()
+        bodies.append({mutants_result.body("test_a.py::test_b[x]"), mutants_result.body("test_a.py")})
+    mutants_result.parsed.cache_clear()
+    assert bodies[0] == bodies[1]
+    assert not bodies[0] & bodies[2]
+    mutation = replace(MUTATIONS[0], tests=("test_a.py::test_b",))
+    now = digest(mutation)
+    monkeypatch.setattr(mutants_result, "body", lambda test: "another")
+    assert digest(mutation) != now
+
+
 def test_a_mutation_that_changed_or_is_new_was_not_killed(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert main(["--only", *(mutation.name for mutation in MUTATIONS[1:-2])]) == 2
     lines = mutants_result.stored_lines()

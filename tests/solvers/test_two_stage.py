@@ -37,7 +37,7 @@ def test_a_sheet_that_lands_in_any_part_of_a_substep_stays_down(solver: str) -> 
 @pytest.mark.parametrize("layout", ["serial", "simd", "parallel"])
 @pytest.mark.parametrize("solver", ["lines", "implicit"])
 def test_the_energy_stays_constant_in_very_short_steps(solver: str, layout: str) -> None:
-    """An undamped sheet swings down from 45°. With 320 substeps a correction is a 25th of the spacing of float32 at 1 m."""
+    """An undamped sheet swings from 45°. With 320 substeps a correction is a 25th of the spacing of float32 at 1 m."""
     scene = Scene(
         cloth=Cloth(rows=9, columns=11, width=1.0, height=0.8, rotation=(-45.0, 0.0, 0.0)),
         fabric=Fabric(warp=500.0, weft=500.0, shear=100.0),

@@ -61,7 +61,7 @@ def test_the_page_names_the_cases_that_no_setting_runs_for_a_second(stored: Stor
     longest = {case: max(one.frames for one in stored.ordered() if one.case == case) for case in map(int, short)}
     unjudged = [case for case, count in longest.items() if count < 120]  # of ten seconds
     assert unjudged == [16]
-    assert "So has case 16, but none is fast enough for them." in words
+    assert "So has case 16, whose specification bounds only the time: none is fast enough for them" in words
 
 
 def test_every_cause_belongs_to_a_failure(stored: Store) -> None:

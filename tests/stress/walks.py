@@ -97,6 +97,8 @@ class Walk(Trial):
         self.rest_speeds.append(how.get("max_speed"))
         self.watch.strain, self.watch.speed = next(self._seen)
         self._needs_rest_check = False
+        if (after_frame := how.get("after_frame")) is not None:
+            after_frame()
 
     def check(self, what: str, value: float, bound: float) -> None:
         if not value <= bound:

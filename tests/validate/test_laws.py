@@ -329,16 +329,6 @@ def test_rounded_weights_bound_the_error_of_a_chain_in_float32() -> None:
     assert 2 * row.error > share
 
 
-@pytest.mark.parametrize("solver", exact.TWO_STAGE)
-def test_rounded_positions_take_as_much_from_a_spring_as_from_the_stored_one(solver: str) -> None:
-    omega, steps = 1000**0.5, 6000
-    row = stored("A2.2", solver, "share of the amplitude after 1 s, 1000 N/m, 6000 steps/s")
-    assert exact.rounded_amplitude(omega, 1 / steps, steps, -0.5, 0.1) == pytest.approx(row.measured, abs=3e-6)
-    assert row.exact == pytest.approx(exact.spring_amplitude(solver, omega, 1 / steps, steps))
-    near_zero = exact.rounded_amplitude(omega, 1 / 240, 240, 0.0, 1e-3)
-    assert near_zero == pytest.approx(exact.spring_amplitude(solver, omega, 1 / 240, 240), abs=1e-6)
-
-
 def test_steps_of_euler_fall_by_the_sum_of_their_speeds() -> None:
     steps, h = 30, 0.01
     assert flight.euler_fall(steps * h, np.inf, h) == pytest.approx(9.81 * h * h * steps * (steps + 1) / 2, rel=1e-12)

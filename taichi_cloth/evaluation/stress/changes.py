@@ -233,12 +233,6 @@ def without_an_ejection(trial: Trial, change: Callable[[], object]) -> None:
     trial.record("displacement in the next frame, of its bound", moved / (speed * FRAME_SECONDS), 1)
 
 
-def end(trial: Trial) -> None:
-    """Run five seconds, then require the cloth to come to rest."""
-    trial.run(5.0)
-    trial.settle()
-
-
 def shares(share: float) -> VerletSprings:
     """Return the springs of `verlet` that have this share of the base sheet's stiffness."""
     usual = base().verlet
@@ -255,7 +249,7 @@ def stiffer(trial: Trial, times: float) -> None:
         first, last = (replace(base(), verlet=shares(min(share, 1.0))) for share in (1 / times, times))
     begin(trial, first, last, far=8 * DENSITY * 9.81 / (CONSTANT * min(times, 1.0)))
     without_a_jump(trial, partial(trial.change_scene, last))
-    end(trial)
+    trial.settle()
 
 
 def heavier(trial: Trial, times: float) -> None:
@@ -263,7 +257,7 @@ def heavier(trial: Trial, times: float) -> None:
     last = with_fabric(base(), density=DENSITY * times)
     begin(trial, base(), last, far=8 * DENSITY * times * 9.81 / CONSTANT)
     without_a_jump(trial, partial(trial.change_scene, last))
-    end(trial)
+    trial.settle()
 
 
 def substeps(trial: Trial, numbers: tuple[int, ...]) -> None:
@@ -280,7 +274,7 @@ def substeps(trial: Trial, numbers: tuple[int, ...]) -> None:
         if simulation.substeps != number:
             trial.note(f"{simulation.substeps} substeps instead of {number}, which would be unstable")
         trial.run(1.0)
-    end(trial)
+    trial.settle()
 
 
 def toggled_collider(trial: Trial) -> None:
@@ -291,7 +285,7 @@ def toggled_collider(trial: Trial) -> None:
         spheres = (ball,) if k % 2 == 0 else ()
         without_an_ejection(trial, partial(trial.change_scene, replace(base(), spheres=spheres)))
         trial.run(0.5 - FRAME_SECONDS)
-    end(trial)
+    trial.settle()
 
 
 def other_solver(trial: Trial) -> None:
@@ -300,4 +294,4 @@ def other_solver(trial: Trial) -> None:
     able = [name for name in SOLVER_NAMES if trial.setting.tear is None or not SOLVERS[name].info.grid_only]
     name = able[(able.index(trial.simulation.solver.name) + 1) % len(able)]
     without_a_jump(trial, partial(trial.change_solver, name))
-    end(trial)
+    trial.settle()

@@ -200,7 +200,6 @@ def rotating_ball(trial: Trial) -> None:
         share = rate / radians(SPIN)
         trial.record("rate of the sheet, of the ball's", share, 1 + FASTER)
     trial.record("rate that the sheet lacks, of the ball's", 1 - share, 1 - TURNED)
-    trial.run(3.0)
     trial.settle()
 
 
@@ -248,5 +247,4 @@ def tablecloth(trial: Trial, friction: float, cells: int | None = None) -> None:
     trial.record("mean friction while the layers slide, of μ times the weight", given / slid if slid else 0.0)
     trial.record("whether the tablecloth is gone", float(gone))
     trial.simulation.params["damping"] = DAMPING
-    trial.run(1.0)
     trial.settle()

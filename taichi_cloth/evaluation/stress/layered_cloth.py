@@ -138,7 +138,6 @@ def teleported(trial: Trial) -> None:
     trial.open(replace(hung(), spheres=(ball,)), rest=hung())
     trial.start()
     watch_ejection(trial, 6.5)
-    trial.run(3.0)
     trial.settle()
 
 
@@ -151,7 +150,6 @@ def inflated(trial: Trial) -> None:
     trial.change(lambda: trial.simulation.params.update({"sphere_radius": 0.5}))
     watch_ejection(trial, 6.0)
     trial.change(lambda: trial.simulation.params.update({"sphere_radius": 1e-3}))
-    trial.run(3.0)
     trial.settle()
 
 
@@ -176,7 +174,6 @@ def ball_on_pin(trial: Trial) -> None:
     bound = static_strain(trial.setting.of(free)) + CALM_STRAIN
     trial.open(replace(free, spheres=(ball,)), rest_strain=bound + beside_pin(radius, DEPTH, cell))
     trial.start()
-    trial.run(5.0)
     trial.settle()
     trial.record("strain off the ball", strain_outside(trial, np.array(ball.center), radius + cell), bound)
 

@@ -20,6 +20,7 @@ RECOVERED = 1e-3  # difference of the strain of a sheet that was stretched from 
 CHATTER = 1e-3  # [m/s] speed of a sheet in edge-on wind
 YANKED_STRAIN = 0.05
 CAP_ROUNDING = 4 * ROUNDING * CELLS  # of a strain: float32 rounding of positions of 1 m, over a spring of one cell
+LANDING_SECONDS = 0.6  # in which cloth has landed that falls 1 m with damping, or is already falling
 FALLS = 0.01  # relative error of the fall ½gt² of a cloth with spring damping
 
 
@@ -53,7 +54,6 @@ def gravity(trial: Trial, size: float) -> None:
     scene, hanging = (sheet(CELLS, pins=("top",), forces=Forces(gravity=g)) for g in (size, abs(size)))
     trial.open(scene, far=4 * DENSITY * abs(size) / CONSTANT, rest=hanging)
     trial.start()
-    trial.run(5.0)
     trial.settle()
 
 
@@ -130,7 +130,7 @@ def no_pins(trial: Trial) -> None:
     """Drop a level sheet without pins on the ground."""
     trial.open(sheet(CELLS, pins=(), ground=Ground(height=-1.0), rotation=FLAT))
     trial.start()
-    trial.run(5.0)
+    trial.run(LANDING_SECONDS)
     trial.settle()
 
 
@@ -171,7 +171,6 @@ def undamped(trial: Trial) -> None:
     trial.start()
     trial.run(5.0)
     trial.simulation.params["damping"] = DAMPING
-    trial.run(5.0)
     trial.settle()
 
 
@@ -179,7 +178,6 @@ def overdamped(trial: Trial, rate: float) -> None:
     """Run with a damping rate [1/s] so high that nothing can move."""
     trial.open(sheet(CELLS, damping=rate))
     trial.start()
-    trial.run(5.0)
     trial.settle()
 
 
@@ -197,7 +195,7 @@ def falls_with_spring_damping(trial: Trial, damping_time: float) -> None:
     fall = start + speed - trial.simulation.positions()[:, 1].mean()
     trial.record("fall in 1 s beside ½gt², share", abs(fall / (GRAVITY / 2) - 1), FALLS + h)
     trial.simulation.params["damping"] = DAMPING
-    trial.run(3.0)
+    trial.run(LANDING_SECONDS)
     trial.settle()
 
 

@@ -145,6 +145,8 @@ class Result:
     row: Check
     later: tuple[str, str] | None = None
     """Date (UTC) and commit."""
+    origin: str = ""
+    """Digest of the sources that it was measured with; empty if they are not known."""
 
     @property
     def verdict(self) -> str:
@@ -301,7 +303,6 @@ GRIDS = "the exact solutions of the two grids differ, with the stiffness that th
 SOFTER_EULER = f"{SOFTER}; in backward Euler steps of h"
 ROUNDED = "rounding to float32, added up at random over n steps: ½u·√(n/3)·(|x| + |v|·t/√3), u = 2⁻²³"
 VELOCITY_ROUNDED = "rounding to float32 of the positions whose difference over h is the velocity: ⅙u·|x|·n√n, u = 2⁻²³"
-ROUNDED_STEPS = "the same steps in float64, with positions rounded to float32"
 ROUNDED_WEIGHT = "float32 rounds the g·h² that a step adds to a position: ½ulp(x)/(g·h²) of the weight below each link"
 SAME_ITERATIONS = "the same iterations in float64"  # in laws that repeat the method: its error is none of rounding
 FLOAT32_EPSILON = 2.0**-23  # distance from 1 to the next number of float32

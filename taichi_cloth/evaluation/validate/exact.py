@@ -268,26 +268,6 @@ def spring_amplitude(solver: str, omega: float, h: float, steps: int) -> float:
     return float(np.hypot(x, hv / (omega * h)))
 
 
-def rounded_amplitude(omega: float, h: float, steps: int, rest: float, displacement: float) -> float:
-    """Return what `spring_amplitude` returns for a method of `TWO_STAGE` whose positions are rounded to float32.
-
-    The spring is at rest at the coordinate `rest` [m], and is released from a displacement [m].
-    """
-    w, gamma = omega * h, 1 - sqrt(0.5)
-    x, hv = rest + displacement, 0.0
-    for _ in range(steps):
-        before = hv
-        for stage in range(2):
-            x = float(np.float32(x + gamma * hv))
-            change = -gamma * w * w * (x - rest) / (1 + (gamma * w) ** 2)
-            hv += change
-            x = float(np.float32(x + gamma * change))
-            if stage == 0:
-                x = float(np.float32(x + (1 - 2 * gamma) * hv))
-                hv = before + (hv - before) * (1 - gamma) / gamma
-    return float(np.hypot(x - rest, hv / w)) / abs(displacement)
-
-
 def spring_step(solver: str, w: float) -> Floats:
     """Return the matrix, (2, 2), of a solver's step h for the spring x″ = −ω²x, on (x, h·v); `w` is ω·h."""
     if solver == "rk4":

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import os
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
 
 from ...scene.solver_catalog import SOLVER_CATALOG
 from ...system import taichi_runtime as runtime
 from ...system.errors import UsageError, nearest_hint
+from ..stress.store import PACKAGE, files_behind
 from ..worker_pool import run_parallel
 from . import continuum, drape, elasticity, flight, friction, hanging, strand, swing, symmetry, woven
 from .check import ALL, ELASTIC, Reference, Result, measure
@@ -219,13 +224,34 @@ def measure_serially(pairs: Sequence[tuple[Reference, str]], on_step: Callable[[
     results = []
     for reference, solver in pairs:
         on_step(name_of(reference, solver))
-        results += measure(reference, solver)
+        results += with_origin(reference, solver)
     return results
 
 
 def measure_pair(number: str, solver: str) -> list[Result]:
-    """Return the rows of one pair, in a worker process."""
-    return measure(BY_NUMBER[number], solver)
+    """Return the rows of one pair."""
+    return with_origin(BY_NUMBER[number], solver)
+
+
+def with_origin(reference: Reference, solver: str) -> list[Result]:
+    """Measure a pair, and return its rows with the digest of its sources."""
+    return [replace(result, origin=origin_of(reference.number, solver)) for result in measure(reference, solver)]
+
+
+@cache
+def origin_of(number: str, solver: str) -> str:
+    """Return the digest of the sources of a pair, 12 hex digits: of its setup, its solver and all that they import."""
+    setup = inspect.getfile(BY_NUMBER[number].run)
+    roots = {Path(setup).relative_to(PACKAGE).as_posix(), f"solvers/{solver}.py"}  # a solver is loaded by name
+    words = [f"{name} {digest}" for name, digest in sorted(files_behind(frozenset(roots)))]
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:12]
+
+
+def earlier_count(results: Sequence[Result]) -> int:
+    """Return how many results were measured with other sources than the present ones."""
+    present = {(reference.number, solver) for reference, solver in select_pairs(None, None)}
+    keys = [(one.number, one.solver) for one in results]
+    return sum(key not in present or one.origin != origin_of(*key) for key, one in zip(keys, results, strict=True))
 
 
 def name_of(reference: Reference, solver: str) -> str:

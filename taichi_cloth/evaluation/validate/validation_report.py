@@ -19,6 +19,7 @@ import numpy as np
 from ...system.console import commit_of, count_noun, machine, markdown_table, new_file, page_files, print_table
 from ...system.errors import UsageError, error_text
 from .check import EXCELLENT, FAIL, PASS, SAME_ITERATIONS, TOO_SLOW, Check, KnownLimit, Result
+from .references import earlier_count
 
 HEADINGS = ("reference", "solver", "what", "exact", "measured", "error", "verdict")
 UNEXPLAINED = "no law explains it"
@@ -100,7 +101,7 @@ def summary_line(results: Sequence[Result]) -> str:
     other = n["falls short"] - len(laws) - n["broken"]
     return (
         f"{n['rows']} rows: {n['excellent']} excellent, {n['pass']} pass, {n['falls short']} fall short"
-        f" ({len(laws) - repeated} by as much as theory predicts, {repeated} by as much as {SAME_ITERATIONS},"
+        f" ({len(laws) - repeated} by no more than theory allows, {repeated} by no more than {SAME_ITERATIONS},"
         f" {n['broken']} by more, {other} without a theory), {n['too slow']} too slow"
     )
 
@@ -149,6 +150,7 @@ def write_json(path: Path, run: Measured) -> None:
             "source": result.source,
         }
         | ({} if result.later is None else {"later": result.later})
+        | ({"origin": result.origin} if result.origin else {})
         for result in run.results
     ]
     everything = {
@@ -183,7 +185,8 @@ def result_of(row: Mapping[str, Any]) -> Result:
     measured_row = Check(row["what"], exact, measured, error, good, best, limit, float(row["seconds"]))
     later = row.get("later")
     when = None if later is None else (str(later[0]), str(later[1]))
-    return Result(row["reference"], row["name"], row["source"], row["solver"], measured_row, when)
+    origin = str(row.get("origin", ""))
+    return Result(row["reference"], row["name"], row["source"], row["solver"], measured_row, when, origin)
 
 
 def this_machine(measure: Callable[[], Sequence[Result]]) -> Measured:
@@ -238,6 +241,7 @@ def main_page(run: Measured, rows: str) -> list[str]:
         " pass in every row.",
         "",
         *fitted_lines(results),
+        *earlier_lines(results),
         *markdown_table(summary(results)),
         "",
         " · ".join([*run.machine.values(), *filter(None, (run.date, run.commit))]),
@@ -270,6 +274,14 @@ def fitted_lines(results: Sequence[Result]) -> list[str]:
         " excellent.",
         "",
     ]
+
+
+def earlier_lines(results: Sequence[Result]) -> list[str]:
+    """Return lines about the rows that were measured before a change of the program that may have changed them."""
+    earlier = earlier_count(results)
+    if not earlier:
+        return []
+    return [f"{earlier} of {len(results)} rows were measured with earlier sources of their solver or setup.", ""]
 
 
 WIDE = 3.0  # times the error of a row
