@@ -22,7 +22,7 @@ from ..render.webgl import local_mesh, merge_corners, pose_matrix
 from ..scene import Scene, parameters_of
 from ..scene.collider_schema import Ground
 from ..scene.schema import FRAME_SECONDS, sections
-from ..simulation.convergence import unconverged
+from ..simulation.convergence import overstretched, unconverged
 from ..simulation.copies import FrameError, FrameErrorMeter
 from ..simulation.events import Event
 from ..simulation.parameter_values import check_frames
@@ -154,15 +154,16 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
     def warnings(self) -> str:
         """One line if substeps, damping or bending differ from the request, cloth is held still, or iterations are few.
 
-        Also if the solver does not use the springs that the scene sets, and if an error was measured whose reference
-        has not converged. Empty if none of these is true.
+        Also if the solver does not use the springs that the scene sets, if a spring is more than twice as long as at
+        rest, and if an error was measured whose reference has not converged. Empty if none of these is true.
 
         The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins, and of `lines`,
         for pins beside which no other particle is pinned. Grabs count as pins if the cloth has no pins; with `lines`
         no figure is given for them. Nothing is estimated for `implicit`, and for tethered cloth with `lines`.
         """
         few = unconverged(self.scene, self.topology, self.h, int(self.params["iterations"]), self.grabbed)
-        return "; ".join(filter(None, [super().warnings, few, self._unknown_error()]))
+        stretched = overstretched(super().metrics().max_strain)
+        return "; ".join(filter(None, [super().warnings, few, stretched, self._unknown_error()]))
 
     def _unknown_error(self) -> str:
         found = self._measured_error

@@ -51,12 +51,20 @@ def artificial_stretch(rows: int, h: float, iterations: int, gravity: float = GR
     return 0.5 * rows**2 * gravity * h * h / iterations
 
 
+def overstretched(strain: float) -> str:
+    """Return a warning if the largest strain of the cloth is one that no cloth survives; otherwise an empty text."""
+    if strain <= TORN_APART:
+        return ""
+    return f"a spring is {1 + strain:.3g} times as long as at rest: the cloth may have blown up; try more substeps"
+
+
 STRETCH_WITH_SHEAR = 2 / 3  # of the stretch remains with shear springs: ⅓·N²·g·h²/i
 MAX_SAMPLES = 2048  # particles, and pins, whose distances are compared
 MIN_REPORTED_STRETCH = 1e-3  # smallest artificial stretch that is reported, as a fraction of the hanging length
 REMEDY = "more iterations or substeps reduce it"
 REMEDY_OF_FORCES = f"{REMEDY}, and `implicit` has none of it"
 FORCES_OF_GRABS = "not converged: forces of grabs may be many times too large; measure them with `implicit`"
+TORN_APART = 1.0  # strain of a spring that no cloth survives
 VERLET_MODEL = "verlet has no stiffness in N/m: with finer settings only the other solvers converge to the fabric"
 MAX_REPORTED = 10.0  # largest share that is reported as a number
 MIN_REPORTED_FRACTION = 1e-2  # smallest excess that is reported, as a fraction of the elastic elongation

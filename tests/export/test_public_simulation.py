@@ -240,6 +240,16 @@ def test_a_cloth_that_has_left_the_picture_is_framed_again(taichi: None) -> None
                 assert (red > 20) == (shown or height == 0.0)
 
 
+def test_warnings_tell_cloth_that_has_blown_up_slower_than_divergence_is_seen(taichi: None) -> None:
+    """A spring of three times its length: no speed needs to be large."""
+    with tc.Simulation(tc.load_scene("curtain", columns=8, rows=8, solver="implicit")) as simulation:
+        x = simulation.positions()
+        simulation.set_state(x * [1.9, 1.9, 1.9])
+        assert "times as long" not in simulation.warnings
+        simulation.set_state(x * [3.0, 1.0, 1.0])
+        assert "a spring is 3 times as long as at rest: the cloth may have blown up" in simulation.warnings
+
+
 def test_warnings_tell_iterations_that_do_not_converge(taichi: None) -> None:
     with tc.Simulation(tc.load_scene("drape15", solver={"name": "xpbd", "substeps": 5, "iterations": 1})) as simulation:
         assert "not converged: " in simulation.warnings
