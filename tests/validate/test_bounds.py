@@ -159,7 +159,7 @@ BY_LAW = {
     ("flight", "momentum"),
     ("hanging", "measure_elongation"),
     ("hanging", "split"),
-    ("swing", "numerical_damping"),
+    ("drape", "_strip_results"),
     ("swing", "pendulum"),
     ("swing", "pendulum_height"),
     ("elasticity", "doubling_by_springs"),
