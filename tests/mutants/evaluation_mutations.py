@@ -541,11 +541,42 @@ EVALUATION = [
         (BOUNDS + "test_a_sheet_without_friction_must_slide",),
     ),
     Mutation(
+        "coarse-mesh-explains-any-frequency",
+        "evaluation/validate/drape.py",
+        "simulation.topology), shape) / omega - 1)",
+        "simulation.topology), shape) / omega + 9)",
+        ("validate/test_drape.py::test_a_coarse_strip_swings_as_its_own_equations_say",),
+    ),
+    Mutation(
+        "earlier-rows-not-counted",
+        "evaluation/validate/references.py",
+        "key not in present or one.origin != origin_of(*key)",
+        "key not in present",
+        ("validate/test_validate.py::test_rows_are_of_earlier_sources_once_their_solver_or_setup_changes",),
+    ),
+    Mutation(
+        "blown-up-cloth-not-named",
+        "simulation/convergence.py",
+        "    if strain <= TORN_APART:\n",
+        "    if strain <= 9.0:\n",
+        (
+            "export/test_public_simulation.py::"
+            "test_warnings_tell_cloth_that_has_blown_up_slower_than_divergence_is_seen",
+        ),
+    ),
+    Mutation(
         "failed-experiment-confirms-cause",
         "evaluation/stress/causes.py",
         "or cannot run with this setting\n        return False\n",
         "or cannot run with this setting\n        return True\n",
         (CAUSES + "test_an_experiment_names_the_change_that_fixes_the_case",),
+    ),
+    Mutation(
+        "any-drift-explained-by-float64",
+        "evaluation/stress/causes.py",
+        "        if drift > end.failure.bound:\n",
+        "        if drift > 0:\n",
+        (CAUSES + "test_cloth_that_drifts_in_float64_too_is_not_at_rest",),
     ),
     Mutation(
         "experiment-without-time-limit",

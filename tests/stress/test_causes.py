@@ -13,9 +13,10 @@ from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.store import Store, load
 from taichi_cloth.evaluation.stress.trial import TIMED_FRAMES, TooSlow, Trial, UntimedTrial
-from taichi_cloth.evaluation.stress.unit import Case, Unit, Variant, run_unit
+from taichi_cloth.evaluation.stress.unit import Case, Failure, Unit, Variant, run_unit
+from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.geometry.spring_model import SpringModel
-from taichi_cloth.scene.collider_schema import Sphere
+from taichi_cloth.scene.collider_schema import Ground, Sphere
 from taichi_cloth.scene.schema import Solver
 
 from .conftest import SMALL, failed, moves_late, result
@@ -264,6 +265,33 @@ def test_a_cloth_that_rests_only_in_float64_is_explained_by_rounding(
     monkeypatch.setattr(causes, "speed_later", lambda trial: 0.2)
     cause = explained(unit_of(swinging(damping), Setting(name, Solver(name, 10, 1, damping=0.0))))
     assert cause.shown.startswith("rounding to float32: ") == bool(shown)
+
+
+@pytest.mark.parametrize(
+    ("bound", "solver", "shown"),
+    [(1e-4, "explicit", "the exact motion drifts too: "), (1.0, "explicit", ""), (1e-4, "verlet", "")],
+)
+def test_cloth_that_drifts_in_float64_too_is_not_at_rest(bound: float, solver: str, shown: str) -> None:
+    """A sheet just released from level falls by ½gt²; within as many frames it drifts no meter."""
+    scene = sheet(4, rotation=(-90.0, 0.0, 0.0))
+    topology = build_topology(scene, "fabric")
+    failure = Failure(start=0, seed=1, frame=3, what="drift [m]", value=2 * bound, bound=bound)
+    unit = unit_of(lambda trial: None, Setting(solver, Solver(solver, 10, 1)))
+    end = causes.FailedState(unit, failure, scene, topology.start, 0 * topology.start, 10, np.inf)
+    assert causes.in_float64(end).startswith(shown)
+    assert bool(causes.in_float64(end)) == bool(shown)
+    wet = replace(scene, ground=Ground(height=-9.0))
+    assert causes.in_float64(replace(end, scene=wet)) == ""
+
+
+def test_a_drift_that_takes_too_long_to_repeat_has_no_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = sheet(4, rotation=(-90.0, 0.0, 0.0))
+    start = build_topology(scene, "fabric").start
+    failure = Failure(start=0, seed=1, frame=60, what="drift [m]", value=1.0, bound=0.1)
+    end = causes.FailedState(unit_of(lambda trial: None, SMALL), failure, scene, start, 0 * start, 10, np.inf)
+    assert causes.exact_motion_drifts(end)
+    monkeypatch.setattr(causes, "EXPERIMENT_SECONDS", -1.0)
+    assert causes.exact_motion_drifts(end) == ""
 
 
 # -- storage -------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from ...scene import Scene
 from ...scene.schema import COLLIDERS, FRAME_SECONDS, Solver
 from ...solvers import SOLVERS
 from ...solvers.base import ExplicitSolver
-from ..reference.solution import Motion
+from ..reference.solution import Motion, steps_per_frame
 from ..reference.static_solution import rest_positions
 from .invariants import Floats, Violation
 from .setup import Setting
@@ -25,6 +25,7 @@ from .unit import Failure, Result, Unit
 
 FINER = 4  # factor on the number of iterations or substeps; 8 takes four times as long for both together
 SLACK = 0.01  # relative margin: a failure of another run that is worse by no more has the same cause
+DRIFTS = "drift"  # the bound on the displacement of cloth at rest, of case 32
 AT_REST = "speed 5 s after"  # the bound on the speed at rest, of `Trial.settle`
 EXPERIMENT_SECONDS = 120.0  # limit on all frames of one start: with 16 times as many iterations it can take an hour
 STARTS = 3  # number of starts that must survive with the change
@@ -144,13 +145,20 @@ def rests_later(end: FailedState) -> str:
     return "" if end.later > end.failure.bound / 2 else f"at rest later: {end.later:.2g} m/s after five more seconds"
 
 
+def in_float64(end: FailedState) -> str:
+    """Continue in float64 from the failed state."""
+    if outside(end.scene):
+        return ""
+    return float32_rounding(end) or exact_motion_drifts(end)
+
+
 def float32_rounding(end: FailedState) -> str:
     """Test for rounding: explicit solvers need short substeps for stiff springs, and each rounds positions to float32.
 
-    The same substeps in float64 must bring the cloth to rest from the failed state.
+    The same substeps in float64 must bring the cloth to rest.
     """
     solver = SOLVERS[end.unit.setting.solver.name]
-    if AT_REST not in end.failure.what or not issubclass(solver, ExplicitSolver) or outside(end.scene):
+    if AT_REST not in end.failure.what or not issubclass(solver, ExplicitSolver):
         return ""
     motion = Motion(end.scene, end.substeps)
     motion.x, motion.v = end.positions.T.copy(), end.velocities.T.copy()
@@ -159,6 +167,21 @@ def float32_rounding(end: FailedState) -> str:
         speed = float(np.sqrt((motion.v**2).sum(axis=0).max()))
         if speed <= end.failure.bound / 2:
             return f"rounding to float32: the same substeps in float64 come to rest, {speed:.2g} m/s"
+    return ""
+
+
+def exact_motion_drifts(end: FailedState) -> str:
+    """Test whether converged steps drift as far in as much time: the cloth is not in equilibrium yet, or not stably."""
+    if DRIFTS not in end.failure.what or end.unit.setting.solver.name == "verlet":  # which has other springs
+        return ""
+    motion, begin = Motion(end.scene, steps_per_frame(end.scene)), process_time()
+    motion.x, motion.v = end.positions.T.copy(), end.velocities.T.copy()
+    for frame in range(1, end.failure.frame + 1):
+        drift = float(np.abs(motion.step_frame() - end.positions).max())
+        if drift > end.failure.bound:
+            return f"the exact motion drifts too: {drift:.2g} m in {frame * FRAME_SECONDS:.3g} s more, in float64"
+        if process_time() - begin > EXPERIMENT_SECONDS:
+            break
     return ""
 
 
@@ -205,7 +228,7 @@ def not_continuous(end: FailedState) -> str:
 EXPERIMENTS = (
     another_rest,
     rests_later,
-    float32_rounding,
+    in_float64,
     not_continuous,
     too_few_iterations,
     too_few_substeps,

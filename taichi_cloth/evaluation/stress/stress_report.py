@@ -387,7 +387,7 @@ smaller sheets, for which most settings are fast enough. So has case 16, whose s
 is fast enough for them, and what else happens is not known.
 
 **Causes** are looked for by experiments on the start that failed, with `--explain`. Three continue from the state in
-which it failed: Newton's method in float64, five more seconds of the same run, and the same substeps in float64. The
+which it failed: Newton's method in float64, five more seconds of the same run, and steps in float64. The
 others repeat this start and two more, or nine if the first start survived, with one change: {finer} times the
 iterations, {finer} times the substeps, or both, or, where particles went through a collider or energy appeared,
 continuous collision detection. The first experiment that succeeds gives the cause. An experiment whose frames take more
