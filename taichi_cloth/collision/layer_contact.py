@@ -107,20 +107,23 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
     depth = ti.min(goal, pairs.thickness[k]) - n.dot(gap)
     if depth > 0.0 and pairs.inverse_mass[k] > 0.0:
         thickness = ctx.params[THICKNESS]
+        units = ti.cast(ti.min(depth / thickness, 1e3) * DEPTH_UNITS, ti.i32)
         if correct == 0:
-            units = ti.cast(ti.min(depth / thickness, 1e3) * DEPTH_UNITS, ti.i32)
             for c in ti.static(range(4)):
                 if weights[c] != 0.0:
                     ti.atomic_add(data.depth_sum[corners[c]], units)
                     ti.atomic_max(data.max_depth[corners[c]], units)
         else:
-            contacts = 1.0
+            contacts, deepest = 1.0, 1
             for c in ti.static(range(4)):
-                deepest = ti.max(ti.cast(data.max_depth[corners[c]], ti.f32), 1.0)
                 if weights[c] != 0.0:
-                    contacts = ti.max(contacts, data.depth_sum[corners[c]] / deepest)
+                    deepest_of_corner = ti.max(data.max_depth[corners[c]], 1)
+                    contacts = ti.max(contacts, data.depth_sum[corners[c]] / ti.cast(deepest_of_corner, ti.f32))
+                    deepest = ti.max(deepest, deepest_of_corner)
             push = n * depth
-            motion = gap - weighted_sum(data.x_safe, corners, weights)
+            # Of the motion, a contact may stop its share of the depths: together they stop it, and never reverse it.
+            share = ti.cast(units, ti.f32) / ti.cast(deepest, ti.f32)
+            motion = (gap - weighted_sum(data.x_safe, corners, weights)) * share
             push += friction_correction(push, motion, ctx.params[SELF_FRICTION])
             unit = UNITS / (thickness * pairs.inverse_mass[k] * contacts)
             for c in ti.static(range(4)):

@@ -97,8 +97,9 @@ TRUNCATION_PHASES = (
 
 @ti.kernel
 def start_from(cloth: ti.template(), layout: ti.template()):
-    """Take the positions of the serial state as safe. Balls and pairs are found anew."""
+    """Take the positions of the serial state as safe. Balls and pairs are found anew, whatever was before."""
     data = ti.static(layout.pair_data)
+    data.age[None], data.reach[None], data.pairs.overflowed[None] = 0, MAX_REACH, 0
     for n in range(data.particle_count[None]):
         i = data.particle[n]
         data.x_safe[i], data.x_target[i], data.radius[i] = cloth.x[n], cloth.x[n], -1.0

@@ -194,14 +194,15 @@ class IntersectionGuard:
         self.resume()
 
     def resume(self) -> None:
-        """Continue after the fields of positions changed and the cloth did not move."""
+        """Find all pairs anew. The cloth has not moved, though the fields of positions may have changed."""
         start_from(self._solver.cloth, self._solver.layout)
 
-    def restart(self, frame: int) -> None:
-        """Continue from the present positions, which were not reached by a step."""
+    def restart(self, frame: int, *, moved: bool) -> None:
+        """Continue from the present positions. `moved`: they were not reached by a step."""
         self.resume()
-        self.clean_since = None
-        self.begin_frame(frame)
+        if moved:
+            self.clean_since = None
+            self.begin_frame(frame)
 
     def begin_frame(self, frame: int) -> None:
         """Look for intersections, if there were any, and release the parts that intersect."""

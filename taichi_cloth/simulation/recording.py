@@ -20,7 +20,7 @@ from ..system.errors import UsageError, short_repr
 from ..system.files import atomic_file, parse_toml
 from ..system.taichi_runtime import cpu_model, machine
 from .checkpoint import checkpoint_bytes
-from .events import EVENTS, Event, scene_event
+from .events import EVENTS, Event, prepare_checkpoint, scene_event
 from .parameter_values import MAX_SIDE, check_image_size
 from .rollback import DivergenceGuard
 from .running_cloth import check_simulation
@@ -76,6 +76,7 @@ class Recorder:
         self._begin()
         if self.simulation.scene != self.scene:
             self._add(scene_event(self.simulation.scene))
+        prepare_checkpoint(self.simulation)
         self._add(Event("load", (b64encode(checkpoint_bytes(self.simulation)).decode(),)))
 
     @property

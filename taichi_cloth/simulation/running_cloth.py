@@ -225,8 +225,7 @@ class RunningCloth(HasParameters):
             self.set_origin(self.origin + shift)
             upload_all((self.cloth.x, x - shift), (self.cloth.x_prev, self.cloth.to_numpy(self.cloth.x_prev) - shift))
             self.set_grabs(self.grabs)
-            if self._guard is not None:
-                self._guard.resume()
+            self.restart_guard(moved=False)
 
     def set_origin(self, origin: Floats) -> None:
         """Set what positions in the fields are relative to [m], (3,), which does not change the fields."""
@@ -258,10 +257,10 @@ class RunningCloth(HasParameters):
         self.restart_guard()
         self.set_grabs(self.grabs)
 
-    def restart_guard(self) -> None:
-        """Let penetration-free contact continue from the present positions, which were not reached by a step."""
+    def restart_guard(self, *, moved: bool = True) -> None:
+        """Let penetration-free contact find its pairs anew. `moved`: to where the cloth may intersect itself."""
         if self._guard is not None:
-            self._guard.restart(self.frame)
+            self._guard.restart(self.frame, moved=moved)
 
     @property
     def penetration_free_since(self) -> int | None:

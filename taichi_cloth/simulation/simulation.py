@@ -30,6 +30,7 @@ from .events import (
     collider_event,
     particle_of,
     pin_event,
+    prepare_checkpoint,
     scene_event,
 )
 from .frame_contact import intersection_count, penetration
@@ -79,9 +80,8 @@ class Simulation(RunningCloth):
     def apply(self, event: Event) -> None:
         """Carry out a change, and pass it to all listeners, in the order of the changes.
 
-        An event that raises has changed nothing, except in two cases. A switch to a solver or fabric that the cloth
-        does not support may change the last bits of the state, and listeners receive it too. An error of a listener is
-        raised after the change, when all listeners have received it.
+        An event that raises has changed nothing, except in two cases. A switch that the cloth does not support may
+        change the last bits of the state, and listeners receive it too. An error of a listener is raised at the end.
         """
         self._check_usable()
         self.check_between_frames()
@@ -182,6 +182,7 @@ class Simulation(RunningCloth):
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write a checkpoint (.npz). Raises OSError; a partial file never remains. Not within a frame."""
+        prepare_checkpoint(self)
         write_checkpoint(self, path)
 
     def load(self, path: str | PathLike[str]) -> None:
