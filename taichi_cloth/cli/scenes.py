@@ -140,6 +140,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     """
     from ..geometry.cloth_builder import build_topology, component_count, model_of, particle_count_text
     from ..simulation.builder import keys_without_effect
+    from ..simulation.convergence import coarse_for_folds
     from ..simulation.error_estimate import SAMPLE, cost_of
     from ..system.console import count_noun
 
@@ -147,7 +148,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     pieces = component_count(scene)
     particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
     size = "" if scene.cloth.file else f"{scene.cloth.width:g}×{scene.cloth.height:g} m"
-    is_large, pins, memory, unfinished, inside = cost.particles > SAMPLE**2, "", "", "", ""
+    is_large, pins, memory, unfinished, inside, coarse = cost.particles > SAMPLE**2, "", "", "", "", ""
     section = SOLVER_CATALOG[scene.solver.name].stiffness_section
     model = model_of(scene, section)
     springs = "springs" if model == "springs" else f"edges of a {model}"
@@ -162,6 +163,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     else:
         topology = build_topology(scene, section)
         unfinished, inside = left_unfinished(scene, topology, cost.substeps), inside_at_start(scene, topology)
+        coarse = coarse_for_folds(scene, topology) if section == "fabric" else ""
         pins = count_noun(int(topology.pinned.sum()), "pin")
         if scene.cloth.file:
             extent = topology.start.max(axis=0) - topology.start.min(axis=0)
@@ -174,8 +176,8 @@ def describe(scene: Scene, *, timed: bool) -> str:
             time += f", without {', '.join(features)}, which may take longer than all else"
             time += "" if timed else ": --time measures a frame"
         time += " (too slow to measure)" if timed else ""
-    words = [particles, size, springs, pins, cost.setting, time, memory, unfinished, inside, keys_without_effect(scene)]
-    return " · ".join(filter(None, [*words, unusual(scene)]))
+    words = [particles, size, springs, pins, cost.setting, time, memory, unfinished, inside, coarse]
+    return " · ".join(filter(None, [*words, keys_without_effect(scene), unusual(scene)]))
 
 
 def unusual(scene: Scene) -> str:

@@ -58,6 +58,25 @@ def overstretched(strain: float) -> str:
     return f"a spring is {1 + strain:.3g} times as long as at rest: the cloth may have blown up; try more substeps"
 
 
+WIDE_CELL = 0.5  # of the bending length: a loop is then as wide as a few cells
+
+
+def coarse_for_folds(scene: Scene, topology: Topology) -> str:
+    """Return a line if cells are wide beside the bending length of the fabric, otherwise an empty text.
+
+    That length, (B/(σ·g))^(1/3), is about the radius of the narrowest fold that a fabric of bending stiffness B and
+    area density σ makes under its own weight. Cells must be narrower for such folds to be those of the fabric.
+    """
+    bending, gravity = max(cloth_builder.bending_of(scene.fabric)), scene.forces.gravity
+    if not bending or gravity <= 0 or not len(topology.edges):
+        return ""
+    length = (bending / (scene.cloth.area_density * gravity)) ** (1 / 3)
+    cell = float(np.median(np.linalg.norm(np.diff(topology.flat[topology.edges], axis=1), axis=2)))
+    if cell <= WIDE_CELL * length:
+        return ""
+    return f"folds depend on the grid: cells of {1e3 * cell:.2g} mm, bending length {1e3 * length:.2g} mm"
+
+
 STRETCH_WITH_SHEAR = 2 / 3  # of the stretch remains with shear springs: ⅓·N²·g·h²/i
 MAX_SAMPLES = 2048  # particles, and pins, whose distances are compared
 MIN_REPORTED_STRETCH = 1e-3  # smallest artificial stretch that is reported, as a fraction of the hanging length

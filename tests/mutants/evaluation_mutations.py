@@ -555,6 +555,27 @@ EVALUATION = [
         ("validate/test_validate.py::test_rows_are_of_earlier_sources_once_their_solver_or_setup_changes",),
     ),
     Mutation(
+        "checkpoint-keeps-the-pairs",
+        "simulation/events.py",
+        "    if simulation.solver.features.penetration_free:\n        simulation.apply(",
+        "    if False:\n        simulation.apply(",
+        ("simulation/test_recording.py::test_penetration_free_contact_repeats_its_bits_from_a_checkpoint[xpbd]",),
+    ),
+    Mutation(
+        "friction-of-layers-reverses-motion",
+        "collision/layer_contact.py",
+        "share = ti.min(OVER_RELAXATION * ti.cast(units, ti.f32) / ti.cast(deepest, ti.f32), 1.0)",
+        "share = 1.0",
+        ("collision/test_penetration_free.py::test_friction_between_layers_stops_sliding_and_never_reverses_it[0.03]",),
+    ),
+    Mutation(
+        "wide-cells-not-reported",
+        "simulation/convergence.py",
+        "WIDE_CELL = 0.5",
+        "WIDE_CELL = 0.6",
+        ("simulation/test_convergence_warning.py::test_cells_wider_than_half_the_bending_length_are_reported",),
+    ),
+    Mutation(
         "blown-up-cloth-not-named",
         "simulation/convergence.py",
         "    if strain <= TORN_APART:\n",

@@ -15,6 +15,7 @@ from taichi_cloth.simulation.convergence import (
     REMEDY,
     REMEDY_OF_FORCES,
     STAGE,
+    coarse_for_folds,
     percent,
     rows_below,
     sample_points,
@@ -33,6 +34,20 @@ def line(solver: str, cells: int, substeps: int, iterations: int, **cloth: objec
         solver=Solver(solver, substeps, iterations),
     )
     return unconverged(scene, build_topology(scene, "fabric"), FRAME_SECONDS / substeps, iterations)
+
+
+def test_cells_wider_than_half_the_bending_length_are_reported() -> None:
+    """B = 0.2 kg/m² · 9.81 m/s² · (10 mm)³ has a bending length of 10 mm."""
+
+    def reported(cell: float, bending: float = 0.2 * 9.81e-6, gravity: float = 9.81) -> str:
+        cloth = Cloth(rows=5, columns=5, width=4 * cell, height=4 * cell)
+        fabric = Fabric(bend_spring=0.0, bending_stiffness=bending)
+        scene = Scene(cloth=replace(cloth, area_density=0.2), fabric=fabric, forces=Forces(gravity=gravity))
+        return coarse_for_folds(scene, build_topology(scene, "fabric"))
+
+    assert reported(0.0049) == ""
+    assert reported(0.0051) == "folds depend on the grid: cells of 5.1 mm, bending length 10 mm"
+    assert reported(0.02, bending=0.0) == reported(0.02, gravity=0.0) == reported(0.02, gravity=-9.81) == ""
 
 
 def test_verlet_reports_its_artificial_stretch() -> None:
