@@ -24,7 +24,7 @@ FLOOR = 20.0  # rounding errors of a position: the least gap that truncation lea
 SEPARATION_SPEED = 0.5  # [m/s] at which parts separate that began a substep within the thickness
 ROUNDS = 2  # of corrections in a substep, for solvers that do not iterate
 SLACK = 0.25  # thicknesses that the response may move a particle before its ball is too small
-OVER_RELAXATION = 1.5  # of friction: with 1 cloth creeps where its corners have unlike contacts, 2 is not stable
+OVER_RELAXATION = 1.5  # of friction: with 1 resting layers creep, with more than 2 sliding is reversed and grows
 MAX_COMPRESSION = 0.5  # of the distance on the flat sheet: the thickness of neighbors is not more
 
 
@@ -122,7 +122,8 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
                     contacts = ti.max(contacts, data.depth_sum[corners[c]] / ti.cast(deepest_of_corner, ti.f32))
                     deepest = ti.max(deepest, deepest_of_corner)
             push = n * depth
-            # A contact stops a part of the motion, by its depth: all together would reverse it and feed energy.
+            # Each contact stops a share of the motion, in proportion to its depth. If each stopped all of it, together
+            # they would reverse it, and energy would grow.
             share = ti.min(OVER_RELAXATION * ti.cast(units, ti.f32) / ti.cast(deepest, ti.f32), 1.0)
             motion = (gap - weighted_sum(data.x_safe, corners, weights)) * share
             push += friction_correction(push, motion, ctx.params[SELF_FRICTION])

@@ -162,7 +162,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         no figure is given for them. Nothing is estimated for `implicit`, and for tethered cloth with `lines`.
         """
         few = unconverged(self.scene, self.topology, self.h, int(self.params["iterations"]), self.grabbed)
-        stretched = overstretched(super().metrics().max_strain)
+        stretched = overstretched(self.topology, self.positions())
         return "; ".join(filter(None, [super().warnings, few, stretched, self._unknown_error()]))
 
     def _unknown_error(self) -> str:
@@ -220,7 +220,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         return self._frame_error if self._frame_error and self._frame_error.frame == self.frame else None
 
     def notify(self, event: Event) -> None:
-        if event.name != "move_grab":  # a new target changes nothing before the next frame
+        if event.name not in ("move_grab", "find_pairs"):  # which change nothing before the next frame
             self._frame_error = None
         super().notify(event)
 

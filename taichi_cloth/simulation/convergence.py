@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ..geometry import cloth_builder
 from ..geometry.membrane_model import Membrane
-from ..geometry.topology import Topology
+from ..geometry.topology import Topology, spring_strains
 from ..scene.fabric_schema import Fabric
 from ..scene.schema import Cloth, Scene
 
@@ -51,8 +51,9 @@ def artificial_stretch(rows: int, h: float, iterations: int, gravity: float = GR
     return 0.5 * rows**2 * gravity * h * h / iterations
 
 
-def overstretched(strain: float) -> str:
-    """Return a warning if the largest strain of the cloth is one that no cloth survives; otherwise an empty text."""
+def overstretched(topology: Topology, positions: NDArray[np.float64]) -> str:
+    """Return a warning if a spring is stretched as no cloth survives; otherwise an empty text. `positions`: (N, 3)."""
+    strain = float(spring_strains(topology, positions).max(initial=0.0))
     if strain <= TORN_APART:
         return ""
     return f"a spring is {1 + strain:.3g} times as long as at rest: the cloth may have blown up; try more substeps"
@@ -64,8 +65,8 @@ WIDE_CELL = 0.5  # of the bending length: a loop is then as wide as a few cells
 def coarse_for_folds(scene: Scene, topology: Topology) -> str:
     """Return a line if cells are wide beside the bending length of the fabric, otherwise an empty text.
 
-    That length, (B/(σ·g))^(1/3), is about the radius of the narrowest fold that a fabric of bending stiffness B and
-    area density σ makes under its own weight. Cells must be narrower for such folds to be those of the fabric.
+    That length, (B/(σ·g))^(1/3) with bending stiffness B and area density σ, is the scale of the folds that a fabric
+    makes under its own weight. Cells must be narrower for such folds to be those of the fabric.
     """
     bending, gravity = max(cloth_builder.bending_of(scene.fabric)), scene.forces.gravity
     if not bending or gravity <= 0 or not len(topology.edges):

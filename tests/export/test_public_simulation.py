@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.simulation.simulation import Simulation as BaseSimulation
 
 pytestmark = pytest.mark.usefixtures("serial_layout")
@@ -238,6 +239,10 @@ def test_a_cloth_that_has_left_the_picture_is_framed_again(taichi: None) -> None
                 image = np.asarray(tc.render_image(simulation, size=(64, 36))).astype(int)
                 red = (image[:, :, 0] > image[:, :, 2] + 60).sum()
                 assert (red > 20) == (shown or height == 0.0)
+
+
+def test_the_names_of_solvers_are_those_that_a_scene_may_have() -> None:
+    assert tc.list_solvers() == list(SOLVER_NAMES)
 
 
 def test_warnings_tell_cloth_that_has_blown_up_slower_than_divergence_is_seen(taichi: None) -> None:

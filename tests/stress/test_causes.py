@@ -275,11 +275,13 @@ def test_cloth_that_drifts_in_float64_too_is_not_at_rest(bound: float, solver: s
     """A sheet just released from level falls by ½gt²; within as many frames it drifts no meter."""
     scene = sheet(4, rotation=(-90.0, 0.0, 0.0))
     topology = build_topology(scene, "fabric")
-    failure = Failure(start=0, seed=1, frame=3, what="drift [m]", value=2 * bound, bound=bound)
+    failure = Failure(start=0, seed=1, frame=1203, what="drift [m]", value=2 * bound, bound=bound)
     unit = unit_of(lambda trial: None, Setting(solver, Solver(solver, 10, 1)))
     end = causes.FailedState(unit, failure, scene, topology.start, 0 * topology.start, 10, np.inf)
     assert causes.in_float64(end).startswith(shown)
     assert bool(causes.in_float64(end)) == bool(shown)
+    too_soon = replace(end, failure=replace(failure, frame=1200))  # drift counts from then on
+    assert causes.in_float64(too_soon) == ""
     wet = replace(scene, ground=Ground(height=-9.0))
     assert causes.in_float64(replace(end, scene=wet)) == ""
 
@@ -287,7 +289,7 @@ def test_cloth_that_drifts_in_float64_too_is_not_at_rest(bound: float, solver: s
 def test_a_drift_that_takes_too_long_to_repeat_has_no_cause(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = sheet(4, rotation=(-90.0, 0.0, 0.0))
     start = build_topology(scene, "fabric").start
-    failure = Failure(start=0, seed=1, frame=60, what="drift [m]", value=1.0, bound=0.1)
+    failure = Failure(start=0, seed=1, frame=1260, what="drift [m]", value=1.0, bound=0.1)
     end = causes.FailedState(unit_of(lambda trial: None, SMALL), failure, scene, start, 0 * start, 10, np.inf)
     assert causes.exact_motion_drifts(end)
     monkeypatch.setattr(causes, "EXPERIMENT_SECONDS", -1.0)

@@ -199,7 +199,8 @@ def test_the_page_names_dates_hours_starts_and_versions() -> None:
     older = result(2, date="2026-01-01 00:00", starts=1, seconds=1800.0)
     assert report.origin_lines(replace(store_of(result(seconds=1800.0), older, missing=2), older=1)) == [
         "2 of 4 combinations of variant and setting were not run.",
-        "1 of 2 results are of earlier versions of the program, and the present one has not confirmed them.",
+        "1 of 2 results are of earlier versions of the program or of its rules, and the present one has"
+        " not confirmed them.",
         "1 to 10 starts per variant; run 2026-01-01 to 2026-01-02; 1.0 hours of CPU time.",
     ]
     again = result(repeated="2026-02-01 00:00")

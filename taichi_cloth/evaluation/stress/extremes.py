@@ -27,7 +27,7 @@ from ...viewer.session import Session
 from .changes import MESHES, SLIVERS, folder, half_map, plain
 from .loads import LANDING_SECONDS, grid_of
 from .setup import CELLS, CONSTANT, CORNERS, DAMPING, DENSITY, FLAT, MAX_SUBSTEPS, SIDE, sheet
-from .trial import SLOW_MS, Trial
+from .trial import CALM_SECONDS, SLOW_MS, STILL_SECONDS, Trial
 
 GRAVITY = 9.81  # [m/s²]
 WEIGHT = DENSITY * GRAVITY  # [N] of the sheet of 1 m²
@@ -327,7 +327,7 @@ def hanging(trial: Trial, frames: int) -> None:
     trial.open(sheet(CELLS))
     trial.start()
     trial.settle()
-    trial.run(15.0)
+    trial.run(STILL_SECONDS - CALM_SECONDS)
     before = trial.simulation.positions()
     for done in range(1, frames + 1):
         trial.one_frame()

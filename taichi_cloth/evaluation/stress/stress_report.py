@@ -183,8 +183,8 @@ def origin_lines(store: Store) -> list[str]:
     lines = [f"{missing} of {combinations} were not run."] if missing else []
     if store.older:
         lines.append(
-            f"{store.older} of {len(results)} results are of earlier versions of the program, and the present one has"
-            " not confirmed them."
+            f"{store.older} of {len(results)} results are of earlier versions of the program or of its rules, and the"
+            " present one has not confirmed them."
         )
     if repeated := sum(bool(result.repeated) for result in results):
         lines.append(

@@ -70,6 +70,7 @@ def taut_strain(scene: Scene, pull: float) -> float:
 
 CASE_SECONDS = 10.0  # for which a case runs at least
 CALM_SECONDS = 5.0  # time to come to rest after a disturbance
+STILL_SECONDS = 20.0  # time after which cloth at rest may no longer drift
 CALM_FRAMES = 15  # frames at the end of that time that must all be at rest
 CALM_STRAIN = 0.01  # excess over the static strain at rest
 CALM_SPEED = 0.1  # [m/s] of the fastest particle at rest
