@@ -18,13 +18,12 @@ from ..kernels.vec import cast
 from .moving_balls import gather_wanted, measure_rounding
 from .pair_geometry import separating_direction, separation_of_any
 from .pair_list import set_limits, sum_of_paths, update_pairs
-from .self_collision import DEPTH_UNITS, UNITS
+from .self_collision import UNITS, depth_in_units, stopped_share
 
 FLOOR = 20.0  # rounding errors of a position: the least gap that truncation leaves
 SEPARATION_SPEED = 0.5  # [m/s] at which parts separate that began a substep within the thickness
 ROUNDS = 2  # of corrections in a substep, for solvers that do not iterate
 SLACK = 0.25  # thicknesses that the response may move a particle before its ball is too small
-OVER_RELAXATION = 1.5  # of friction: with 1 resting layers creep, with more than 2 sliding is reversed and grows
 MAX_COMPRESSION = 0.5  # of the distance on the flat sheet: the thickness of neighbors is not more
 
 
@@ -108,7 +107,7 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
     depth = ti.min(goal, pairs.thickness[k]) - n.dot(gap)
     if depth > 0.0 and pairs.inverse_mass[k] > 0.0:
         thickness = ctx.params[THICKNESS]
-        units = ti.cast(ti.min(depth / thickness, 1e3) * DEPTH_UNITS, ti.i32)
+        units = depth_in_units(depth, thickness)
         if correct == 0:
             for c in ti.static(range(4)):
                 if weights[c] != 0.0:
@@ -118,14 +117,11 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
             contacts, deepest = 1.0, 1
             for c in ti.static(range(4)):
                 if weights[c] != 0.0:
-                    deepest_of_corner = ti.max(data.max_depth[corners[c]], 1)
-                    contacts = ti.max(contacts, data.depth_sum[corners[c]] / ti.cast(deepest_of_corner, ti.f32))
-                    deepest = ti.max(deepest, deepest_of_corner)
+                    max_depth = ti.max(data.max_depth[corners[c]], 1)
+                    contacts = ti.max(contacts, data.depth_sum[corners[c]] / ti.cast(max_depth, ti.f32))
+                    deepest = ti.max(deepest, max_depth)
             push = n * depth
-            # Each contact stops a share of the motion, in proportion to its depth. If each stopped all of it, together
-            # they would reverse it, and energy would grow.
-            share = ti.min(OVER_RELAXATION * ti.cast(units, ti.f32) / ti.cast(deepest, ti.f32), 1.0)
-            motion = (gap - weighted_sum(data.x_safe, corners, weights)) * share
+            motion = (gap - weighted_sum(data.x_safe, corners, weights)) * stopped_share(units, deepest)
             push += friction_correction(push, motion, ctx.params[SELF_FRICTION])
             unit = UNITS / (thickness * pairs.inverse_mass[k] * contacts)
             for c in ti.static(range(4)):

@@ -44,8 +44,25 @@ from .static_friction import slide_since_anchor
 
 UNITS = 1 << 20  # integer units of a correction per thickness
 DEPTH_UNITS = 1 << 12  # integer units of a depth per thickness: fewer, since thousands of depths are summed
+MAX_DEPTH = 1000.0  # thicknesses: deeper contacts count as this
 MAX_SEPARATION_SPEED = 1.5  # [m/s] of parts that are moved apart: with 1.0 the ball of `stack` goes through layers
 NEIGHBOR_DISTANCE = 1.01  # thicknesses apart on the flat sheet: neighbors must not collide by rounding
+OVER_RELAXATION = 1.5  # of friction: with 1 resting layers creep, with more than 2 sliding is reversed and grows
+
+
+@ti.func
+def depth_in_units(depth: float, thickness: float) -> int:
+    """Return a depth in units of `DEPTH_UNITS`, rounded up, so that every contact counts."""
+    return ti.cast(ti.min(depth / thickness, MAX_DEPTH) * DEPTH_UNITS, ti.i32) + 1
+
+
+@ti.func
+def stopped_share(depth: int, deepest: int) -> float:
+    """Return the share of a sliding motion that friction of one contact may stop, in proportion to its depth.
+
+    If each contact of a particle stopped all of it, together they would reverse it, and energy would grow.
+    """
+    return ti.min(OVER_RELAXATION * ti.cast(depth, ti.f32) / ti.cast(deepest, ti.f32), 1.0)
 
 
 @ti.func
@@ -71,20 +88,23 @@ def resolve_contact(
         intersecting |= cloth.self_contact.is_intersecting[particles[k]]
     distance, touching = gap.norm(), 0
     if distance < thickness and intersecting == 0:
-        start_gap, flat_gap, inverse_mass, contacts = tm.vec3(0.0), tm.vec3(0.0), 0.0, 1.0
+        start_gap, flat_gap, inverse_mass, contacts, deepest = tm.vec3(0.0), tm.vec3(0.0), 0.0, 1.0, 1
         for k in ti.static(range(count)):
             start_gap += weights[k] * read(cloth, cloth.x_prev, particles[k])
             flat_gap += weights[k] * cloth.self_contact.flat_position[particles[k]]
             inverse_mass += weights[k] * weights[k] * read_inverse_mass(cloth, particles[k])
-            deepest = ti.max(ti.cast(cloth.self_contact.max_depth[particles[k]], ti.f32), 1.0)
-            contacts = ti.max(contacts, cloth.self_contact.depth_sum[particles[k]] / deepest)
+            deepest_of_particle = ti.max(cloth.self_contact.max_depth[particles[k]], 1)
+            contacts = ti.max(
+                contacts, cloth.self_contact.depth_sum[particles[k]] / ti.cast(deepest_of_particle, ti.f32)
+            )
+            deepest = ti.max(deepest, deepest_of_particle)
         flat_distance = flat_gap.norm()
         if flat_distance > NEIGHBOR_DISTANCE * thickness and inverse_mass > 0.0:
             touching = 1
             side = ti.select(gap.dot(start_gap) < 0.0, -1.0, 1.0)
             depth = thickness - side * distance
+            units = depth_in_units(depth, thickness)
             if contact_pass == DEPTHS:
-                units = ti.cast(depth / thickness * DEPTH_UNITS, ti.i32)
                 for k in ti.static(range(count)):
                     ti.atomic_add(cloth.self_contact.depth_sum[particles[k]], units)
                     ti.atomic_max(cloth.self_contact.max_depth[particles[k]], units)
@@ -99,7 +119,7 @@ def resolve_contact(
                 if ti.static(static_friction):  # noqa: SIM102 (only this condition is known while compiling)
                     if entry >= 0:
                         slide += slide_since_anchor(cloth.friction_anchors, ctx, entry, normal, start_gap, push)
-                push += friction_correction(push, slide, ctx.params[SELF_FRICTION])
+                push += friction_correction(push, slide * stopped_share(units, deepest), ctx.params[SELF_FRICTION])
                 unit = UNITS / (thickness * inverse_mass * contacts)
                 for k in ti.static(range(count)):
                     factor = weights[k] * read_inverse_mass(cloth, particles[k]) * unit

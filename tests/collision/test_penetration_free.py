@@ -347,9 +347,11 @@ def test_contact_adds_no_energy_and_nothing_sticks() -> None:
         assert simulation.velocities()[81:].mean(axis=0) == pytest.approx(expected, abs=0.01)
 
 
-@pytest.mark.parametrize("speed", [0.01, 0.03, 0.1])
-def test_friction_between_layers_stops_sliding_and_never_reverses_it(speed: float) -> None:
-    """A particle has many contacts, most of them less deep than one: each alone could stop it."""
+def sliding_between_layers(contact: SelfCollision, speed: float) -> Floats:
+    """Return the velocities along the layers in a frame, (substeps, particles) [m/s]: a layer slides on a pinned one.
+
+    A particle has many contacts, most of them less deep than one: each alone could stop it.
+    """
     cloth = Cloth(
         **{"rows": 7, "columns": 7, "width": 0.06, "height": 0.06, "rotation": (-90.0, 0.0, 0.0)},
         **{"pins": tuple(range(49, 98)), "layers": 2, "layer_spacing": 0.95 * THICKNESS},
@@ -359,7 +361,7 @@ def test_friction_between_layers_stops_sliding_and_never_reverses_it(speed: floa
         fabric=Fabric(warp=1e-3, weft=1e-3, shear=1e-3, bend_spring=0.0),
         forces=Forces(gravity=0.0),
         solver=Solver(name="explicit", substeps=4, iterations=1, damping=0.0),
-        self_collision=replace(GUARD, friction=0.5),
+        self_collision=replace(contact, friction=0.5),
     )
     with Simulation(scene) as simulation:
         x, v = simulation.positions(), np.zeros((98, 3))
@@ -369,5 +371,18 @@ def test_friction_between_layers_stops_sliding_and_never_reverses_it(speed: floa
         simulation.set_state(x, v)
         sliding: list[Floats] = []
         simulation.step_by_substep(lambda _: sliding.append(simulation.velocities()[:49, 0]))
+    return np.array(sliding)
+
+
+@pytest.mark.parametrize("speed", [0.01, 0.03, 0.1])
+def test_friction_between_layers_stops_sliding_and_never_reverses_it(speed: float) -> None:
+    sliding = sliding_between_layers(GUARD, speed)
     assert np.min(sliding) > -0.005 * speed
     assert np.max(sliding) < 0.7 * speed
+
+
+@pytest.mark.parametrize("speed", [0.01, 0.03])
+def test_friction_of_discrete_contact_never_reverses_sliding(speed: float) -> None:
+    sliding = sliding_between_layers(replace(GUARD, penetration_free=False), speed)
+    assert np.min(sliding) > 0.0
+    assert np.max(sliding[-1]) < 0.75 * speed

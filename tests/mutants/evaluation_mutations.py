@@ -564,9 +564,23 @@ EVALUATION = [
     Mutation(
         "friction-of-layers-reverses-motion",
         "collision/layer_contact.py",
-        "share = ti.min(OVER_RELAXATION * ti.cast(units, ti.f32) / ti.cast(deepest, ti.f32), 1.0)",
-        "share = 1.0",
+        " * stopped_share(units, deepest)",
+        "",
         ("collision/test_penetration_free.py::test_friction_between_layers_stops_sliding_and_never_reverses_it[0.03]",),
+    ),
+    Mutation(
+        "friction-of-discrete-contact-reverses-motion",
+        "collision/self_collision.py",
+        " * stopped_share(units, deepest)",
+        "",
+        ("collision/test_penetration_free.py::test_friction_of_discrete_contact_never_reverses_sliding[0.03]",),
+    ),
+    Mutation(
+        "shallow-contacts-without-friction",
+        "collision/self_collision.py",
+        " * DEPTH_UNITS, ti.i32) + 1",
+        " * DEPTH_UNITS, ti.i32)",
+        ("collision/test_static_friction.py::test_a_column_that_leans_farther_slides_with_coulomb_friction",),
     ),
     Mutation(
         "wide-cells-not-reported",
