@@ -18,7 +18,7 @@ from ..kernels.vec import cast
 from .moving_balls import gather_wanted, measure_rounding
 from .pair_geometry import separating_direction, separation_of_any
 from .pair_list import set_limits, sum_of_paths, update_pairs
-from .self_collision import UNITS, depth_in_units, stopped_share
+from .self_collision import UNITS, depth_in_units, effective_count, stopped_share
 
 FLOOR = 20.0  # rounding errors of a position: the least gap that truncation leaves
 SEPARATION_SPEED = 0.5  # [m/s] at which parts separate that began a substep within the thickness
@@ -114,12 +114,11 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
                     ti.atomic_add(data.depth_sum[corners[c]], units)
                     ti.atomic_max(data.max_depth[corners[c]], units)
         else:
-            contacts, deepest = 1.0, 1
+            contacts, deepest = 1.0, 0
             for c in ti.static(range(4)):
                 if weights[c] != 0.0:
-                    max_depth = ti.max(data.max_depth[corners[c]], 1)
-                    contacts = ti.max(contacts, data.depth_sum[corners[c]] / ti.cast(max_depth, ti.f32))
-                    deepest = ti.max(deepest, max_depth)
+                    contacts = ti.max(contacts, effective_count(data.depth_sum[corners[c]], data.max_depth[corners[c]]))
+                    deepest = ti.max(deepest, data.max_depth[corners[c]])
             push = n * depth
             motion = (gap - weighted_sum(data.x_safe, corners, weights)) * stopped_share(units, deepest)
             push += friction_correction(push, motion, ctx.params[SELF_FRICTION])

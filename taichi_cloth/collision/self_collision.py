@@ -43,8 +43,8 @@ from .self_broadphase import (
 from .static_friction import slide_since_anchor
 
 UNITS = 1 << 20  # integer units of a correction per thickness
-DEPTH_UNITS = 1 << 12  # integer units of a depth per thickness: fewer, since thousands of depths are summed
-MAX_DEPTH = 1000.0  # thicknesses: deeper contacts count as this
+DEPTH_UNITS = 1 << 16  # integer units of a depth per thickness: with 1 << 12 resting layers hardly have friction
+MAX_DEPTH = 16.0  # thicknesses: deeper contacts count as this, so that the sum of 2000 fits
 MAX_SEPARATION_SPEED = 1.5  # [m/s] of parts that are moved apart: with 1.0 the ball of `stack` goes through layers
 NEIGHBOR_DISTANCE = 1.01  # thicknesses apart on the flat sheet: neighbors must not collide by rounding
 OVER_RELAXATION = 1.5  # of friction: with 1 resting layers creep, with more than 2 sliding is reversed and grows
@@ -52,17 +52,22 @@ OVER_RELAXATION = 1.5  # of friction: with 1 resting layers creep, with more tha
 
 @ti.func
 def depth_in_units(depth: float, thickness: float) -> int:
-    """Return a depth in units of `DEPTH_UNITS`, rounded up, so that every contact counts."""
-    return ti.cast(ti.min(depth / thickness, MAX_DEPTH) * DEPTH_UNITS, ti.i32) + 1
+    return ti.cast(ti.min(depth / thickness, MAX_DEPTH) * DEPTH_UNITS, ti.i32)
 
 
 @ti.func
-def stopped_share(depth: int, deepest: int) -> float:
+def effective_count(depth_sum: int, max_depth: int) -> float:
+    """Return the number of contacts as deep as the deepest, n, that a sum of depths amounts to."""
+    return ti.cast(depth_sum, ti.f32) / ti.cast(ti.max(max_depth, 1), ti.f32)
+
+
+@ti.func
+def stopped_share(depth: int, max_depth: int) -> float:
     """Return the share of a sliding motion that friction of one contact may stop, in proportion to its depth.
 
     If each contact of a particle stopped all of it, together they would reverse it, and energy would grow.
     """
-    return ti.min(OVER_RELAXATION * ti.cast(depth, ti.f32) / ti.cast(deepest, ti.f32), 1.0)
+    return ti.min(OVER_RELAXATION * ti.cast(depth + 1, ti.f32) / ti.cast(max_depth + 1, ti.f32), 1.0)
 
 
 @ti.func
@@ -88,16 +93,14 @@ def resolve_contact(
         intersecting |= cloth.self_contact.is_intersecting[particles[k]]
     distance, touching = gap.norm(), 0
     if distance < thickness and intersecting == 0:
-        start_gap, flat_gap, inverse_mass, contacts, deepest = tm.vec3(0.0), tm.vec3(0.0), 0.0, 1.0, 1
+        start_gap, flat_gap, inverse_mass, contacts, deepest = tm.vec3(0.0), tm.vec3(0.0), 0.0, 1.0, 0
         for k in ti.static(range(count)):
             start_gap += weights[k] * read(cloth, cloth.x_prev, particles[k])
             flat_gap += weights[k] * cloth.self_contact.flat_position[particles[k]]
             inverse_mass += weights[k] * weights[k] * read_inverse_mass(cloth, particles[k])
-            deepest_of_particle = ti.max(cloth.self_contact.max_depth[particles[k]], 1)
-            contacts = ti.max(
-                contacts, cloth.self_contact.depth_sum[particles[k]] / ti.cast(deepest_of_particle, ti.f32)
-            )
-            deepest = ti.max(deepest, deepest_of_particle)
+            max_depth = cloth.self_contact.max_depth[particles[k]]
+            contacts = ti.max(contacts, effective_count(cloth.self_contact.depth_sum[particles[k]], max_depth))
+            deepest = ti.max(deepest, max_depth)
         flat_distance = flat_gap.norm()
         if flat_distance > NEIGHBOR_DISTANCE * thickness and inverse_mass > 0.0:
             touching = 1

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from taichi_cloth.collision.self_collision import MAX_SEPARATION_SPEED, count_intersections
+from taichi_cloth.collision.self_collision import DEPTH_UNITS, MAX_SEPARATION_SPEED, count_intersections
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene.collider_schema import Ground
 from taichi_cloth.scene.fabric_schema import VerletSprings
@@ -100,7 +100,7 @@ def test_friction_stops_sliding_along_a_contact() -> None:
 @settings(max_examples=25)
 @given(st.integers(0, 2**31), st.floats(0.2, 3.0))
 def test_the_broad_phase_finds_all_pairs(seed: int, spread: float) -> None:
-    """Compare depths, summed in 4096ths of the thickness. Some examples overflow the candidate list."""
+    """Compare depths, summed in units of the thickness. Some examples overflow the candidate list."""
     random = np.random.default_rng(seed)
     scene = replace(loose(0.1), cloth=Cloth(rows=20, columns=30, width=29.0, height=19.0, pins=()))
     x = (random.uniform(-0.5, 0.5, (600, 3)) * spread).astype(np.float32).astype(np.float64)
@@ -110,11 +110,11 @@ def test_the_broad_phase_finds_all_pairs(seed: int, spread: float) -> None:
         data = simulation.cloth.self_contact
         assert data is not None
         depths, deepest = data.depth_sum.to_numpy()[:600], data.max_depth.to_numpy()[:600]
-    by_pair = np.maximum(0.1 - np.linalg.norm(x[:, None] - x[None], axis=2), 0) / 0.1 * 4096
+    by_pair = np.maximum(0.1 - np.linalg.norm(x[:, None] - x[None], axis=2), 0) / 0.1 * DEPTH_UNITS
     np.fill_diagonal(by_pair, 0)
-    rounding = 1 + (by_pair > 0).sum(axis=1)
+    rounding = 1 + 1.3 * (by_pair > 0).sum(axis=1)  # units: whole ones, of float32 distances
     assert (np.abs(depths - by_pair.sum(axis=1)) <= rounding).all()
-    assert (np.abs(deepest - by_pair.max(axis=1)) <= 1.1).all()
+    assert (np.abs(deepest - by_pair.max(axis=1)) <= 1.3).all()
 
 
 def folded(primitives: str, solver: str = "verlet") -> Scene:

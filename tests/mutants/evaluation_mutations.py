@@ -578,9 +578,9 @@ EVALUATION = [
     Mutation(
         "shallow-contacts-without-friction",
         "collision/self_collision.py",
-        " * DEPTH_UNITS, ti.i32) + 1",
-        " * DEPTH_UNITS, ti.i32)",
-        ("collision/test_static_friction.py::test_a_column_that_leans_farther_slides_with_coulomb_friction",),
+        "DEPTH_UNITS = 1 << 16",
+        "DEPTH_UNITS = 1 << 12",
+        ("collision/test_penetration_free.py::test_a_layer_slides_on_another_with_coulomb_friction[True]",),
     ),
     Mutation(
         "wide-cells-not-reported",
