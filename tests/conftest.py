@@ -6,6 +6,7 @@ modules that took longest in the last run start first, so that both processes en
 
 from __future__ import annotations
 
+import os
 import signal
 from collections import Counter
 from collections.abc import Iterator
@@ -13,6 +14,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+# Two processes run tests: BLAS threads of one would wait for the other's. NumPy reads this once, when it is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from taichi_cloth.system import taichi_runtime as runtime
 
