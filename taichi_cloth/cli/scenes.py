@@ -139,7 +139,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     With `timed`, frames of it are run.
     """
     from ..geometry.cloth_builder import build_topology, component_count, model_of, particle_count_text
-    from ..simulation.builder import keys_without_effect
+    from ..simulation.builder import keys_without_effect, stiffer_by_long_cells
     from ..simulation.convergence import coarse_for_folds
     from ..simulation.error_estimate import SAMPLE, cost_of
     from ..system.console import count_noun
@@ -158,6 +158,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
         for count, what in counts
         if count
     )
+    stiffer = stiffer_by_long_cells(scene) if model == "springs" and section == "fabric" else ""
     if is_large:
         memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
     else:
@@ -176,7 +177,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
             time += f", without {', '.join(features)}, which may take longer than all else"
             time += "" if timed else ": --time measures a frame"
         time += " (too slow to measure)" if timed else ""
-    words = [particles, size, springs, pins, cost.setting, time, memory, unfinished, inside, coarse]
+    words = [particles, size, springs, pins, cost.setting, time, memory, unfinished, inside, stiffer, coarse]
     return " · ".join(filter(None, [*words, keys_without_effect(scene), unusual(scene)]))
 
 

@@ -176,7 +176,8 @@ def max_distances(scene: Scene) -> NDArray[np.float64] | None:
 def spring_stiffness(scene: Scene, section: str, topology: Topology) -> NDArray[np.float64]:
     """Return the stiffness of every spring, (E,): 0…1 in section `verlet`, [N/m] in section `fabric`.
 
-    The springs of a membrane or a weave have none: they are edges whose strain is measured.
+    The springs of a membrane or a weave have none: they are edges whose strain is measured. On long cells the diagonals
+    alone may be stiffer than the fabric: the springs beside them then have none (`warnings` tells).
     """
     constants = _stiffness_values(scene, section)
     stiffness: NDArray[np.float64]
@@ -185,7 +186,7 @@ def spring_stiffness(scene: Scene, section: str, topology: Topology) -> NDArray[
     if section == "verlet":
         stiffness = topology.by_family(constants)
     else:
-        stiffness = np.array(list(constants.values())) @ topology.stiffness_factors
+        stiffness = np.maximum(np.array(list(constants.values())) @ topology.stiffness_factors, 0.0)
     factor = stiffness_map(scene)
     if factor is not None:
         stiffness = stiffness * factor[topology.ends].mean(axis=1)

@@ -8,7 +8,8 @@ Springs
         C11 + C22 + 2·C12 of the membrane is then that of a grid of these springs (C11 = warp + shear,
         C22 = weft + shear, C12 = C66 = shear), but the membrane is isotropic, with a Poisson's ratio of 1/3. So is a
         grid in which warp = weft = 2·shear.
-    shear: the diagonals of quads, both or only the one that cuts them. Triangles resist shear by their edges.
+    shear: the diagonals of quads, both or only the one that cuts them. Triangles resist shear by their edges. So that a
+        fabric is the same on all quads, long ones too, shear is also in the edges of quads, as in a grid.
     bend: the ends of two quad edges that continue each other straight through a vertex, and the two vertices opposite
         an edge between triangles. As in a grid, this bending is not linear.
 
@@ -43,6 +44,7 @@ from .topology import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 WEFT, WARP, SHEAR, BEND = range(len(STIFFNESS_KEYS))
+MAX_ASPECT = 4.0  # of a quad: one that is longer has springs as if it were not, since a quad may have hardly any area
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ def build_mesh(
     structural, yarns = _structural_springs(file, flat, diagonals), _yarns(file)
     springs_of = {
         "structural": structural,
-        "shear": _shear_springs(file, diagonals),
+        "shear": _shear_springs(file, flat, diagonals),
         "bend": _bend_springs(file, structural, yarns),
     }
     batches: list[ColorBatch] = []
@@ -118,13 +120,20 @@ def _area_vectors(file: ClothMesh, flat: Floats) -> Floats:
     return vectors
 
 
-def _adjacent_areas(file: ClothMesh, flat: Floats) -> tuple[Floats, Floats]:
-    """Return the adjacent areas of every edge [m²], (E,): half of its quads, and all of its triangles."""
+def _widths(file: ClothMesh, flat: Floats, squared: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return sums over the faces of every edge, (E,): of half of the width of quads divided by the length of the edge,
+    of half of that length divided by the width, and of the area of triangles divided by the squared length.
+
+    `squared`: the squared lengths of edges [m²], (E,). The width of a quad is its area divided by the length.
+    """
     owner, (edges, edge_of) = file.sides[1], file.edges
-    area, quad = np.linalg.norm(_area_vectors(file, flat), axis=1)[owner], file.is_quad[owner]
-    half_quads: Floats = np.bincount(edge_of, area / 2 * quad, len(edges)).astype(float)
-    full_triangles: Floats = np.bincount(edge_of, area * ~quad, len(edges)).astype(float)
-    return half_quads, full_triangles
+    ratio, quad = np.linalg.norm(_area_vectors(file, flat), axis=1)[owner] / squared[edge_of], file.is_quad[owner]
+
+    def total(values: Floats) -> Floats:
+        return np.bincount(edge_of, values, len(edges)).astype(float)
+
+    length = 1 / np.maximum(ratio, 1 / MAX_ASPECT)
+    return total(ratio / 2 * quad), total(length / 2 * quad), total(ratio * ~quad)
 
 
 def _structural_springs(file: ClothMesh, flat: Floats, diagonals: int) -> Springs:
@@ -133,20 +142,29 @@ def _structural_springs(file: ClothMesh, flat: Floats, diagonals: int) -> Spring
     edge = flat[ends[:, 1]] - flat[ends[:, 0]]
     squared = (edge**2).sum(axis=1)
     weft = edge[:, 0] ** 2 / squared
-    quads, triangles = (area / squared for area in _adjacent_areas(file, flat))
+    quads, lengths, triangles = _widths(file, flat, squared)
     factors = np.zeros((len(STIFFNESS_KEYS), len(ends)))
     factors[WEFT] = weft * quads + triangles / 3
     factors[WARP] = (1 - weft) * quads + triangles / 3
-    factors[SHEAR] = 2 / 3 * diagonals * triangles  # as in a grid with one or two diagonals per cell
+    factors[SHEAR] = diagonals * (
+        2 / 3 * triangles + (quads - lengths) / 2
+    )  # one or two diagonals per cell, as in a grid
     return Springs(ends, factors)
 
 
-def _shear_springs(file: ClothMesh, diagonals: int) -> Springs:
-    """Return one or two springs along the diagonals of every quad."""
+def _shear_springs(file: ClothMesh, flat: Floats, diagonals: int) -> Springs:
+    """Return one or two springs along the diagonals of every quad, with the factor (a + 1/a)/2 of long quads.
+
+    It is the mean square of the diagonals over twice the area, which is that of the two halves.
+    """
     quads = file.triangles[len(file.faces) - int(file.is_quad.sum()) :].reshape(-1, 6)  # the two halves of each quad
     a, b, c, d = quads[:, 0], quads[:, 1], quads[:, 2], quads[:, 5]
     ends = [np.stack([a, c], axis=-1)] + [np.stack([b, d], axis=-1)] * (diagonals == 2)
-    return _uniform_springs(np.concatenate(ends).astype(np.int64), SHEAR, np.ones(len(quads) * diagonals))
+    first, second = flat[c] - flat[a], flat[d] - flat[b]
+    area = np.linalg.norm(np.cross(first, second), axis=1) / 2
+    squares = ((first**2).sum(axis=1) + (second**2).sum(axis=1)) / 2
+    factor = squares / np.maximum(2 * area, squares / MAX_ASPECT)
+    return _uniform_springs(np.concatenate(ends).astype(np.int64), SHEAR, np.tile(factor, diagonals))
 
 
 def _bend_springs(file: ClothMesh, edges: Springs, yarns: Ints) -> Springs:
@@ -233,7 +251,7 @@ def _bending_links(file: ClothMesh, flat: Floats, yarns: Ints, bending: Bending)
         return links_of_forms([])
     edges, edge_of = file.edges
     edge_lengths = np.linalg.norm(flat[edges[:, 1]] - flat[edges[:, 0]], axis=1)
-    quad_areas, _ = _adjacent_areas(file, flat)
+    quad_areas = _widths(file, flat, edge_lengths**2)[0] * edge_lengths**2
 
     point, before, after = yarns.T
     ends = np.stack([edges[before].sum(axis=1) - point, point, edges[after].sum(axis=1) - point], axis=-1)

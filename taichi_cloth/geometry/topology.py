@@ -222,7 +222,7 @@ def build_sheet(
         pinned=grid.pinned_mask(rows, columns, pins),
         ends=ends,
         rest=float32_lengths(positions, ends),
-        stiffness_factors=_stiffness_factors(batches, (height / (rows - 1)) / (width / (columns - 1)))
+        stiffness_factors=_stiffness_factors(batches, (height / (rows - 1)) / (width / (columns - 1)), diagonals)
         * np.where(along_edge, 0.5, 1.0),
         batches=tuple(batches),
         bending_links=grid_bending_links(rows, columns, width, height, bending, halved=mass_lumping == "area"),
@@ -232,13 +232,19 @@ def build_sheet(
     )
 
 
-def _stiffness_factors(batches: list[ColorBatch], aspect: float) -> NDArray[np.float64]:
+def _stiffness_factors(batches: list[ColorBatch], aspect: float, diagonals: int) -> NDArray[np.float64]:
     """Return the factors of `STIFFNESS_KEYS` for springs that represent a full cell, (4, E).
 
-    `aspect`: height of a cell divided by its width.
+    `aspect`: height of a cell divided by its width, a. `diagonals` of a cell: 1 or 2.
+
+    Two diagonals of stiffness k add 2k/(a + 1/a) to C12 and C66 of the cell, a⁻² times this to C along the rows, and a²
+    times to C along the columns (Hooke's law of three strains). So that a fabric is the same on all cells, diagonals
+    get the factor (a + 1/a)/2, and the springs along rows and columns take up the rest.
     """
+    diagonal, rest = (aspect + 1 / aspect) / 2, (aspect - 1 / aspect) * diagonals / 2
     by_direction = np.zeros((len(STIFFNESS_KEYS), len(grid.DIRECTIONS)))
-    by_direction[[0, 1, 2, 2, 3, 3], range(6)] = aspect, 1 / aspect, 1, 1, aspect, 1 / aspect
+    by_direction[[0, 1, 3, 3], [0, 1, 4, 5]] = aspect, 1 / aspect, aspect, 1 / aspect
+    by_direction[2, :4] = rest, -rest, diagonal, diagonal
     return np.repeat(by_direction[:, np.array([b.direction for b in batches], int)], [b.count for b in batches], axis=1)
 
 

@@ -260,6 +260,7 @@ class StepRow:
         return row
 
 
+MIN_EXCESS = 0.005  # of the stiffness: the smallest that is reported
 HEAVY = 10.0  # [kg/m²] area density above which it may be meant in g/m²
 
 
@@ -274,7 +275,10 @@ def warnings_of(simulation: RunningCloth) -> list[str]:
     if used == 0 < wanted:
         lines.append(f"{name} leaves out the damping of springs, fabric.damping_time")
     elif used < wanted:
-        lines.append(f"{name} reduces the damping time from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms")
+        reduced = f"from {1e3 * wanted:.3g} ms to {1e3 * used:.3g} ms"
+        lines.append(f"{name} reduces the damping time {reduced}, also with more substeps")
+    if simulation.topology.membrane is None and SOLVER_CATALOG[name].stiffness_section == "fabric":
+        lines += filter(None, [stiffer_by_long_cells(simulation.scene)])
     if simulation.scene.tearing is not None and simulation.scene.fabric.preset:
         lines.append(f"tearing leaves out the bending stiffness of {simulation.scene.fabric.preset}")
     if simulation.scene.cloth.area_density > HEAVY:
@@ -284,6 +288,24 @@ def warnings_of(simulation: RunningCloth) -> list[str]:
     if simulation.is_held_still:
         lines.append("penetration-free contact holds the cloth still: more pairs are near than it can list")
     return lines
+
+
+def stiffer_by_long_cells(scene: Scene) -> str:
+    """Return how much stiffer than its fabric a grid of springs is; empty where springs can be the fabric.
+
+    With cells of height a times their width, the diagonals alone have shear/a² of the weft + shear along the weft, and
+    shear·a² of the warp + shear along the warp.
+    """
+    cloth, fabric, words = scene.cloth, scene.fabric, ""
+    if cloth.file or fabric.shear == 0:
+        return ""
+    squared = (cloth.height / (cloth.rows - 1) / (cloth.width / (cloth.columns - 1))) ** 2
+    for name, constant, ratio in (("weft", fabric.weft, 1 / squared), ("warp", fabric.warp, squared)):
+        excess = fabric.shear * ratio / (constant + fabric.shear) - 1
+        if excess > MIN_EXCESS:
+            words = f"cells are {max(squared, 1 / squared) ** 0.5:.2g}:1: cloth of springs is {excess:.0%} stiffer "
+            words += f'along the {name}, of model = "membrane" it is not'
+    return words
 
 
 def keys_without_effect(scene: Scene) -> str:

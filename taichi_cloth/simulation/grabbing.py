@@ -69,7 +69,7 @@ def free_number(grabs: Mapping[int, Grab]) -> int:
     for number in range(MAX_GRABS):
         if number not in grabs:
             return number
-    raise ValueError(f"all {MAX_GRABS} grabs are in use")
+    raise ValueError(f"all {MAX_GRABS} grabs are in use; attachments with keyframes move any number of pins")
 
 
 def vertices_in_radius(flat: Floats, free: NDArray[np.bool_], index: int, radius: float) -> Ids:

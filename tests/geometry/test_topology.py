@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichi_cloth.geometry import grid
-from taichi_cloth.geometry.cloth_builder import build_topology
+from taichi_cloth.geometry.cloth_builder import build_topology, spring_stiffness
 from taichi_cloth.geometry.topology import Topology, build_sheet, lumped_mass
+from taichi_cloth.scene.fabric_schema import Fabric
 from taichi_cloth.scene.keys import CORNERS
 from taichi_cloth.scene.schema import Cloth, Scene
 
@@ -177,3 +178,36 @@ def test_pins(pins: tuple[str | int, ...], pinned_particles: list[int]) -> None:
 def test_an_invalid_pin_is_refused(pin: str | int) -> None:
     with pytest.raises(ValueError, match=str(pin)):
         grid.pinned_mask(3, 3, [pin])
+
+
+def tensor(topology: Topology, stiffness: Any) -> Any:
+    """Return the tensor C of a sheet in its plane, by Hooke's law of springs in uniform strain [N/m], (3, 3)."""
+    along = np.diff(topology.flat[topology.ends], axis=1)[:, 0, :2]
+    strains = np.stack([along[:, 0] ** 2, along[:, 1] ** 2, along[:, 0] * along[:, 1]])  # times rest², (3, E)
+    area = np.prod(np.ptp(topology.flat[:, :2], axis=0))
+    return strains * (stiffness / topology.rest**2) @ strains.T / area
+
+
+@pytest.mark.parametrize(("columns", "aspect"), [(7, 1.0), (10, 1.5), (13, 2.0), (4, 0.5), (11, 5 / 3)])
+def test_a_fabric_is_the_same_on_all_cells(columns: int, aspect: float) -> None:
+    """C11 = weft + shear, C22 = warp + shear and C12 = C66 = shear."""
+    fabric = Fabric(weft=2000.0, warp=1500.0, shear=500.0, bend_spring=0.0)
+    cloth = Cloth(rows=7, columns=columns, width=0.6, height=0.6, pins=(), rotation=(0.0, 0.0, 0.0))
+    scene = Scene(cloth=cloth, fabric=fabric)
+    topology = build_topology(scene, "fabric")
+    expected = [[2500.0, 500.0, 0.0], [500.0, 2000.0, 0.0], [0.0, 0.0, 500.0]]
+    assert (columns - 1) / 6 == pytest.approx(aspect)
+    assert tensor(topology, spring_stiffness(scene, "fabric", topology)) == pytest.approx(np.array(expected), abs=1e-3)
+
+
+def test_the_springs_of_long_cells_are_not_negative() -> None:
+    """Diagonals alone have shear/a² = 2400 N/m along the weft, of 1200 N/m."""
+    scene = Scene(
+        cloth=Cloth(rows=7, columns=4, width=0.6, height=0.6, pins=()),
+        fabric=Fabric(weft=600.0, warp=600.0, shear=600.0, bend_spring=0.0),
+    )
+    topology = build_topology(scene, "fabric")
+    stiffness = spring_stiffness(scene, "fabric", topology)
+    assert stiffness.min() == 0.0
+    expected = [[2400.0, 600.0, 0.0], [600.0, 1200.0, 0.0], [0.0, 0.0, 600.0]]
+    assert tensor(topology, stiffness) == pytest.approx(np.array(expected), abs=1e-3)

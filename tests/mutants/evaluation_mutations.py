@@ -583,6 +583,20 @@ EVALUATION = [
         ("collision/test_penetration_free.py::test_a_layer_slides_on_another_with_coulomb_friction[True]",),
     ),
     Mutation(
+        "fabric-depends-on-the-shape-of-cells",
+        "geometry/topology.py",
+        "(aspect + 1 / aspect) / 2, (aspect + 1 / aspect) / 2",
+        "1, 1",
+        ("geometry/test_topology.py::test_a_fabric_is_the_same_on_all_cells[10-1.5]",),
+    ),
+    Mutation(
+        "springs-of-long-cells-push",
+        "geometry/cloth_builder.py",
+        "np.maximum(np.array(list(constants.values())) @ topology.stiffness_factors, 0.0)",
+        "np.array(list(constants.values())) @ topology.stiffness_factors",
+        ("geometry/test_topology.py::test_the_springs_of_long_cells_are_not_negative",),
+    ),
+    Mutation(
         "wide-cells-not-reported",
         "simulation/convergence.py",
         "WIDE_CELL = 0.5",

@@ -142,13 +142,17 @@ def test_the_cloth_of_the_reference_is_that_of_a_sheet_typed_again() -> None:
         for corner in (corner for half in halves for corner in half):
             mass[r + corner[0], c + corner[1]] += density * dx * dy / 6
         for a, b in (((r, c), (r + 1, c + 1)), ((r, c + 1), (r + 1, c))):
-            energy += spring(40.0, at[a], at[b], np.hypot(dx, dy))
+            energy += spring(40.0 * (dx / dy + dy / dx) / 2, at[a], at[b], np.hypot(dx, dy))
         twist = at[r, c] - at[r, c + 1] - at[r + 1, c] + at[r + 1, c + 1]
         energy += np.sqrt(0.3 * 0.2) * (twist @ twist) / (dx * dy)
     for r, c in np.ndindex(rows, columns):
         across = dx * (0.5 if c in (0, columns - 1) else 1.0)  # width that a thread along the column stands for [m]
         along = dy * (0.5 if r in (0, rows - 1) else 1.0)
-        for step, constant in ((1, (90.0, 70.0)), (2, (2.0, 2.0))):
+        warp, weft = (
+            90.0 + 40.0 * (1 - (dy / dx) ** 2),
+            70.0 + 40.0 * (1 - (dx / dy) ** 2),
+        )  # with the diagonals, C11, C22
+        for step, constant in ((1, (warp, weft)), (2, (2.0, 2.0))):
             if r + step < rows:
                 energy += spring(constant[0] * across / dy, at[r, c], at[r + step, c], step * dy)
             if c + step < columns:

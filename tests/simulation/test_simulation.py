@@ -12,6 +12,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.scene.collider_schema import Ground, Sphere
+from taichi_cloth.scene.fabric_schema import Fabric
 from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, Tearing, Wind
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation import running_cloth
@@ -178,6 +179,34 @@ def test_arrays_that_describe_the_cloth_cannot_be_written() -> None:
             with pytest.raises(ValueError, match="read-only"):
                 getattr(simulation.topology, name)[:] = 1
         assert simulation.positions().shape == simulation.topology.start.shape
+
+
+@pytest.mark.parametrize(
+    ("columns", "fabric", "line"),
+    [
+        (7, {"weft": 600.0, "warp": 600.0, "shear": 600.0}, ""),
+        (
+            4,
+            {"weft": 600.0, "warp": 900.0, "shear": 600.0},
+            "cells are 2:1: cloth of springs is 100% stiffer along the weft",
+        ),
+        (
+            13,
+            {"weft": 900.0, "warp": 600.0, "shear": 600.0},
+            "cells are 2:1: cloth of springs is 100% stiffer along the warp",
+        ),
+        (4, {"weft": 1800.0, "warp": 600.0, "shear": 600.0}, ""),
+        (4, {"weft": 600.0, "warp": 600.0, "shear": 600.0, "model": "membrane"}, ""),
+    ],
+)
+def test_warnings_name_fabrics_that_springs_cannot_be_on_long_cells(
+    columns: int, fabric: dict[str, Any], line: str
+) -> None:
+    cloth = Cloth(rows=7, columns=columns, width=0.6, height=0.6)
+    scene = Scene(cloth=cloth, fabric=Fabric(**fabric, bend_spring=0.0), solver=Solver(name="xpbd"))
+    with Simulation(scene, "serial") as simulation:
+        assert line in simulation.warnings
+        assert ("cells" in simulation.warnings) == bool(line)
 
 
 def test_warnings_name_what_a_fabric_loses_by_tearing() -> None:

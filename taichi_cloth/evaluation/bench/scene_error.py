@@ -51,7 +51,7 @@ RATE_NOTE = (
 MODEL_NOTE = (
     "Fine settings may keep the same distance to the reference. Contact and tethers of the solvers act once per substep"
     " or iteration. The reference damps springs as `fabric.damping_time` says, which presets of fabrics set; `implicit`"
-    " and `verlet` do not, and `explicit` and `rk4` only as far as their substeps allow."
+    " and `verlet` do not, and `explicit` and `rk4` for at most a time that `simulation.warnings` names."
 )
 VERLET_NOTE = "`verlet` has stiffness 0…1 instead of SI constants: its error includes that of the model."
 # (substeps, iterations), measured in addition to the scene's own. They include the defaults of the solvers. Explicit
