@@ -14,11 +14,10 @@ from ..kernels.constraint_math import friction_correction
 from ..kernels.integration import project_position
 from ..kernels.layout import packet, read_inverse_mass
 from ..kernels.step_params import SELF_FRICTION, THICKNESS
-from ..kernels.vec import cast
 from .moving_balls import gather_wanted, measure_rounding
 from .pair_geometry import separating_direction, separation_of_any
 from .pair_list import set_limits, sum_of_paths, update_pairs
-from .self_collision import UNITS, depth_in_units, effective_count, stopped_share
+from .self_collision import UNITS, depth_in_units, effective_count, in_units, stopped_share
 
 FLOOR = 20.0  # rounding errors of a position: the least gap that truncation leaves
 SEPARATION_SPEED = 0.5  # [m/s] at which parts separate that began a substep within the thickness
@@ -125,7 +124,7 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
             unit = UNITS / (thickness * pairs.inverse_mass[k] * contacts)
             for c in ti.static(range(4)):
                 factor = weights[c] * read_inverse_mass(cloth, corners[c]) * unit
-                ti.atomic_add(data.correction[corners[c]], cast(ti.round(push * factor), ti.i32))
+                ti.atomic_add(data.correction[corners[c]], in_units(push * factor))
 
 
 @ti.func

@@ -42,9 +42,12 @@ from .self_broadphase import (
 )
 from .static_friction import slide_since_anchor
 
-UNITS = 1 << 20  # integer units of a correction per thickness
-DEPTH_UNITS = 1 << 16  # integer units of a depth per thickness: with 1 << 12 resting layers hardly have friction
-MAX_DEPTH = 16.0  # thicknesses: deeper contacts count as this, so that the sum of 2000 fits
+# Corrections and depths are summed in integer units of the thickness. Units must be much finer than g·h² shared by the
+# contacts of a particle: resting layers of 4 mm lose friction with 1 << 20 and bounce with 1 << 12.
+UNITS = 1 << 24  # of a correction
+MAX_CORRECTION = 16.0 * UNITS  # of one contact, so that the sum of 7 fits
+DEPTH_UNITS = 1 << 19  # of a depth
+MAX_DEPTH = 2.0  # thicknesses: deeper contacts count as this, so that the sum of 2000 fits
 MAX_SEPARATION_SPEED = 1.5  # [m/s] of parts that are moved apart: with 1.0 the ball of `stack` goes through layers
 NEIGHBOR_DISTANCE = 1.01  # thicknesses apart on the flat sheet: neighbors must not collide by rounding
 OVER_RELAXATION = 1.5  # of friction: with 1 resting layers creep, with more than 2 sliding is reversed and grows
@@ -53,6 +56,11 @@ OVER_RELAXATION = 1.5  # of friction: with 1 resting layers creep, with more tha
 @ti.func
 def depth_in_units(depth: float, thickness: float) -> int:
     return ti.cast(ti.min(depth / thickness, MAX_DEPTH) * DEPTH_UNITS, ti.i32)
+
+
+@ti.func
+def in_units(correction: tm.vec3) -> tm.ivec3:
+    return cast(tm.clamp(ti.round(correction), -MAX_CORRECTION, MAX_CORRECTION), ti.i32)
 
 
 @ti.func
@@ -126,7 +134,7 @@ def resolve_contact(
                 unit = UNITS / (thickness * inverse_mass * contacts)
                 for k in ti.static(range(count)):
                     factor = weights[k] * read_inverse_mass(cloth, particles[k]) * unit
-                    ti.atomic_add(cloth.self_contact.correction[particles[k]], cast(ti.round(push * factor), ti.i32))
+                    ti.atomic_add(cloth.self_contact.correction[particles[k]], in_units(push * factor))
     return touching
 
 

@@ -22,11 +22,11 @@ from ..system.taichi_runtime import memory_bytes
 from . import grid
 from .bending import Bending
 from .cloth_mesh import ClothMesh, load_cloth_mesh
-from .grid import DIRECTIONS
+from .grid import DIRECTIONS, cell_aspect
 from .layers import pinned_mask_of_layers, stack_layers
 from .membrane_model import ElasticTriangles, build_membrane
 from .mesh_springs import build_mesh
-from .topology import STIFFNESS_KEYS, Topology, build_sheet
+from .topology import STIFFNESS_KEYS, Topology, build_sheet, stiffness_of
 from .weave_model import build_weave
 
 MAX_BYTES = 64_000_000
@@ -176,8 +176,7 @@ def max_distances(scene: Scene) -> NDArray[np.float64] | None:
 def spring_stiffness(scene: Scene, section: str, topology: Topology) -> NDArray[np.float64]:
     """Return the stiffness of every spring, (E,): 0…1 in section `verlet`, [N/m] in section `fabric`.
 
-    The springs of a membrane or a weave have none: they are edges whose strain is measured. On long cells the diagonals
-    alone may be stiffer than the fabric: the springs beside them then have none (`warnings` tells).
+    The springs of a membrane or a weave have none: they are edges whose strain is measured.
     """
     constants = _stiffness_values(scene, section)
     stiffness: NDArray[np.float64]
@@ -186,7 +185,7 @@ def spring_stiffness(scene: Scene, section: str, topology: Topology) -> NDArray[
     if section == "verlet":
         stiffness = topology.by_family(constants)
     else:
-        stiffness = np.maximum(np.array(list(constants.values())) @ topology.stiffness_factors, 0.0)
+        stiffness = stiffness_of(list(constants.values()), topology.stiffness_factors)
     factor = stiffness_map(scene)
     if factor is not None:
         stiffness = stiffness * factor[topology.ends].mean(axis=1)
@@ -384,16 +383,16 @@ def _stiffness_values(scene: Scene, section: str) -> dict[str, float]:
 
 
 def _used_directions(scene: Scene, section: str) -> list[bool]:
-    """Return which of `grid.DIRECTIONS` have springs.
-
-    In a mesh file the edges of triangles resist shear, too: shear stiffness alone also adds structural springs.
-    """
+    """Return which of `grid.DIRECTIONS` have springs. Shear alone adds edges of meshes, and short sides of cells."""
     if model_of(scene, section) != "springs":
         return [family == "structural" for family, _, _ in DIRECTIONS]
     k = _stiffness_values(scene, section)
     if section == "verlet":
         return [k[family] > 0 for family, _, _ in DIRECTIONS]
     stiffness = [k["weft"], k["warp"], k["shear"], k["shear"], k["bend_spring"], k["bend_spring"]]
-    if scene.cloth.file:
+    cloth = scene.cloth
+    if cloth.file:
         stiffness[0] = k["weft"] + k["shear"]
+    elif aspect := round(np.log(cell_aspect(cloth.rows, cloth.columns, cloth.width, cloth.height)), 9):
+        stiffness[int(aspect < 0)] += k["shear"]
     return [constant > 0 for constant in stiffness]

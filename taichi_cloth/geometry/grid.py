@@ -29,6 +29,11 @@ def particle_indices(rows: int, columns: int) -> NDArray[np.int32]:
     return np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
 
 
+def cell_aspect(rows: int, columns: int, width: float, height: float) -> float:
+    """Return the height of a cell divided by its width."""
+    return (height / (rows - 1)) / (width / (columns - 1))
+
+
 def flat_positions(rows: int, columns: int, width: float, height: float) -> NDArray[np.float64]:
     """Return the positions in the flat sheet [m], (rows·columns, 3): in the plane z = 0, centered at the origin."""
     y, x = np.meshgrid(

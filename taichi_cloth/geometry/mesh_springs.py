@@ -9,7 +9,7 @@ Springs
         C22 = weft + shear, C12 = C66 = shear), but the membrane is isotropic, with a Poisson's ratio of 1/3. So is a
         grid in which warp = weft = 2·shear.
     shear: the diagonals of quads, both or only the one that cuts them. Triangles resist shear by their edges. So that a
-        fabric is the same on all quads, long ones too, shear is also in the edges of quads, as in a grid.
+        fabric is the same on all rectangular quads, the edges of long ones have a part of the shear, as in a grid.
     bend: the ends of two quad edges that continue each other straight through a vertex, and the two vertices opposite
         an edge between triangles. As in a grid, this bending is not linear.
 
@@ -44,7 +44,6 @@ from .topology import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 WEFT, WARP, SHEAR, BEND = range(len(STIFFNESS_KEYS))
-MAX_ASPECT = 4.0  # of a quad: one that is longer has springs as if it were not, since a quad may have hardly any area
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,20 +119,34 @@ def _area_vectors(file: ClothMesh, flat: Floats) -> Floats:
     return vectors
 
 
-def _widths(file: ClothMesh, flat: Floats, squared: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return sums over the faces of every edge, (E,): of half of the width of quads divided by the length of the edge,
-    of half of that length divided by the width, and of the area of triangles divided by the squared length.
+def _adjacent_areas(file: ClothMesh, flat: Floats) -> tuple[Floats, Floats]:
+    """Return the adjacent areas of every edge [m²], (E,): half of its quads, and all of its triangles."""
+    owner, (edges, edge_of) = file.sides[1], file.edges
+    area, quad = np.linalg.norm(_area_vectors(file, flat), axis=1)[owner], file.is_quad[owner]
+    half_quads: Floats = np.bincount(edge_of, area / 2 * quad, len(edges)).astype(float)
+    full_triangles: Floats = np.bincount(edge_of, area * ~quad, len(edges)).astype(float)
+    return half_quads, full_triangles
 
-    `squared`: the squared lengths of edges [m²], (E,). The width of a quad is its area divided by the length.
+
+def _aspects(file: ClothMesh, flat: Floats) -> Floats:
+    """Return the aspect of every quad, (Q,): the mean length of its first and third side over that of the others."""
+    a, b, c, d = (flat[file.faces[file.is_quad, k]] for k in range(4))
+    first, second, third, fourth = (np.linalg.norm(side, axis=1) for side in (b - a, c - b, d - c, a - d))
+    aspects: Floats = (first + third) / (second + fourth)
+    return aspects
+
+
+def _shear_of_edges(file: ClothMesh, flat: Floats) -> Floats:
+    """Return what the edges of quads take up of C11 and C22 beside two diagonals, as a factor of shear, (E,).
+
+    Of a side that is r times as long as the quad is wide it is (1/r − r)/2, for half of the quad.
     """
     owner, (edges, edge_of) = file.sides[1], file.edges
-    ratio, quad = np.linalg.norm(_area_vectors(file, flat), axis=1)[owner] / squared[edge_of], file.is_quad[owner]
-
-    def total(values: Floats) -> Floats:
-        return np.bincount(edge_of, values, len(edges)).astype(float)
-
-    length = 1 / np.maximum(ratio, 1 / MAX_ASPECT)
-    return total(ratio / 2 * quad), total(length / 2 * quad), total(ratio * ~quad)
+    quad = file.is_quad[owner]
+    ratio = np.ones(len(owner))
+    ratio[quad] = np.stack([(r := _aspects(file, flat)), 1 / r, r, 1 / r], axis=1).reshape(-1)
+    factors: Floats = np.bincount(edge_of, (1 / ratio - ratio) / 2, len(edges)).astype(float)
+    return factors
 
 
 def _structural_springs(file: ClothMesh, flat: Floats, diagonals: int) -> Springs:
@@ -142,28 +155,22 @@ def _structural_springs(file: ClothMesh, flat: Floats, diagonals: int) -> Spring
     edge = flat[ends[:, 1]] - flat[ends[:, 0]]
     squared = (edge**2).sum(axis=1)
     weft = edge[:, 0] ** 2 / squared
-    quads, lengths, triangles = _widths(file, flat, squared)
+    quads, triangles = (area / squared for area in _adjacent_areas(file, flat))
     factors = np.zeros((len(STIFFNESS_KEYS), len(ends)))
     factors[WEFT] = weft * quads + triangles / 3
     factors[WARP] = (1 - weft) * quads + triangles / 3
-    factors[SHEAR] = diagonals * (
-        2 / 3 * triangles + (quads - lengths) / 2
-    )  # one or two diagonals per cell, as in a grid
+    # As in a grid with one or two diagonals per cell.
+    factors[SHEAR] = diagonals * (2 / 3 * triangles + _shear_of_edges(file, flat) / 2)
     return Springs(ends, factors)
 
 
 def _shear_springs(file: ClothMesh, flat: Floats, diagonals: int) -> Springs:
-    """Return one or two springs along the diagonals of every quad, with the factor (a + 1/a)/2 of long quads.
-
-    It is the mean square of the diagonals over twice the area, which is that of the two halves.
-    """
+    """Return one or two springs along the diagonals of every quad, with the factor (a + 1/a)/2 for an aspect a."""
     quads = file.triangles[len(file.faces) - int(file.is_quad.sum()) :].reshape(-1, 6)  # the two halves of each quad
     a, b, c, d = quads[:, 0], quads[:, 1], quads[:, 2], quads[:, 5]
     ends = [np.stack([a, c], axis=-1)] + [np.stack([b, d], axis=-1)] * (diagonals == 2)
-    first, second = flat[c] - flat[a], flat[d] - flat[b]
-    area = np.linalg.norm(np.cross(first, second), axis=1) / 2
-    squares = ((first**2).sum(axis=1) + (second**2).sum(axis=1)) / 2
-    factor = squares / np.maximum(2 * area, squares / MAX_ASPECT)
+    aspect = _aspects(file, flat)
+    factor = (aspect + 1 / aspect) / 2
     return _uniform_springs(np.concatenate(ends).astype(np.int64), SHEAR, np.tile(factor, diagonals))
 
 
@@ -251,7 +258,7 @@ def _bending_links(file: ClothMesh, flat: Floats, yarns: Ints, bending: Bending)
         return links_of_forms([])
     edges, edge_of = file.edges
     edge_lengths = np.linalg.norm(flat[edges[:, 1]] - flat[edges[:, 0]], axis=1)
-    quad_areas = _widths(file, flat, edge_lengths**2)[0] * edge_lengths**2
+    quad_areas, _ = _adjacent_areas(file, flat)
 
     point, before, after = yarns.T
     ends = np.stack([edges[before].sum(axis=1) - point, point, edges[after].sum(axis=1) - point], axis=-1)

@@ -22,6 +22,7 @@ from .membrane_model import ElasticTriangles
 ORIGINS = 0.5  # [m] spacing of the local origins
 FAR = 2.0  # [m] from the origin, where positions in float32 have steps of a quarter of a micrometer
 STIFFNESS_KEYS = ("weft", "warp", "shear", "bend_spring")  # [N/m] in section `fabric`; a spring has a factor of each
+MIN_SHARE = 0.1  # of the constant of a yarn that its springs keep beside the diagonals of long cells
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Topology:
     """Rest length of every spring [m], (E,)."""
     stiffness_factors: NDArray[np.float64]
     """Factors of the fabric's weft, warp, shear and bend_spring (`STIFFNESS_KEYS`) for every spring, (4, E). Its
-    stiffness [N/m] is the sum of their products.
+    stiffness [N/m] is the sum of their products (`stiffness_of`). Those of shear may be negative.
 
     A spring along an edge of a sheet has half the factors if it represents half a cell.
     """
@@ -208,10 +209,10 @@ def build_sheet(
     origin = local_origin(center)
     positions = place_sheet(flat, np.subtract(center, origin), rotation)
     mass = lumped_mass(flat, triangles, area_density)
-    along_edge = grid.on_boundary(rows, columns, ends)
+    halves = np.tile(np.where(grid.on_boundary(rows, columns, ends), 0.5, 1.0), (len(STIFFNESS_KEYS), 1))
     if mass_lumping == "uniform":
         mass = np.full(len(flat), area_density * width * height / ((rows - 1) * (columns - 1)))
-        along_edge[:] = False
+        halves[[key != "shear" for key in STIFFNESS_KEYS]] = 1.0  # diagonals have half a cell there anyway
     weighted_corners = CORNERS if corner_mass_at == "corners" else (corner_mass_at,)
     mass[grid.pinned_mask(rows, columns, weighted_corners)] += corner_mass
     return Topology(
@@ -222,14 +223,25 @@ def build_sheet(
         pinned=grid.pinned_mask(rows, columns, pins),
         ends=ends,
         rest=float32_lengths(positions, ends),
-        stiffness_factors=_stiffness_factors(batches, (height / (rows - 1)) / (width / (columns - 1)), diagonals)
-        * np.where(along_edge, 0.5, 1.0),
+        stiffness_factors=_stiffness_factors(batches, grid.cell_aspect(rows, columns, width, height), diagonals)
+        * halves,
         batches=tuple(batches),
         bending_links=grid_bending_links(rows, columns, width, height, bending, halved=mass_lumping == "area"),
         triangles=triangles,
         cells=cells,
         shape=(rows, columns),
     )
+
+
+def stiffness_of(constants: Sequence[float], factors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the stiffness of every spring [N/m], (E,), from the values of `STIFFNESS_KEYS` and their factors, (4, E).
+
+    On long cells the diagonals may be stiffer than the fabric. The springs along the cells then keep a share of their
+    own constant: without them, particles of even and odd row + column would slide along each other without resistance.
+    """
+    own = np.array(constants) * [key != "shear" for key in STIFFNESS_KEYS]
+    stiffness: NDArray[np.float64] = np.maximum(constants @ factors, MIN_SHARE * (own @ factors))
+    return np.maximum(stiffness, 0.0)
 
 
 def _stiffness_factors(batches: list[ColorBatch], aspect: float, diagonals: int) -> NDArray[np.float64]:

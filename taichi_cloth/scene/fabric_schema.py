@@ -39,9 +39,9 @@ class Fabric(Table):
     """Stiffness in SI units, for all solvers but `verlet`. Springs with stiffness 0 are left out.
 
     `warp` and `weft` are those of the structural springs: forces per strain and meter of width, independent of the
-    grid. For cells that are not square, springs are scaled so that the fabric has the same tensor C. In a scene file, a
-    preset sets all of these keys but `compression`, and also `area_density` in `[cloth]`, `[verlet]`, and colors and
-    pattern in `[look]`. Keys that the file sets take precedence. Only `load_scene` applies a preset.
+    grid. On cells that are not square, springs are scaled so that the cloth is as stiff. In a scene file, a preset sets
+    all of these keys but `compression`, and also `area_density` in `[cloth]`, `[verlet]`, and colors and pattern in
+    `[look]`. Keys that the file sets take precedence. Only `load_scene` applies a preset.
 
     A membrane has no springs. If `c11`, `c22`, `c12` and `c66` are all 0, they are those of a grid of springs. A weave
     has the curves of `[weave]`.

@@ -19,11 +19,11 @@ from ..geometry.cloth_builder import (
     spring_stiffness,
     too_many_particles,
 )
-from ..geometry.grid import NO_GRID
+from ..geometry.grid import NO_GRID, cell_aspect
 from ..geometry.membrane_model import Membrane
 from ..geometry.signed_distance import collider_sdf, collider_surface
 from ..geometry.stability_bounds import repulsion_frequency, too_many_substeps
-from ..geometry.topology import Topology
+from ..geometry.topology import MIN_SHARE, Topology
 from ..geometry.weave_model import WeaveModel
 from ..kernels import step_params as c
 from ..scene import Scene
@@ -293,18 +293,20 @@ def warnings_of(simulation: RunningCloth) -> list[str]:
 def stiffer_by_long_cells(scene: Scene) -> str:
     """Return how much stiffer than its fabric a grid of springs is; empty where springs can be the fabric.
 
-    With cells of height a times their width, the diagonals alone have shear/a² of the weft + shear along the weft, and
+    With cells of height a times their width, diagonals alone have shear/a² of the weft + shear along the weft, and
     shear·a² of the warp + shear along the warp.
     """
-    cloth, fabric, words = scene.cloth, scene.fabric, ""
-    if cloth.file or fabric.shear == 0:
+    cloth, fabric = scene.cloth, scene.fabric
+    shear = fabric.shear * cloth.diagonals / 2
+    if cloth.file or shear == 0:
         return ""
-    squared = (cloth.height / (cloth.rows - 1) / (cloth.width / (cloth.columns - 1))) ** 2
-    for name, constant, ratio in (("weft", fabric.weft, 1 / squared), ("warp", fabric.warp, squared)):
-        excess = fabric.shear * ratio / (constant + fabric.shear) - 1
+    aspect, words = cell_aspect(cloth.rows, cloth.columns, cloth.width, cloth.height), ""
+    for name, constant, ratio in (("weft", fabric.weft, aspect**-2), ("warp", fabric.warp, aspect**2)):
+        beside = max(constant - shear * (ratio - 1), MIN_SHARE * constant)
+        excess = (beside + shear * ratio) / (constant + shear) - 1
         if excess > MIN_EXCESS:
-            words = f"cells are {max(squared, 1 / squared) ** 0.5:.2g}:1: cloth of springs is {excess:.0%} stiffer "
-            words += f'along the {name}, of model = "membrane" it is not'
+            words = f"cells are {max(aspect, 1 / aspect):.2g}:1: springs are {excess:.0%} stiffer than the fabric "
+            words += f'along the {name}; model = "membrane" is not'
     return words
 
 

@@ -390,14 +390,14 @@ def test_friction_of_discrete_contact_never_reverses_sliding(speed: float) -> No
 
 @pytest.mark.parametrize("penetration_free", [True, False])
 def test_a_layer_slides_on_another_with_coulomb_friction(penetration_free: bool) -> None:
-    """It stops after v/(μg) = 2.4 frames. All contacts of a resting layer are shallower than g·h² = 0.3 µm."""
+    """It stops after v/(μg) = 2.4 frames. A substep of 56 µs presses it g·h² = 0.03 µm into the other."""
     contact = replace(GUARD, friction=0.5, primitives="triangles", penetration_free=penetration_free)
     cloth = Cloth(
         **{"rows": 7, "columns": 7, "width": 0.06, "height": 0.06, "rotation": (-90.0, 0.0, 0.0)},
         **{"pins": tuple(range(49)), "layers": 2, "layer_spacing": 1.01 * THICKNESS},
     )
     scene = Scene(
-        cloth=cloth, solver=Solver(name="explicit", substeps=100, iterations=1, damping=0.0), self_collision=contact
+        cloth=cloth, solver=Solver(name="explicit", substeps=300, iterations=1, damping=0.0), self_collision=contact
     )
     with Simulation(scene) as simulation:
         for _ in range(6):
@@ -409,4 +409,4 @@ def test_a_layer_slides_on_another_with_coulomb_friction(penetration_free: bool)
         for _ in range(4):
             simulation.step()
             sliding.append(simulation.velocities()[49:, 0].mean())
-    assert sliding == pytest.approx([max(0.2 - 0.5 * 9.81 * k / 60, 0.0) for k in range(1, 5)], abs=0.006)
+    assert sliding == pytest.approx([max(0.2 - 0.5 * 9.81 * k / 60, 0.0) for k in range(1, 5)], abs=0.003)

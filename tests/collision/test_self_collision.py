@@ -112,9 +112,10 @@ def test_the_broad_phase_finds_all_pairs(seed: int, spread: float) -> None:
         depths, deepest = data.depth_sum.to_numpy()[:600], data.max_depth.to_numpy()[:600]
     by_pair = np.maximum(0.1 - np.linalg.norm(x[:, None] - x[None], axis=2), 0) / 0.1 * DEPTH_UNITS
     np.fill_diagonal(by_pair, 0)
-    rounding = 1 + 1.3 * (by_pair > 0).sum(axis=1)  # units: whole ones, of float32 distances
+    unit = 1 + 5e-7 / 0.1 * DEPTH_UNITS  # whole units, of float32 distances between points within 3 m
+    rounding = 1 + unit * (by_pair > 0).sum(axis=1)
     assert (np.abs(depths - by_pair.sum(axis=1)) <= rounding).all()
-    assert (np.abs(deepest - by_pair.max(axis=1)) <= 1.3).all()
+    assert (np.abs(deepest - by_pair.max(axis=1)) <= unit).all()
 
 
 def folded(primitives: str, solver: str = "verlet") -> Scene:

@@ -188,26 +188,71 @@ def tensor(topology: Topology, stiffness: Any) -> Any:
     return strains * (stiffness / topology.rest**2) @ strains.T / area
 
 
+def sheet_of(columns: int, fabric: Fabric, **cloth: Any) -> tuple[Scene, Topology, Any]:
+    """Return a sheet of seven rows with cells of 0.1 m by 0.6 m / (columns − 1), and the stiffness of its springs."""
+    given = {"pins": (), "rotation": (0.0, 0.0, 0.0), **cloth}
+    scene = Scene(cloth=Cloth(rows=7, columns=columns, width=0.6, height=0.6, **given), fabric=fabric)
+    topology = build_topology(scene, "fabric")
+    return scene, topology, spring_stiffness(scene, "fabric", topology)
+
+
+@pytest.mark.parametrize("diagonals", [1, 2])
 @pytest.mark.parametrize(("columns", "aspect"), [(7, 1.0), (10, 1.5), (13, 2.0), (4, 0.5), (11, 5 / 3)])
-def test_a_fabric_is_the_same_on_all_cells(columns: int, aspect: float) -> None:
-    """C11 = weft + shear, C22 = warp + shear and C12 = C66 = shear."""
-    fabric = Fabric(weft=2000.0, warp=1500.0, shear=500.0, bend_spring=0.0)
-    cloth = Cloth(rows=7, columns=columns, width=0.6, height=0.6, pins=(), rotation=(0.0, 0.0, 0.0))
-    scene = Scene(cloth=cloth, fabric=fabric)
-    topology = build_topology(scene, "fabric")
-    expected = [[2500.0, 500.0, 0.0], [500.0, 2000.0, 0.0], [0.0, 0.0, 500.0]]
+def test_a_fabric_is_the_same_on_all_cells(columns: int, aspect: float, diagonals: int) -> None:
+    """Along the weft, x, C is weft + shear, along the warp warp + shear; C12 = C66 = shear, half with one diagonal."""
+    fabric = Fabric(weft=2000.0, warp=1800.0, shear=500.0, bend_spring=0.0)
+    _, topology, stiffness = sheet_of(columns, fabric, diagonals=diagonals)
+    shear = 250.0 * diagonals
+    expected = [[2000.0 + shear, shear, 0.0], [shear, 1800.0 + shear, 0.0], [0.0, 0.0, shear]]
     assert (columns - 1) / 6 == pytest.approx(aspect)
-    assert tensor(topology, spring_stiffness(scene, "fabric", topology)) == pytest.approx(np.array(expected), abs=1e-3)
+    found = tensor(topology, stiffness)
+    assert found[:2, :2] == pytest.approx(np.array(expected)[:2, :2], abs=1e-3)
+    assert found[2, 2] == pytest.approx(shear, abs=1e-3)
 
 
-def test_the_springs_of_long_cells_are_not_negative() -> None:
-    """Diagonals alone have shear/a² = 2400 N/m along the weft, of 1200 N/m."""
-    scene = Scene(
-        cloth=Cloth(rows=7, columns=4, width=0.6, height=0.6, pins=()),
-        fabric=Fabric(weft=600.0, warp=600.0, shear=600.0, bend_spring=0.0),
-    )
-    topology = build_topology(scene, "fabric")
-    stiffness = spring_stiffness(scene, "fabric", topology)
-    assert stiffness.min() == 0.0
-    expected = [[2400.0, 600.0, 0.0], [600.0, 1200.0, 0.0], [0.0, 0.0, 600.0]]
+@pytest.mark.parametrize(("columns", "weft", "warp"), [(13, 0.0, 2000.0), (4, 2000.0, 0.0)])
+def test_shear_alone_has_the_springs_that_cells_need(columns: int, weft: float, warp: float) -> None:
+    """The short sides of cells; the springs beside the long ones would push, and the fabric has none there."""
+    _, topology, stiffness = sheet_of(columns, Fabric(weft=weft, warp=warp, shear=400.0, bend_spring=0.0))
+    expected = [[weft + 400.0, 400.0, 0.0], [400.0, warp + 400.0, 0.0], [0.0, 0.0, 400.0]]
     assert tensor(topology, stiffness) == pytest.approx(np.array(expected), abs=1e-3)
+
+
+def test_square_cells_without_a_yarn_have_no_springs_of_it() -> None:
+    _, topology, _ = sheet_of(7, Fabric(weft=0.0, warp=2000.0, shear=400.0, bend_spring=0.0))
+    assert topology.family_counts["structural"] == 6 * 7
+
+
+@pytest.mark.parametrize("diagonals", [1, 2])
+@pytest.mark.parametrize("columns", [3, 4, 19])
+def test_long_cells_have_no_free_motion_in_their_plane(columns: int, diagonals: int) -> None:
+    """Diagonals alone connect only particles of even row + column, and of odd: they would slide along each other."""
+    fabric = Fabric(weft=600.0, warp=600.0, shear=600.0, bend_spring=0.0)
+    _, topology, stiffness = sheet_of(columns, fabric, pins=("top-left", "top-right"), diagonals=diagonals)
+    matrix = np.zeros((topology.particle_count, 2) * 2)
+    for (i, j), k in zip(topology.ends, stiffness, strict=True):
+        n = (topology.flat[j] - topology.flat[i])[:2]
+        block = k * np.outer(n, n) / (n @ n)
+        matrix[i, :, i] += block
+        matrix[j, :, j] += block
+        matrix[i, :, j] -= block
+        matrix[j, :, i] -= block
+    free = ~topology.pinned
+    stiffest, softest = (np.linalg.eigvalsh(matrix[free][:, :, free].reshape(2 * free.sum(), -1))[k] for k in (-1, 0))
+    assert softest > 1e-4 * stiffest
+
+
+def test_the_springs_of_long_cells_keep_a_tenth_of_their_yarn() -> None:
+    """Diagonals alone have shear/a² = 2400 N/m along the weft, of 1200 N/m."""
+    _, topology, stiffness = sheet_of(4, Fabric(weft=600.0, warp=600.0, shear=600.0, bend_spring=0.0))
+    expected = [[2460.0, 600.0, 0.0], [600.0, 1200.0, 0.0], [0.0, 0.0, 600.0]]
+    assert tensor(topology, stiffness) == pytest.approx(np.array(expected), abs=1e-3)
+
+
+@pytest.mark.parametrize("columns", [4, 13])
+def test_equal_masses_leave_the_shear_of_all_cells_as_it_is(columns: int) -> None:
+    """With `mass_lumping = "uniform"` a spring along an edge of the sheet is like those inside: half a cell more."""
+    fabric = Fabric(weft=2000.0, warp=1500.0, shear=400.0, bend_spring=0.0)
+    _, topology, stiffness = sheet_of(columns, fabric, mass_lumping="uniform")
+    expected = [[400.0 + 2000.0 * 7 / 6, 400.0], [400.0, 400.0 + 1500.0 * columns / (columns - 1)]]
+    assert tensor(topology, stiffness)[:2, :2] == pytest.approx(np.array(expected), abs=1e-3)

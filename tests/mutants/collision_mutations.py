@@ -91,8 +91,8 @@ COLLISION = [
     Mutation(
         "self-collision-without-friction",
         "collision/self_collision.py",
-        "push += friction_correction(push, slide, ctx.params[SELF_FRICTION])",
-        "push += friction_correction(push, slide, 0.0 * ctx.params[SELF_FRICTION])",
+        "stopped_share(units, deepest), ctx.params[SELF_FRICTION])",
+        "stopped_share(units, deepest), 0.0 * ctx.params[SELF_FRICTION])",
         ("collision/test_self_collision.py::test_friction_stops_sliding_along_a_contact",),
     ),
     Mutation(

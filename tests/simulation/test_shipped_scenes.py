@@ -206,7 +206,8 @@ def test_no_scene_diverges_with_extreme_parameters_and_random_grabs(scene_name: 
                 simulation.params[key.name] = key.slider_min if end == "low" else key.slider_max
         random = np.random.default_rng(5)
         free = np.flatnonzero(~simulation.topology.pinned)  # a pin would stay where it is moved
-        grabs = 2 if penetration_free else 5  # a frame takes a second: everything is near everything
+        # A frame takes a second: everything is near everything, or Newton's method takes many steps in stretched cloth
+        grabs = 2 if penetration_free or scene.solver.name == "implicit" else 5
         for k in range(grabs):
             grab = simulation.grab(int(free[np.searchsorted(free, k * 40 + 47)]))
             for _ in range(10):

@@ -185,17 +185,10 @@ def test_arrays_that_describe_the_cloth_cannot_be_written() -> None:
     ("columns", "fabric", "line"),
     [
         (7, {"weft": 600.0, "warp": 600.0, "shear": 600.0}, ""),
-        (
-            4,
-            {"weft": 600.0, "warp": 900.0, "shear": 600.0},
-            "cells are 2:1: cloth of springs is 100% stiffer along the weft",
-        ),
-        (
-            13,
-            {"weft": 900.0, "warp": 600.0, "shear": 600.0},
-            "cells are 2:1: cloth of springs is 100% stiffer along the warp",
-        ),
-        (4, {"weft": 1800.0, "warp": 600.0, "shear": 600.0}, ""),
+        (4, {"weft": 600.0, "warp": 900.0, "shear": 600.0}, "cells are 2:1: springs are 105% stiffer than the fabric"),
+        (13, {"weft": 900.0, "warp": 600.0, "shear": 600.0}, "stiffer than the fabric along the warp; model"),
+        (4, {"weft": 600.0, "warp": 900.0, "shear": 300.0}, "cells are 2:1: springs are 40% stiffer than the fabric"),
+        (4, {"weft": 1500.0, "warp": 600.0, "shear": 450.0}, ""),
         (4, {"weft": 600.0, "warp": 600.0, "shear": 600.0, "model": "membrane"}, ""),
     ],
 )

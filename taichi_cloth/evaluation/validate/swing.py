@@ -91,8 +91,8 @@ def rod(solver: str, degrees: float) -> Scene:
     its hinge falls sideways.
     """
     rotation = (float(degrees), 0.0, 0.0)
-    scene = structural(base(solver, 2, 2, width=0.1, pins=("top",), mass_lumping="uniform", rotation=rotation), 1e4)
-    diagonals = replace(scene.fabric, shear=1e4)
+    scene = structural(base(solver, 2, 2, pins=("top",), mass_lumping="uniform", rotation=rotation), 1e5)
+    diagonals = replace(scene.fabric, shear=1e5)
     return replace(scene, fabric=diagonals, verlet=replace(scene.verlet, shear=1.0))
 
 
