@@ -17,7 +17,7 @@ from ..kernels.step_params import SELF_FRICTION, THICKNESS
 from .moving_balls import gather_wanted, measure_rounding
 from .pair_geometry import separating_direction, separation_of_any
 from .pair_list import set_limits, sum_of_paths, update_pairs
-from .self_collision import UNITS, depth_in_units, effective_count, in_units, stopped_share
+from .self_collision import UNITS, depth_in_units, effective_count, in_units
 
 FLOOR = 20.0  # rounding errors of a position: the least gap that truncation leaves
 SEPARATION_SPEED = 0.5  # [m/s] at which parts separate that began a substep within the thickness
@@ -113,13 +113,12 @@ def sum_corrections(cloth: ti.template(), ctx: ti.template(), k: int, correct: i
                     ti.atomic_add(data.depth_sum[corners[c]], units)
                     ti.atomic_max(data.max_depth[corners[c]], units)
         else:
-            contacts, deepest = 1.0, 0
+            contacts = 1.0
             for c in ti.static(range(4)):
                 if weights[c] != 0.0:
                     contacts = ti.max(contacts, effective_count(data.depth_sum[corners[c]], data.max_depth[corners[c]]))
-                    deepest = ti.max(deepest, data.max_depth[corners[c]])
             push = n * depth
-            motion = (gap - weighted_sum(data.x_safe, corners, weights)) * stopped_share(units, deepest)
+            motion = gap - weighted_sum(data.x_safe, corners, weights)
             push += friction_correction(push, motion, ctx.params[SELF_FRICTION])
             unit = UNITS / (thickness * pairs.inverse_mass[k] * contacts)
             for c in ti.static(range(4)):

@@ -348,10 +348,7 @@ def test_contact_adds_no_energy_and_nothing_sticks() -> None:
 
 
 def sliding_between_layers(contact: SelfCollision, speed: float) -> Floats:
-    """Return the velocities along the layers in a frame, (substeps, particles) [m/s]: a layer slides on a pinned one.
-
-    A particle has many contacts, most of them less deep than one: each alone could stop it.
-    """
+    """Return the velocities along a layer that slides on a pinned one, in a frame, (substeps, particles) [m/s]."""
     cloth = Cloth(
         **{"rows": 7, "columns": 7, "width": 0.06, "height": 0.06, "rotation": (-90.0, 0.0, 0.0)},
         **{"pins": tuple(range(49, 98)), "layers": 2, "layer_spacing": 0.95 * THICKNESS},
@@ -381,11 +378,12 @@ def test_friction_between_layers_stops_sliding_and_never_reverses_it(speed: floa
     assert np.max(sliding) < 0.7 * speed
 
 
-@pytest.mark.parametrize("speed", [0.01, 0.03])
+@pytest.mark.parametrize("speed", [0.003, 0.01])
 def test_friction_of_discrete_contact_never_reverses_sliding(speed: float) -> None:
-    sliding = sliding_between_layers(replace(GUARD, penetration_free=False), speed)
+    """A particle has many contacts, most of them less deep than one: each alone could stop it."""
+    sliding = sliding_between_layers(SelfCollision(thickness=THICKNESS, primitives="triangles"), speed)
     assert np.min(sliding) > 0.0
-    assert np.max(sliding[-1]) < 0.75 * speed
+    assert np.max(sliding[-1]) < 0.8 * speed
 
 
 @pytest.mark.parametrize("penetration_free", [True, False])

@@ -562,18 +562,11 @@ EVALUATION = [
         ("simulation/test_recording.py::test_penetration_free_contact_repeats_its_bits_from_a_checkpoint[xpbd]",),
     ),
     Mutation(
-        "friction-of-layers-reverses-motion",
-        "collision/layer_contact.py",
-        " * stopped_share(units, deepest)",
-        "",
-        ("collision/test_penetration_free.py::test_friction_between_layers_stops_sliding_and_never_reverses_it[0.03]",),
-    ),
-    Mutation(
         "friction-of-discrete-contact-reverses-motion",
         "collision/self_collision.py",
         " * stopped_share(units, deepest)",
         "",
-        ("collision/test_penetration_free.py::test_friction_of_discrete_contact_never_reverses_sliding[0.03]",),
+        ("collision/test_penetration_free.py::test_friction_of_discrete_contact_never_reverses_sliding[0.01]",),
     ),
     Mutation(
         "shallow-contacts-without-friction",
@@ -594,7 +587,7 @@ EVALUATION = [
         "geometry/topology.py",
         "np.maximum(constants @ factors, MIN_SHARE * (own @ factors))",
         "constants @ factors",
-        ("geometry/test_topology.py::test_long_cells_have_no_free_motion_in_their_plane[4-2]",),
+        ("geometry/test_topology.py::test_long_cells_have_no_free_motion_in_their_plane[19-2]",),
     ),
     Mutation(
         "wide-cells-not-reported",
