@@ -42,11 +42,11 @@ from .self_broadphase import (
 )
 from .static_friction import slide_since_anchor
 
-# Corrections and depths are summed in integer units of the thickness. Units must be much finer than g·h² shared by the
-# contacts of a particle: resting layers of 4 mm lose friction with 1 << 20 and bounce with 1 << 12.
-UNITS = 1 << 24  # of a correction
+# Corrections and depths are summed as integers, in these parts of the thickness. A part must be much shorter than g·h²
+# divided by the number of contacts of a particle: its contacts are that deep when it rests.
+UNITS = 1 << 24  # of a correction: with 1 << 20 resting layers of 4 mm have too little friction
 MAX_CORRECTION = 16.0 * UNITS  # of one contact, so that the sum of 7 fits
-DEPTH_UNITS = 1 << 19  # of a depth
+DEPTH_UNITS = 1 << 19  # of a depth: with 1 << 12 they bounce
 MAX_DEPTH = 2.0  # thicknesses: deeper contacts count as this, so that the sum of 2000 fits
 MAX_SEPARATION_SPEED = 1.5  # [m/s] of parts that are moved apart: with 1.0 the ball of `stack` goes through layers
 NEIGHBOR_DISTANCE = 1.01  # thicknesses apart on the flat sheet: neighbors must not collide by rounding

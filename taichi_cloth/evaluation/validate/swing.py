@@ -88,7 +88,8 @@ def rod(solver: str, degrees: float) -> Scene:
     """Return the scene of one cell that swings about its top edge.
 
     Equal masses and diagonals make it a rigid body: with unequal ones it twists, and without the others a cell above
-    its hinge falls sideways.
+    its hinge falls sideways. The cell is square: in a long one the diagonals carry the load instead of the columns, and
+    `lines` converges slowly.
     """
     rotation = (float(degrees), 0.0, 0.0)
     scene = structural(base(solver, 2, 2, pins=("top",), mass_lumping="uniform", rotation=rotation), 1e5)
