@@ -9,7 +9,7 @@ from typing import Any
 
 from ..scene.collider_schema import Mesh
 from ..scene.keys import GROUP, REGION, keys_of
-from ..scene.presets import is_file_name
+from ..scene.presets import is_file_name, map_path, mesh_path
 from ..scene.reader import (
     check_keys,
     map_files,
@@ -23,6 +23,7 @@ from ..scene.schema import MAP_NAMES, Cloth, Scene
 from ..system.errors import Mistakes, UsageError
 from ..system.files import atomic_file
 from .cloth_builder import attached_particles, build_particles, check_mesh, weight_map
+from .mesh_reader import clip_path
 from .signed_distance import check_solid
 
 
@@ -108,6 +109,21 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_file(path) as file:
         file.write(scene_to_toml(scene).encode())
+
+
+def files_of(scene: Scene) -> list[Path]:
+    """Return the paths of all meshes, clips and maps that a scene names."""
+    cloth, maps = scene.cloth, scene.maps
+    files = [mesh_path(cloth.file, cloth.folder)] if cloth.file else []
+    for mesh in scene.meshes:
+        files.append(mesh_path(mesh.file, mesh.folder))
+        if mesh.clip:
+            clip = clip_path(mesh)
+            files += sorted(clip.parent.glob(clip.name))
+    if maps:
+        names = [getattr(maps, name) for name in MAP_NAMES]
+        files += [map_path(name, maps.folder) for name in names if name and isinstance(name, str)]
+    return files
 
 
 def check_geometry(scene: Scene, file: str) -> None:

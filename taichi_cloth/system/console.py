@@ -25,10 +25,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from .errors import OutputConflict, UsageError, shown_path
-from .files import atomic_file
+from .files import PACKAGE, atomic_file
 from .taichi_runtime import cpu_model
 
-PACKAGE = Path(__file__).parents[1]
 LOG_LINES = 8  # in the log of one run
 
 

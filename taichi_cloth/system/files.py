@@ -7,9 +7,10 @@ import os
 import re
 import sys
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from errno import EISDIR
+from functools import cache
 from glob import escape
 from hashlib import sha256
 from itertools import count
@@ -19,6 +20,8 @@ from typing import TYPE_CHECKING, BinaryIO
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+PACKAGE = Path(__file__).parents[1]
 
 
 @contextmanager
@@ -71,17 +74,17 @@ def cache_folder() -> Path:
         raise FileNotFoundError(str(error)) from None
 
 
-def cached(what: str, code: Path, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the result of `make()`, read from the cache if an earlier run of the same code stored it.
+def cached(what: str, make: Callable[[], NDArray[np.float64]], files: Iterable[Path] = ()) -> NDArray[np.float64]:
+    """Return the result of `make()`, read from the cache if an earlier run of the same program stored it.
 
-    The cache key is the text `what` and the source `code`: a file, or a folder of Python files. If the cache cannot be
-    read or written (a damaged file, a full or read-only disk), the result is computed again.
+    The cache key is the text `what`, the contents of `files`, and the sources of the package: a result depends on all
+    code that it calls. If the cache cannot be read or written (a damaged file, a full or read-only disk), the result is
+    computed again.
     """
     import numpy as np  # here, because commands like `--help` start faster without it
 
-    files = sorted(code.glob("*.py")) if code.is_dir() else [code]
-    text = b"".join(file.read_bytes() for file in files)
-    name = f"{sha256(what.encode() + text).hexdigest()[:32]}.npy"
+    parts = [what, digest_of_sources(PACKAGE), *(sha256(file.read_bytes()).hexdigest() for file in files)]
+    name = f"{sha256(repr(parts).encode()).hexdigest()[:32]}.npy"
     try:
         cached: NDArray[np.float64] = np.load(cache_folder() / name, allow_pickle=False)
         return cached
@@ -94,6 +97,13 @@ def cached(what: str, code: Path, make: Callable[[], NDArray[np.float64]]) -> ND
     except OSError:
         pass
     return result
+
+
+@cache
+def digest_of_sources(package: Path) -> str:
+    """Return the SHA-256 of the names and contents of all Python files in a folder and those below it."""
+    found = [[path.relative_to(package).as_posix(), path.read_bytes()] for path in sorted(package.rglob("*.py"))]
+    return sha256(repr(found).encode()).hexdigest()
 
 
 # -- versions of files, for caches of what they contain ----------------------------------------------------------------

@@ -13,7 +13,7 @@ from taichi_cloth.__main__ import main
 from taichi_cloth.evaluation.bench import scene_error
 from taichi_cloth.scene.collider_schema import Capsule, Ground, Sphere
 from taichi_cloth.scene.fabric_schema import Fabric
-from taichi_cloth.scene.schema import SOLVER_NAMES, Camera, Cloth, Scene, Solver, Wind
+from taichi_cloth.scene.schema import SOLVER_NAMES, Camera, Cloth, Maps, Scene, Solver, Wind
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
@@ -53,6 +53,21 @@ def test_more_accurate_settings_have_smaller_errors() -> None:
         scene_error.measure(HANGING, *s, truth).rms_error for s in (("xpbd", 5, 12), ("xpbd", 20, 12), ("rk4", 1, 1))
     ]
     assert rms[0] > 2 * rms[1] > 100 * rms[2] > 0
+
+
+def test_an_edited_mesh_or_map_has_another_reference_solution(tmp_path: Path) -> None:
+    mesh, weights = tmp_path / "flag.obj", tmp_path / "stiffness.csv"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
+    weights.write_text("1\n1\n1\n1\n")
+    cloth = Cloth(file="flag.obj", folder=str(tmp_path), pins=(0, 1))
+    scene = Scene(cloth=cloth, maps=Maps(stiffness=weights.name, folder=str(tmp_path)))
+    found = [scene_error.solution(scene, 3).positions]
+    weights.write_text("1\n1\n0.5\n1\n")
+    found.append(scene_error.solution(scene, 3).positions)
+    mesh.write_text(mesh.read_text().replace("v 0 1 0", "v 0 0.8 0"))
+    found.append(scene_error.solution(scene, 3).positions)
+    assert (found[0] != found[1]).any()
+    assert (found[1] != found[2]).any()
 
 
 @pytest.mark.parametrize("frame", [0, 2, 4])

@@ -364,4 +364,18 @@ SIMULATION = [
             "simulation/test_convergence_warning.py::test_forces_of_grabs_with_lines_are_not_estimated",
         ),
     ),
+    Mutation(
+        "cache-of-any-sources",
+        "system/files.py",
+        "parts = [what, digest_of_sources(PACKAGE), ",
+        "parts = [what, ",
+        ("system/test_cache.py::test_a_change_of_any_source_of_the_package_computes_it_again",),
+    ),
+    Mutation(
+        "cache-of-any-files",
+        "evaluation/bench/scene_error.py",
+        "lambda: solve(motion, frames), files_of(motion))",
+        "lambda: solve(motion, frames))",
+        ("evaluation/test_scene_errors.py::test_an_edited_mesh_or_map_has_another_reference_solution",),
+    ),
 ]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from taichi_cloth.geometry.cloth_builder import build_topology
-from taichi_cloth.geometry.scene_loader import check_scene, load_scene
+from taichi_cloth.geometry.scene_loader import check_scene, files_of, load_scene
 from taichi_cloth.scene.collider_schema import Mesh
-from taichi_cloth.scene.schema import GRID_KEYS, Cloth, Scene
+from taichi_cloth.scene.schema import GRID_KEYS, Cloth, Maps, Scene
 from taichi_cloth.system.errors import SceneError
 
 Write = Callable[[str | bytes], Path]
@@ -134,3 +134,17 @@ def test_an_invalid_scene_is_refused_in_one_line(
 def test_the_name_of_a_mesh_is_checked_in_a_scene_made_in_python_too(scene: Scene) -> None:
     with pytest.raises(SceneError, match=r"file: 'disk(\.stl)?' is not a shipped mesh; use bust, disc, knot, round"):
         check_scene(scene)
+
+
+def test_the_files_of_a_scene_are_its_meshes_clips_and_maps(tmp_path: Path) -> None:
+    for name in ("walk_2.obj", "walk_1.obj", "run_1.obj"):
+        (tmp_path / name).touch()
+    here = str(tmp_path)
+    walker = Mesh(file="body.obj", folder=here, clip="walk_*.obj")
+    maps = Maps(pin="pins.png", stiffness=(0.5, 1.0), folder=here)
+    scene = Scene(cloth=Cloth(file="flag.obj", folder=here), meshes=(Mesh(), walker), maps=maps)
+    names = ["flag.obj", "bust.obj", "body.obj", "walk_1.obj", "walk_2.obj", "pins.png"]
+    assert [path.name for path in files_of(scene)] == names
+    assert files_of(scene)[1].exists()
+    assert {path.parent for path in files_of(scene)[2:]} == {tmp_path}
+    assert files_of(Scene()) == files_of(Scene(maps=Maps())) == []

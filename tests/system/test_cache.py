@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_cloth.system.files import cache_folder, cached
+from taichi_cloth.system import files
+from taichi_cloth.system.files import cache_folder, cached, digest_of_sources
 
 
 @pytest.fixture
 def calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    (tmp_path / "code.py").write_text("one = 1")
+    (tmp_path / "map.csv").write_text("1")
     return []
 
 
@@ -20,20 +21,29 @@ def ask(calls: list[str], what: str, tmp_path: Path) -> float:
         calls.append(what)
         return np.array([float(len(calls))])
 
-    return float(cached(what, tmp_path / "code.py", make)[0])
+    return float(cached(what, make, [tmp_path / "map.csv"])[0])
 
 
-def test_a_result_is_computed_once_for_each_text_and_source(calls: list[str], tmp_path: Path) -> None:
+def test_a_result_is_computed_once_for_each_text_and_content_of_files(calls: list[str], tmp_path: Path) -> None:
     assert [ask(calls, what, tmp_path) for what in "aabab"] == [1, 1, 2, 1, 2]
-    (tmp_path / "code.py").write_text("one = 2")
+    (tmp_path / "map.csv").write_text("2")
     assert ask(calls, "a", tmp_path) == 3
+    assert cached("a", lambda: np.array([4]))[0] == 4
 
 
-def test_all_files_of_a_source_folder_count(calls: list[str], tmp_path: Path) -> None:
-    assert cached("a", tmp_path, lambda: np.array([1]))[0] == 1
-    assert cached("a", tmp_path, lambda: np.array([2]))[0] == 1
-    (tmp_path / "other.py").write_text("two = 2")
-    assert cached("a", tmp_path, lambda: np.array([3]))[0] == 3
+def test_a_change_of_any_source_of_the_package_computes_it_again(
+    calls: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "package"
+    (package / "geometry").mkdir(parents=True)
+    monkeypatch.setattr(files, "PACKAGE", package)
+    assert ask(calls, "a", tmp_path) == 1
+    for name, source in (("geometry/grid.py", "one"), ("geometry/grid.py", "two"), ("new.py", ""), ("notes.txt", "")):
+        (package / name).write_text(source)
+        digest_of_sources.cache_clear()  # as in another process
+        ask(calls, name, tmp_path)
+        ask(calls, "a", tmp_path)
+    assert "".join(name[0] for name in calls) == "agagan" + "an"
 
 
 def test_a_damaged_file_is_replaced(calls: list[str], tmp_path: Path) -> None:

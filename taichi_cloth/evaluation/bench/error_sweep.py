@@ -108,7 +108,7 @@ def richardson_verlet(curtain: Curtain, frames: int) -> Floats:
 @cache
 def curtain_solution(curtain: Curtain, frames: int = 60) -> Floats:
     """Return the position of every row after each frame, (frames, cells + 1, 2) [m], to 1e-9. It is cached on disk."""
-    return cached(f"{curtain} {frames}", Path(__file__), lambda: runge_kutta(curtain, frames))
+    return cached(f"Runge-Kutta {curtain} {frames}", lambda: runge_kutta(curtain, frames))
 
 
 def runge_kutta(curtain: Curtain, frames: int) -> Floats:

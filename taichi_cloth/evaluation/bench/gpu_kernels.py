@@ -1,7 +1,6 @@
 """Kernels of `bench --gpu`: a copy, the error of the swinging curtain, and its converged motion on fine grids."""
 
 import time
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -140,8 +139,7 @@ def converged_swing(cells: int) -> Swing:
     """Return the motion of the curtain. It is cached on disk."""
     curtain, phase = Curtain(cells), min(MAX_PHASE, MAX_PHASE * cells / FREE_CELLS)
     coarse, fine = cached(
-        f"{curtain} {FRAMES}",
-        Path(__file__),
+        f"swing {curtain} {FRAMES}",
         lambda: np.stack([swing(curtain, FRAMES, phase), swing(curtain, FRAMES, phase / 2)]),
     )
     distances = np.linalg.norm(fine - coarse, axis=2)

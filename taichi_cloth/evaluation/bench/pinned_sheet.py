@@ -23,7 +23,6 @@ from ...scene.schema import Cloth, Forces, Scene, Solver, Tethers, Wind
 from ...simulation.simulation import Simulation
 from ...system.console import machine, new_file, number, printed_table, wide_console
 from ...system.files import cached
-from .. import reference
 from ..reference.solution import Motion, Solution, distances, solve, steps_per_frame
 from .bench_report import run_info
 from .scene_error import Floats, timed_run
@@ -114,9 +113,7 @@ def solution(case: SheetCase, scene: Scene) -> Solution:
     """Return the reference solution for the frames that are compared. It is cached on disk."""
     untethered = replace(scene, tethers=None)
     run = solve if case.obstacles else solve_all_frames
-    positions, coarser = cached(
-        f"{untethered} {case.frames}", Path(reference.__file__).parent, lambda: run(untethered, case.frames)
-    )
+    positions, coarser = cached(f"{run.__name__} {untethered} {case.frames}", lambda: run(untethered, case.frames))
     return Solution(positions, coarser, SIDE)
 
 

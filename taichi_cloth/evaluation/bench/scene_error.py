@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.cloth_builder import build_particles
-from ...geometry.scene_loader import load_scene
+from ...geometry.scene_loader import files_of, load_scene
 from ...scene import scene_names
 from ...scene.fabric_schema import Look
 from ...scene.keys import keys_of, toml_value
@@ -36,7 +36,6 @@ from ...solvers import SOLVERS
 from ...system.console import machine, markdown_table, new_file, printed_table, wide_console
 from ...system.errors import UsageError
 from ...system.files import cached
-from .. import reference
 from ..reference.solution import Solution, distances, reason_unsupported, solve, steps_per_frame
 from .bench_report import NOT_FINITE, finite, run_info
 from .cases import FRAME_RATES
@@ -140,7 +139,7 @@ def digest_of(scene: Scene) -> str:
 def solution(scene: Scene, frames: int) -> Solution:
     """Return the reference solution of a scene for up to `frames` frames. It is cached on disk."""
     motion = motion_of(scene)
-    positions, coarser = cached(f"{motion} {frames}", Path(reference.__file__).parent, lambda: solve(motion, frames))
+    positions, coarser = cached(f"solve {motion} {frames}", lambda: solve(motion, frames), files_of(motion))
     return Solution(positions, coarser, build_particles(scene).longest_side)
 
 

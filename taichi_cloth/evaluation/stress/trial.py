@@ -8,25 +8,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from hashlib import sha256
-from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-from ...geometry.cloth_builder import weight_map
+from ...geometry.scene_loader import files_of
 from ...geometry.spring_model import spring_model
 from ...scene import parameters_of
-from ...scene.schema import COLLIDERS, FRAME_SECONDS, MAP_NAMES, Forces, Scene
+from ...scene.schema import COLLIDERS, FRAME_SECONDS, Forces, Scene
 from ...simulation.simulation import Simulation
 from ...system.files import cached
-from .. import reference
-from ..reference.static_solution import rest_positions
+from ..reference.static_solution import rest_positions, rest_strain
 from .invariants import Extremes, Floats, InvariantMonitor, Measurement, Violation, add_worst
 from .setup import Setting
 
 HUNG_BY = ("top-left", "top-right")
-CODE = Path(reference.__file__).parent
 ALMOST_NONE = 1e-3  # [m/s²] gravity; not 0, because the solution is judged by forces relative to a particle's weight
 
 
@@ -44,12 +40,8 @@ def static_strain(scene: Scene) -> float:
         return 0.0
     cloth = scene.cloth if scene.cloth.pins else replace(scene.cloth, pins=HUNG_BY, layers=1)
     still = Scene(cloth=cloth, regions=scene.regions, maps=scene.maps, fabric=scene.fabric, forces=scene.forces)
-    what = f"rest strain {still}"
-    if still.maps is not None:  # by content: the folder of the files is another one in each run
-        values = b"".join(weight_map(still, name).tobytes() for name in MAP_NAMES if getattr(still.maps, name))
-        named = replace(still, maps=replace(still.maps, folder=""))
-        what = f"rest strain {named} {sha256(values).hexdigest()}"
-    return float(cached(what, CODE, lambda: np.array(reference.rest_strain(still))))
+    named = replace(still, maps=still.maps and replace(still.maps, folder=""))  # another folder in each run
+    return float(cached(f"rest strain {named}", lambda: np.array(rest_strain(still)), files_of(still)))
 
 
 def taut_strain(scene: Scene, pull: float) -> float:
@@ -65,7 +57,7 @@ def taut_strain(scene: Scene, pull: float) -> float:
         model = replace(model, topology=stretched)
         return float(model.strains(rest_positions(model))[stretched.family("structural")].max())
 
-    return float(cached(f"taut strain {pull} {still}", CODE, lambda: np.array(strain())))
+    return float(cached(f"taut strain {pull} {still}", lambda: np.array(strain())))
 
 
 CASE_SECONDS = 10.0  # for which a case runs at least
