@@ -48,6 +48,7 @@ class Walk(Trial):
         self.pins: list[np.ndarray] = []
         self.sets: list[tuple[str, Any]] = []
         self.grabs: list[np.ndarray] = []
+        self.limits: list[float] = []
         self.far: list[float] = []
         self.rest: list[float | None] = []
         self.rest_scenes: list[Scene | None] = []
@@ -77,6 +78,10 @@ class Walk(Trial):
     def start(self, positions: np.ndarray | None = None, *args: Any, **how: Any) -> None:
         super().start(positions, *args, **how)
         self.started.append(self.simulation.positions())
+
+    def frame_limit_ms(self, ms: float, reason: str) -> None:
+        super().frame_limit_ms(ms, reason)
+        self.limits.append(ms)
 
     def change_scene(self, scene: Scene) -> None:
         super().change_scene(scene)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth
+from taichi_cloth.evaluation.bench.error_sweep import Curtain
 from taichi_cloth.evaluation.validate import exact
 from taichi_cloth.evaluation.validate.check import EXCELLENT, FAIL, PASS, TOO_SLOW, Check, at_most
 from taichi_cloth.simulation import convergence
@@ -151,6 +152,133 @@ SETUPS = {
         "16 others": (16, 4, 0.3, 2),
     },
     "check.MAX_SECONDS": 90.0,
+    "check.REST_DAMPING": 3.0,
+    "continuum.CELLS": 8,
+    "continuum.JITTER": 0.3,
+    "continuum.DISTURBED": 0.001,
+    "continuum.REST_SECONDS": 8.0,
+    "continuum.MEAN_FRAMES": 60,
+    "continuum.GRADIENTS": {
+        "stretched by 1 %": ((1.01, 0.0), (0.0, 1.0)),
+        "stretched by 10 %": ((1.1, 0.0), (0.0, 1.0)),
+        "sheared by 1 %": ((1.0, 0.01), (0.0, 1.0)),
+        "sheared by 10 %": ((1.0, 0.1), (0.0, 1.0)),
+    },
+    "continuum.STRIP_ROWS": 49,
+    "continuum.STRIP_COLUMNS": 9,
+    "continuum.STRIP_WIDTH": 0.15,
+    "continuum.PULL_GRAVITY": 100.0,
+    "continuum.BIAS_THREADS": 100000.0,
+    "continuum.ZONE_MARGIN": 0.05,
+    "continuum.EXTENSION_STEP": 0.0025,
+    "continuum.STEP_SECONDS": 0.25,
+    "continuum.DIAMONDS": 8,
+    "drape.RADIUS": 0.15,
+    "drape.DISC": 0.09,
+    "drape.LINKS": 8,
+    "drape.STIFFEST": 5000.0,
+    "drape.START_NOISE": 0.0001,
+    "drape.DAMPING": 6.0,
+    "drape.HALF": 0.5,
+    "drape.REST_CHANGE": 0.1,
+    "drape.MAX_SECONDS": 6.0,
+    "drape.CELL": 0.0005,
+    "drape.STRIP_LENGTH": 0.2,
+    "drape.STRIP_WIDTH": 0.05,
+    "drape.STRIP_BENDING": 0.001,
+    "drape.SWING": 0.01,
+    "elasticity.LINKS": 32,
+    "elasticity.DENSITY": 0.2,
+    "elasticity.LIGHT": 0.02,
+    "elasticity.WIDTH": 0.1,
+    "elasticity.CLAMPED_LEVEL": 0.2,
+    "elasticity.BENDING": 0.02,
+    "elasticity.BENDING_CONSTANT": 5000.0,
+    "elasticity.SLACK": 0.9,
+    "elasticity.CONSTANT": 1000.0,
+    "elasticity.MODES": ((1, 1), (1, 2), (2, 2)),
+    "elasticity.THREADS": 1000.0,
+    "elasticity.BIAS_CELLS": 64,
+    "elasticity.BIAS_COLUMNS": (6, 14),
+    "elasticity.BIAS_TOP": 0.45,
+    "elasticity.BIAS_SEEN": (-0.2, 0.1),
+    "elasticity.PANEL_ROWS": 97,
+    "elasticity.PANEL_CELLS": 16,
+    "elasticity.PANEL_WIDTH": 0.5,
+    "exact.GRAVITY": 9.81,
+    "flight.DENSITIES": (0.1, 0.15, 0.2, 0.5),
+    "flight.TIMES": (0.2, 1.0),
+    "flight.SAIL_LINKS": 32,
+    "flight.TENSION_SPAN": 0.8,
+    "flight.WIND": 2.0,
+    "friction.SPEED": 1.0,
+    "friction.CREEP_SECONDS": 10.0,
+    "friction.WRAP_RADIUS": 0.1,
+    "friction.WRAP_END": 0.3,
+    "friction.WRAP_LINK": 0.01,
+    "friction.WRAP_TIGHT": 0.02,
+    "friction.WRAP_SPIN": 180.0,
+    "friction.WRAP_SECONDS": 4.0,
+    "friction.SPHERE_MARGIN": 0.02,
+    "friction.SLIP": 0.002,
+    "friction.HALVINGS": 9,
+    "friction.BAR": 0.03,
+    "friction.SHORT_END": 0.3,
+    "friction.SCARF_LINKS": 120,
+    "friction.LEVEL": (-90.0, 0.0, 0.0),
+    "hanging.FINER_SPAN": 0.8,
+    "hanging.HAMMOCK_CONSTANT": 1000.0,
+    "hanging.HELD_CELLS": 32,
+    "hanging.SPLIT_SECONDS": 4.0,
+    "strand.CONSTANT": 100000000.0,
+    "strand.FORCE_FRAMES": (75, 100),
+    "strand.LINKS": 19,
+    "strand.HEAVY": 1000.0,
+    "strand.SKIP": 100.0,
+    "strand.STRAND_GRAVITY": 10.0,
+    "strand.STRAND_ITERATIONS": 100,
+    "strand.START_ANGLE": 30.0,
+    "strand.STRAND_FRAMES": 60,
+    "strand.REST_SECONDS": 10.0,
+    "swing.STRETCH": 0.5,
+    "swing.LINKS": 20,
+    "swing.MODES": 3,
+    "swing.TAUT_TENSION": 10.0,
+    "swing.TAUT_MASS": 0.1,
+    "swing.TAUT_WIDTH": 0.1,
+    "swing.PULSE_FRAMES": 3,
+    "swing.PULSE_START": 0.25,
+    "swing.PULSE_WIDTH": 0.07,
+    "swing.HEIGHT_PERIODS": 10,
+    "swing.CURTAIN_SECONDS": (0.25, 0.5, 1.0),
+    "symmetry.ORDER_SUBSTEPS": {
+        "explicit": (4, 8, 16, 32),
+        "lines": (1, 2, 4, 8),
+        "rk4": (1, 2, 4, 8),
+        "implicit": (1, 2, 4, 8),
+    },
+    "symmetry.CURTAIN_SECONDS": 1.0,
+    "symmetry.SIDE": 1.0,
+    "symmetry.SHORT_SECONDS": 0.5,
+    "woven.LINKS": 16,
+    "woven.LINK": 0.025,
+    "woven.NUDGE": 0.0001,
+    "symmetry.ORDER_CURTAIN": Curtain(cells=8, stiffness=6.0, area_density=0.2, degrees=60.0),
+}
+# Numbers of methods that compute exact solutions, and constants of nature.
+METHODS = {
+    "check.FLOAT32_EPSILON",
+    "drape.BEAM_MODES",
+    "elasticity.LINKS_A_BEND",
+    "exact.CURTAIN",
+    "exact.ELASTICA_STEPS",
+    "strand.CLOSE",
+    "strand.GAMMA",
+    "strand.LINK",
+    "strand.MAX_ITERATIONS",
+    "symmetry.CURTAIN_SPEED",
+    "symmetry.DISTURBANCE",
+    "symmetry.MAX_PHASE",
 }
 # Functions whose rows may fall short because of a law.
 BY_LAW = {
@@ -164,6 +292,7 @@ BY_LAW = {
     ("swing", "pendulum_height"),
     ("elasticity", "doubling_by_springs"),
     ("swing", "curtain_mode"),
+    ("swing", "numerical_damping"),
     ("swing", "swinging_curtain"),
     ("hanging", "compare_sag"),
     ("hanging", "discrete_sag"),
@@ -185,13 +314,14 @@ BY_LAW = {
     ("strand", "strains"),
 }
 # By how much a row may deviate from its law, by function; elsewhere by its tolerance.
-DEVIATIONS = {
-    "momentum": "rounded",
-    "spin": "0.001",
-    "explain_finer": "row.tolerance + rounding()",
-    "explain_folds": "exact_difference()",
-    "explain_order": "row.tolerance + rounding_of_sheet(scene)",
-}
+DEVIATIONS = [
+    ("explain_finer", "row.tolerance + rounding()"),
+    ("explain_folds", "exact_difference()"),
+    ("explain_order", "row.tolerance + rounding_of_sheet(scene)"),
+    ("momentum", "rounded"),
+    ("momentum", "rounded"),
+    ("spin", "0.001"),
+]
 
 
 def constant_of(name: str) -> Any:
@@ -202,6 +332,27 @@ def constant_of(name: str) -> Any:
 @pytest.mark.parametrize("name", [*BOUNDS, *SETUPS])
 def test_bounds_and_setups_are_those_typed_again(name: str) -> None:
     assert constant_of(name) == (BOUNDS | SETUPS)[name]
+
+
+def has_numbers(value: Any) -> bool:
+    """Return whether a value is a number, or contains one."""
+    if isinstance(value, dict):
+        return any(map(has_numbers, value.values()))
+    if isinstance(value, tuple):
+        return any(map(has_numbers, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def test_every_constant_with_numbers_is_typed_again() -> None:
+    found = set()
+    for path in FOLDER.glob("*.py"):
+        if path.stem not in ("references", "validation_report", "__init__"):
+            module = import_module(f"taichi_cloth.evaluation.validate.{path.stem}")
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                targets = node.targets if isinstance(node, ast.Assign) else []
+                names = [name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)]
+                found |= {f"{path.stem}.{name}" for name in names if has_numbers(getattr(module, name))}
+    assert found - BOUNDS.keys() - SETUPS.keys() == METHODS
 
 
 def calls(*names: str) -> list[tuple[str, str, ast.Call]]:
@@ -244,7 +395,7 @@ def test_no_other_row_may_deviate_from_its_law_by_more_than_the_tolerance() -> N
         given = [argument for k, argument in enumerate(call.args) if k > 1 or isinstance(argument, ast.Starred)]
         given += [keyword.value for keyword in call.keywords if keyword.arg in ("deviation", None)]
         found += [(function, ast.unparse(argument)) for argument in given]
-    assert sorted(found) == sorted(DEVIATIONS.items())
+    assert sorted(found) == DEVIATIONS
 
 
 def test_a_law_explains_its_error_and_the_tolerance() -> None:

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 import pytest
 
-from taichi_cloth.evaluation.validate import check, elasticity, flight, friction
+from taichi_cloth.evaluation.validate import check, elasticity, flight, friction, swing
 from taichi_cloth.evaluation.validate.check import EXCELLENT, FAIL, PASS, Check, base
-from taichi_cloth.evaluation.validate.exact import buckled
+from taichi_cloth.evaluation.validate.exact import buckled, spring_amplitude
 from taichi_cloth.scene.schema import Forces
 from taichi_cloth.simulation.simulation import Simulation
 
@@ -98,3 +99,31 @@ def test_a_strip_without_bending_stiffness_falls_short(monkeypatch: pytest.Monke
     assert len(rows) == 2
     assert all(row.error > 5 * elasticity.BUCKLED[0] for row in rows)
     assert [row.verdict for row in rows] == [FAIL, FAIL]
+
+
+@pytest.mark.parametrize(("off", "explained"), [(2e-4, True), (3e-3, False)])
+def test_a_small_share_of_an_amplitude_is_judged_relative_to_itself(
+    off: float, explained: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 0.5 m, 0.064 % are left. Positions of a meter can be no nearer than 2e-4 of that."""
+    share = spring_amplitude("xpbd", sqrt(1000.0), 1 / 60, 60)
+
+    def positions(simulation: Simulation) -> np.ndarray:
+        x = simulation.topology.start.copy()
+        x[2:, 1] -= 0.5 * share * (1 + off)
+        return x
+
+    monkeypatch.setattr(swing, "advance", lambda simulation, seconds: None)
+    monkeypatch.setattr(Simulation, "positions", positions)
+    row = swing.numerical_damping("xpbd", "1000 N/m", 1000.0, 1)
+    assert row.exact == share == pytest.approx(6.4e-4, rel=1e-2)
+    assert row.error == pytest.approx(off)
+    assert row.verdict == FAIL
+    assert row.explained == explained
+
+
+def test_a_share_near_one_has_no_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(swing, "advance", lambda simulation, seconds: None)
+    row = swing.numerical_damping("explicit", "1000 N/m", 1000.0, 100)
+    assert row.error == pytest.approx(0.0, abs=1e-5)  # nothing has moved: all of the amplitude is left
+    assert row.limit is None

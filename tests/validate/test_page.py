@@ -44,3 +44,10 @@ def test_fitted_rows_are_counted_apart(run: report.Measured) -> None:
     assert f"{100 * excellent / len(others):.1f} % are excellent" in line
     assert empty == ""
     assert report.fitted_lines(drape) == report.fitted_lines(others) == []
+
+
+def test_the_text_on_the_strip_on_five_meshes_is_that_of_the_run(run: report.Measured) -> None:
+    short = {one.row.what for one in run.results if one.number == "A9.7" and one.verdict == "falls short"}
+    assert short == {"8 cells: ω2 [rad/s]"}
+    text = " ".join((TOP / "docs" / "accuracy.md").read_text(encoding="utf-8").split())
+    assert "Only the second frequency on 8 cells falls short" in text

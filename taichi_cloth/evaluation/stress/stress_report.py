@@ -341,7 +341,7 @@ hangs from two corners or from its top edge.
 - no particle is farther than two sides of the sheet from everything that holds, carries or throws it, plus an
   allowance where a case stretches, blows or throws cloth (`far` in `evaluation/stress/`, in meters),
 - the energy is at most that at the start, plus the work done since, plus 1 % of both and of the sheet's weight times
-  two of its sides.
+  two of its sides: a solver of first order makes such errors in a fall, and a sheet that starts at rest has no energy.
 
 In addition, the cloth must come to rest within 5 s after the last disturbance, or after its start if there is none.
 Cloth that falls (cases 33, 34 and 37) has {landing:g} s to land before. In the last quarter of a second, and from then
@@ -383,8 +383,8 @@ the median of the last {window} frames of a scene after compilation, checked aft
 cores run units at once; one that is too slow runs again alone, and only that run counts. Frames that are judged substep
 by substep are not timed. A variant that is too slow counts neither as alive nor as failed; what it would have violated
 later is not known. With 33×33 particles no variant of cases 15, 16 and 39 ran for a second. Cases 15 and 39 also have
-smaller sheets, for which most settings are fast enough. So has case 16, whose specification bounds only the time: none
-is fast enough for them, and what else happens is not known.
+smaller sheets, which cost less. So has case 16, whose specification bounds only the time: none is fast enough for them,
+and what else happens is not known.
 
 **Causes** are looked for by experiments on the start that failed, with `--explain`. Three continue from the state in
 which it failed: Newton's method in float64, five more seconds of the same run, and steps in float64. The

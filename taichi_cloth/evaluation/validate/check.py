@@ -302,6 +302,7 @@ UNFINISHED_SOLVERS = ("verlet", "xpbd")  # whose iterations leave springs softer
 GRIDS = "the exact solutions of the two grids differ, with the stiffness that the iterations leave"
 SOFTER_EULER = f"{SOFTER}; in backward Euler steps of h"
 ROUNDED = "rounding to float32, added up at random over n steps: ½u·√(n/3)·(|x| + |v|·t/√3), u = 2⁻²³"
+POSITION_ROUNDED = "rounding to float32 of a position of a meter: ½u, u = 2⁻²³"
 VELOCITY_ROUNDED = "rounding to float32 of the positions whose difference over h is the velocity: ⅙u·|x|·n√n, u = 2⁻²³"
 ROUNDED_WEIGHT = "float32 rounds the g·h² that a step adds to a position: ½ulp(x)/(g·h²) of the weight below each link"
 SAME_ITERATIONS = "the same iterations in float64"  # in laws that repeat the method: its error is none of rounding

@@ -5,7 +5,7 @@ A1: an undeformed sheet falls, flies and rotates as a rigid body does. A6: drag 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -16,7 +16,7 @@ import numpy as np
 from ...geometry.topology import spring_strains
 from ...scene.collider_schema import Ground, Sphere
 from ...scene.fabric_schema import Fabric
-from ...scene.schema import FRAME_SECONDS, Cloth, Forces, Scene, SelfCollision, StrainLimit, Tethers, Wind
+from ...scene.schema import Cloth, Forces, Scene, SelfCollision, StrainLimit, Tethers, Wind
 from ...simulation.convergence import unconverged_fraction
 from ...simulation.frame_clock import FrameClock
 from ...simulation.simulation import Simulation
@@ -40,7 +40,7 @@ from .check import (
     substep,
 )
 from .exact import GRAVITY, Floats, euler_drop, fall_in_air, projected_spin_rate, sail_sag, sail_tension, terminal_speed
-from .float64_steps import lines_in_float64
+from .float64_steps import lines_in_float64, sweeps_in_float64
 
 FALL = (1e-3, 1e-5)  # pass, excellent: share of the drop
 STRAIN = (1e-4, 1e-6)
@@ -48,6 +48,11 @@ FALL_SINGLE = (1e-2, 1e-3)  # A1.3: 1 %, 0.1 % at the default step
 HEIGHTS = (0.9, 3.0, 10.0, 100.0)  # [m]
 SPIN_SECONDS = 10.0
 MOMENTUM = (1e-5, 1e-6)  # A1.6: 1e-5 in float32
+FLOAT64_STEPS: dict[str, Callable[[Simulation], Iterator[tuple[Floats, Floats]]]] = {
+    "verlet": sweeps_in_float64,
+    "xpbd": sweeps_in_float64,
+    "lines": lines_in_float64,
+}
 MIN_RATE = 0.99  # A1.5
 LINEARIZED = f"corrections keep the directions of their iterations: {SAME_ITERATIONS} lose as much at times"
 SPIN_LAW = "each step goes along the tangent and is pulled back: φ' = atan(sin φ/(2 − cos φ)), to 1e-3"
@@ -177,29 +182,27 @@ def momentum(solver: str) -> Iterator[Check]:
             simulation.step()
         change = float(np.linalg.norm((mass * simulation.velocities()).sum(axis=0) - before))
         row = at_most("momentum lost in 1000 substeps, of all that moves", change / size, *MOMENTUM)
-        if solver == "verlet":
-            rounded = rounded_momentum(simulation) / size  # root mean square; twice as much is rare
-            row = row.by_law(ROUNDED_CORRECTIONS, rounded, rounded)
+        rounded = rounded_momentum(simulation) / size if solver == "verlet" else None  # root mean square
+        if rounded is not None:
+            row = row.by_law(ROUNDED_CORRECTIONS, rounded, rounded)  # twice as much is rare
         yield row
         lost = float(np.linalg.norm(angular_momentum(simulation) - angular_before))
         radius = float(np.sqrt((topology.start**2).sum(axis=1).mean()))
-        rate = float(np.sqrt((v**2).sum(axis=1).mean())) / radius / (2 * pi)
         row = at_most("angular momentum lost in 1000 substeps, of all that moves", lost / size / radius, *MOMENTUM)
-        if solver in EULER:
-            row = row.by_law(SPIN_LAW, 1 - projected_spin_rate(rate, substep(simulation), frames * FRAME_SECONDS))
-        if solver == "lines":
+        if solver in FLOAT64_STEPS:
             simulation.set_state(topology.start, v)
-            row = row.by_law(LINEARIZED, partial(most_lost, simulation, frames * simulation.substeps, size * radius))
+            lost_in_float64 = partial(most_lost, simulation, frames * simulation.substeps, size * radius)
+            row = row.by_law(LINEARIZED, lost_in_float64, rounded)
         yield row
 
 
 def most_lost(simulation: Simulation, substeps: int, scale: float) -> float:
-    """Return the most angular momentum over `scale` [kg·m²/s] that `lines` loses in float64 after any of the substeps.
+    """Return the most angular momentum over `scale` [kg·m²/s] that a solver loses in float64 after any of the substeps.
 
     A sheet without pins crumples. Rounding then soon decides what it has lost at one time, but not how much it is.
     """
     mass, before = simulation.topology.mass[:, None], angular_momentum(simulation)
-    steps = islice(lines_in_float64(simulation), substeps)
+    steps = islice(FLOAT64_STEPS[simulation.scene.solver.name](simulation), substeps)
     return max(float(np.linalg.norm((mass * np.cross(x, v)).sum(axis=0) - before)) for x, v in steps) / scale
 
 

@@ -30,39 +30,58 @@ def swept_in_float64(
 ) -> Floats:
     """Return the positions that `verlet` or `xpbd` reaches after some seconds in float64 [m], (N, 3).
 
-    Only gravity and springs act. These are the sweeps of `solvers/verlet.py` and `solvers/xpbd.py`, with springs in the
-    same order: a difference that float64 has too is none of rounding. `start` is (N, 3) [m]. `contact` changes the
-    positions of an iteration, (N, 3) [m], in place; it also gets those at the start of the substep.
+    It begins at rest at `start`, (N, 3) [m]. For `contact` see `sweeps_in_float64`.
     """
     with Simulation(scene) as simulation:
-        topology, h, section = simulation.topology, substep(simulation), simulation.solver.info.stiffness_section
+        count = round(seconds / substep(simulation))
+        steps = sweeps_in_float64(simulation, start, contact)
+    x, _ = next(islice(steps, count - 1, None))
+    return x
+
+
+def sweeps_in_float64(
+    simulation: Simulation, start: Floats | None = None, contact: Callable[[Floats, Floats], None] | None = None
+) -> Iterator[tuple[Floats, Floats]]:
+    """Return an iterator of positions [m] and velocities [m/s], (N, 3) each, after every substep of `verlet` or `xpbd`.
+
+    They are the sweeps of `solvers/verlet.py` and `solvers/xpbd.py` in float64, with springs in the same order: a
+    difference that float64 has too is none of rounding. They begin at rest at `start`, (N, 3) [m], or by default in the
+    present state of the simulation. Only gravity, springs and `contact` act, which changes the positions of an
+    iteration, (N, 3) [m], in place; it also gets those at the start of the substep.
+    """
+    scene, topology, h = simulation.scene, simulation.topology, substep(simulation)
+    section = simulation.solver.info.stiffness_section
     stiffness, free = spring_stiffness(scene, section, topology), ~topology.pinned
     is_rigid = section == "verlet"  # a stiffness is then a share of the error
     share = stiffness if is_rigid else np.ones(len(stiffness))
     compliance = np.zeros(len(stiffness)) if is_rigid else 1 / (stiffness * h * h)
     weight = np.where(free, 1 / topology.mass, 0.0)
     batches = [slice(batch.first, batch.first + batch.count) for batch in topology.batches]
-    x = topology.start if start is None else start
-    v = np.zeros_like(x)
-    for _ in range(round(seconds / h)):
-        y = x + h * exp(-scene.solver.damping * h) * v
-        y[free, 1] -= h * h * scene.forces.gravity
-        multiplier = np.zeros(len(stiffness))
-        for k, one in enumerate(batches * scene.solver.iterations, 1):
-            a, b = topology.ends[one].T
-            gap = y[b] - y[a]
-            length = np.linalg.norm(gap, axis=1)
-            error = share[one] * (length - topology.rest[one] + compliance[one] * multiplier[one])
-            inverse = weight[a] + weight[b] + compliance[one]
-            change = np.where(weight[a] + weight[b] > 0, -error / np.maximum(inverse, 1e-12), 0.0)
-            multiplier[one] += change
-            pull = (change / length)[:, None] * gap
-            y[a] -= weight[a, None] * pull
-            y[b] += weight[b, None] * pull
-            if contact is not None and k % len(batches) == 0:
-                contact(y, x)
-        x, v = y, (y - x) / h
-    return x
+    x, v = (simulation.positions(), simulation.velocities()) if start is None else (start, np.zeros_like(start))
+
+    def steps() -> Iterator[tuple[Floats, Floats]]:
+        nonlocal x, v
+        while True:
+            y = x + h * exp(-scene.solver.damping * h) * v
+            y[free, 1] -= h * h * scene.forces.gravity
+            multiplier = np.zeros(len(stiffness))
+            for k, one in enumerate(batches * scene.solver.iterations, 1):
+                a, b = topology.ends[one].T
+                gap = y[b] - y[a]
+                length = np.linalg.norm(gap, axis=1)
+                error = share[one] * (length - topology.rest[one] + compliance[one] * multiplier[one])
+                inverse = weight[a] + weight[b] + compliance[one]
+                change = np.where(weight[a] + weight[b] > 0, -error / np.maximum(inverse, 1e-12), 0.0)
+                multiplier[one] += change
+                pull = (change / length)[:, None] * gap
+                y[a] -= weight[a, None] * pull
+                y[b] += weight[b, None] * pull
+                if contact is not None and k % len(batches) == 0:
+                    contact(y, x)
+            x, v = y, (y - x) / h
+            yield x, v
+
+    return steps()
 
 
 def lines_of(topology: Topology) -> list[tuple[NDArray[Any], ...]]:
