@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.cloth_builder import build_particles
+from ..geometry.signed_distance import collider_surface
 from ..scene import Camera, Scene
 
 NEAR, FAR = 0.1, 1000.0  # [m] clip planes, those of GGUI
@@ -22,6 +23,7 @@ MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is un
 ZOOM_STEP = 0.1  # change of log(distance) per step
 MAX_ZOOM = 20.0  # zooming changes the distance of the framed view by at most this factor, in both directions
 WIDTH_MARGIN = 1.25  # largest factor of the distance in `fit_width`
+FAR_MARGIN = 4.0  # largest factor of the distance in `move_back`
 INCLUDE_MARGIN = 1.1  # factor of the distance at which `include` just sees all points
 FLOOR_CLEARANCE = 0.02  # smallest height of eye and target above the floor, as a fraction of the initial distance
 
@@ -88,6 +90,20 @@ class OrbitCamera:
         needed = np.maximum(np.abs(up), np.abs(right) / aspect) / half + back
         self.distance = self._unzoomed_distance = max(INCLUDE_MARGIN * float(needed.max()), NEAR)
         self._stay_above_floor()
+
+    def move_back(self, points: ArrayLike, aspect: float) -> None:
+        """Move the eye back, as little as needed, until `points` are in the picture.
+
+        So images of cloth that moves out of the picture show its motion, without a jump. Only beyond `FAR_MARGIN` times
+        the initial distance the cloth is framed alone, as by `include`. Arguments as there.
+        """
+        points = np.asarray(points, np.float64)
+        right, up, back = ((points - self.target) @ axis for axis in self._axes())
+        needed = np.maximum(np.abs(up), np.abs(right) / aspect) / tan(self.fov / 2) + back
+        self.distance = self._unzoomed_distance = max(self.distance, float(needed.max()))
+        if self.distance > FAR_MARGIN * self._initial_distance:
+            self.distance = self._unzoomed_distance = self._initial_distance
+            self.include(points, aspect)
 
     def fit_width(self, points: ArrayLike, aspect: float) -> None:
         """Move the eye back by at most a quarter of the distance, until `points` are in the picture sideways.
@@ -227,7 +243,7 @@ def camera_of(scene: Scene) -> Camera:
 
 
 def _with_colliders(points: Floats, scene: Scene) -> Floats:
-    """Return points, with those around the spheres, capsules and boxes that are no larger than the cloth and near it.
+    """Return points, with those around the spheres, capsules, boxes and meshes no larger than the cloth and near it.
 
     Colliders are taken where they stand without oscillation and keyframes.
     """
@@ -236,6 +252,7 @@ def _with_colliders(points: Floats, scene: Scene) -> Floats:
     boxes = [(one.center, np.full(3, one.radius)) for one in scene.spheres]
     boxes += [(one.center, np.full(3, one.radius + one.length / 2)) for one in scene.capsules]
     boxes += [(one.center, np.linalg.norm(one.size) * np.full(3, 0.5)) for one in scene.boxes]
+    boxes += [(one.center, np.full(3, np.linalg.norm(collider_surface(one).half))) for one in scene.meshes]
     ends = [(center - half, center + half) for center, half in boxes if np.linalg.norm(half) <= size]
     near = [pair for pair in ends if (pair[0] <= high + size / 2).all() and (pair[1] >= low - size / 2).all()]
     return np.concatenate([points, *near])

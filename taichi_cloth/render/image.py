@@ -94,8 +94,8 @@ def render_image(
 
     `view`: "shaded", "strain", "error" (if it was measured), "wireframe" or "particles". `eye` and `target`: positions
     of the camera, and of what it looks at [m]; `fov`: its vertical angle of view [degrees]; without one, that of the
-    scene's camera. If the scene has none, the camera frames the cloth at its start, and again where it has left the
-    picture.
+    scene's camera. If the scene has none, the camera frames the cloth and the colliders near it at their start, and
+    moves back where the cloth would leave the picture. With an `eye` and a `target` it does not move.
 
     Needs neither a display nor a window. Raises ValueError for a size that is not two integers from 1 to 8192, an
     unknown view, and a camera that a scene does not allow: a position not of three numbers, an angle out of range, or
@@ -164,7 +164,7 @@ def _camera_on(
     check_keys(seen)
     camera = OrbitCamera.from_scene(seen)
     if scene.camera == Camera() and not keys:
-        camera.include(simulation.positions(), size[0] / size[1])
+        camera.move_back(simulation.positions(), size[0] / size[1])
     error = getattr(simulation, "frame_error", None)  # of `tc.Simulation` only
     if view == "error" and error is None:
         reason = "call step(measure_error=True) before; simulation.warnings says if its reference has not converged"

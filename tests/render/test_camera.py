@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import pi, radians, sqrt, tan
 
 import numpy as np
@@ -24,7 +25,7 @@ from taichi_cloth.render.camera import (
     floor_height,
 )
 from taichi_cloth.render.webgl import min_aspect
-from taichi_cloth.scene.collider_schema import Ground, Sphere
+from taichi_cloth.scene.collider_schema import Ground, Mesh, Sphere
 from taichi_cloth.scene.schema import Camera, Cloth, Scene
 
 numbers = st.floats(-50, 50)
@@ -254,7 +255,24 @@ def test_a_camera_moves_back_by_at_most_a_quarter_for_a_wide_cloth() -> None:
     assert camera.distance == pytest.approx(1.25 * 3.0)
 
 
-@pytest.mark.parametrize("frame", [OrbitCamera.include, OrbitCamera.fit_width])
+def test_a_camera_moves_back_by_no_more_than_falling_cloth_needs() -> None:
+    """The eye is 3 m away, and sees 1.09 m below the target."""
+    seen = 3.0 * np.tan(np.radians(20.0))
+    distances = []
+    for depth in (0.9 * seen, 1.001 * seen, 2 * seen, 3.99 * seen, 4.01 * seen):
+        camera = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
+        camera.move_back([[0.0, 1.0, 0.0], [0.1, 1.0 - depth, 0.0]], 1.8)
+        distances.append(camera.distance / 3.0)
+        uv, _ = camera.to_screen([[0.1, 1.0 - depth, 0.0]], 1.8)
+        assert -1e-9 <= uv[0, 1] <= 0.5
+    assert distances[:4] == pytest.approx([1.0, 1.001, 2.0, 3.99])
+    assert distances[4] == pytest.approx(1.1 * 4.01 / 2)  # the target is then in the middle
+    wide = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
+    wide.move_back([[2 * 1.8 * seen, 1.0, 0.5]], 1.8)
+    assert wide.distance == pytest.approx(6.5)
+
+
+@pytest.mark.parametrize("frame", [OrbitCamera.include, OrbitCamera.fit_width, OrbitCamera.move_back])
 def test_zoom_counts_from_the_framed_view(frame: Callable[[OrbitCamera, ArrayLike, float], None]) -> None:
     camera = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
     frame(camera, [[-90.0, 1.0, 0.0], [90.0, 1.0, 0.0]], 1.8)
@@ -278,6 +296,10 @@ def test_a_scene_without_a_camera_frames_the_colliders_near_its_cloth() -> None:
     )
     alone = camera_of(Scene(cloth=cloth))
     assert camera_of(Scene(cloth=cloth, spheres=(huge, far))) == alone
+    bowl = Mesh(center=(0.0, 0.2, 0.0), margin=0.15)
+    small = camera_of(Scene(cloth=cloth, meshes=(bowl,)))
+    assert small.target[1] < alone.target[1]
+    assert camera_of(Scene(cloth=cloth, meshes=(replace(bowl, scale=50.0),))) == alone
     camera = OrbitCamera.from_scene(Scene(cloth=cloth, spheres=(near,)))
     uv, _ = camera.to_screen(np.array([[0.0, -0.1, 0.0], [0.3, 0.2, 0.0], [0.5, 1.5, 0.0]]), 1.0)
     assert ((uv > 0) & (uv < 1)).all()
