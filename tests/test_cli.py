@@ -141,7 +141,7 @@ def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     ("keys", "note"),
     [
         ("[cloth]\nwidth = 120\nheight = 90", "a side of more than 20 m: lengths are in meters"),
-        ("[forces]\ngravity = -9.81", "gravity points up"),
+        ("[forces]\ngravity = -9.81", "gravity points up: forces.gravity is positive downward"),
         ("[[attachments]]\ncenter = [0, 2, 0]", "an attachment without pins moves nothing"),
         ("[cloth]\nwidth = 2\nheight = 20", ""),
     ],

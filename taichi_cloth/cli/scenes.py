@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ..geometry.topology import Topology
     from ..simulation.simulation import Simulation
 
-UNUSUAL_SIDE = 20.0  # [m] of a sheet
 SLOW_FRAME = 2.0  # [s] from which the time of a frame is printed before it runs: it cannot be interrupted
 MAX_TIMED_MS = 20_000.0  # [ms] estimated frame time above which `check --time` does not run a scene
 
@@ -139,7 +138,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     With `timed`, frames of it are run.
     """
     from ..geometry.cloth_builder import build_topology, component_count, model_of, particle_count_text
-    from ..simulation.builder import keys_without_effect, stiffer_by_long_cells
+    from ..simulation.builder import keys_without_effect, stiffer_by_long_cells, unusual, unusual_values
     from ..simulation.convergence import coarse_for_folds
     from ..simulation.error_estimate import SAMPLE, cost_of
     from ..system.console import count_noun
@@ -148,7 +147,7 @@ def describe(scene: Scene, *, timed: bool) -> str:
     pieces = component_count(scene)
     particles = f"{particle_count_text(scene)} particles" + (f" in {pieces} pieces" if pieces > 1 else "")
     size = "" if scene.cloth.file else f"{scene.cloth.width:g}×{scene.cloth.height:g} m"
-    is_large, pins, memory, unfinished, inside, coarse = cost.particles > SAMPLE**2, "", "", "", "", ""
+    is_large, pins, memory, unfinished, coarse = cost.particles > SAMPLE**2, "", "", "", ""
     section = SOLVER_CATALOG[scene.solver.name].stiffness_section
     model = model_of(scene, section)
     springs = "springs" if model == "springs" else f"edges of a {model}"
@@ -161,9 +160,10 @@ def describe(scene: Scene, *, timed: bool) -> str:
     stiffer = stiffer_by_long_cells(scene) if model == "springs" and section == "fabric" else ""
     if is_large:
         memory = f"about {cost.bytes / 1e9:.1f} GB of memory"
+        notes = tuple(unusual_values(scene))
     else:
         topology = build_topology(scene, section)
-        unfinished, inside = left_unfinished(scene, topology, cost.substeps), inside_at_start(scene, topology)
+        unfinished, notes = left_unfinished(scene, topology, cost.substeps), unusual(scene, topology)
         coarse = coarse_for_folds(scene, topology) if section == "fabric" else ""
         pins = count_noun(int(topology.pinned.sum()), "pin")
         if scene.cloth.file:
@@ -177,20 +177,8 @@ def describe(scene: Scene, *, timed: bool) -> str:
             time += f", without {', '.join(features)}, which may take longer than all else"
             time += "" if timed else ": --time measures a frame"
         time += " (too slow to measure)" if timed else ""
-    words = [particles, size, springs, pins, cost.setting, time, memory, unfinished, inside, stiffer, coarse]
-    return " · ".join(filter(None, [*words, keys_without_effect(scene), unusual(scene)]))
-
-
-def unusual(scene: Scene) -> str:
-    """Return values that are valid but often mistakes of unit or sign; empty if there are none."""
-    cloth, notes = scene.cloth, []
-    if not cloth.file and max(cloth.width, cloth.height) > UNUSUAL_SIDE:
-        notes.append(f"a side of more than {UNUSUAL_SIDE:g} m: lengths are in meters")
-    if scene.forces.gravity < 0:
-        notes.append("gravity points up")
-    if not all(attachment.pins for attachment in scene.attachments):
-        notes.append("an attachment without pins moves nothing")
-    return ", ".join(notes)
+    words = [particles, size, springs, pins, cost.setting, time, memory, unfinished, stiffer, coarse]
+    return " · ".join(filter(None, [*words, keys_without_effect(scene), *notes]))
 
 
 def measured_ms(scene: Scene) -> float:
@@ -244,8 +232,8 @@ def print_schema(args: argparse.Namespace) -> int:
 def summary(simulation: Simulation, arch: str) -> str:
     """Return the line that every run prints: scene, solver, substeps × iterations, layout, grid, features, arch, seed.
 
-    Further lines say if the scene is not simulated as written (`Simulation.warnings`), iterations end too early, cloth
-    starts inside a collider, or a frame takes seconds.
+    Further lines say if the scene is not simulated as written or is unusual (`Simulation.warnings`), iterations end too
+    early, or a frame takes seconds.
     """
     from ..geometry.cloth_builder import particle_count_text
     from ..simulation.error_estimate import SAMPLE, cost_of
@@ -258,17 +246,5 @@ def summary(simulation: Simulation, arch: str) -> str:
         f" · {particle_count_text(scene)} · {' '.join(simulation.features)} · {arch} · seed {scene.seed}"
     )
     unfinished = left_unfinished(scene, simulation.topology, simulation.substeps)
-    inside = inside_at_start(scene, simulation.topology)
-    warnings = simulation.warnings, unfinished, inside, forecast
+    warnings = simulation.warnings, unfinished, forecast
     return "\n".join(filter(None, [line, *warnings]))
-
-
-def inside_at_start(scene: Scene, topology: Topology) -> str:
-    """Return how many particles start inside a collider, which lets them out slowly; empty if none does."""
-    from ..collision.colliders import colliders_of, pose_colliders, signed_distance
-    from ..system.console import count_noun
-
-    free = topology.start[~topology.pinned]
-    distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
-    inside = sum(int((distance < 0).sum()) for distance in distances)
-    return f"{count_noun(inside, 'particle')} inside a collider at the start" if inside else ""

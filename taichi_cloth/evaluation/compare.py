@@ -22,7 +22,6 @@ from ..cli.program import (
     refuse_log,
     size,
 )
-from ..cli.scenes import inside_at_start
 from ..scene import Scene
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..system import taichi_runtime as runtime
@@ -148,8 +147,8 @@ def render_compared(scenes: list[Scene], args: argparse.Namespace) -> int:
     with Simulation(scenes[0]) as a, Simulation(scenes[1]) as b:
         for letter, simulation in (("a", a), ("b", b)):
             print(f"{letter}: {simulation.scene.name} · {simulation.method}", flush=True)
-            for line in filter(None, [simulation.warnings, inside_at_start(simulation.scene, simulation.topology)]):
-                print(f"   {line}", flush=True)
+            if simulation.warnings:
+                print(f"   {simulation.warnings}", flush=True)
         with image.claim_folder(plan, a, force=args.force, resume=None):
             reference = converged(scenes, plan.frames)
             with frames_progress(plan.frames) as advance:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import count
 from os import PathLike
 from pathlib import Path
-from typing import SupportsIndex
+from typing import BinaryIO, SupportsIndex
 
 import numpy as np
 
@@ -152,14 +152,13 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
 
     @property
     def warnings(self) -> str:
-        """One line if substeps, damping or bending differ from the request, cloth is held still, or iterations are few.
+        """One line about what differs from the request, is unusual or goes wrong; empty if there is nothing to say.
 
-        Also if the solver does not use the springs that the scene sets, if a spring is more than twice as long as at
-        rest, and if an error was measured whose reference has not converged. Empty if none of these is true.
-
-        The iterations are those of `verlet` and `xpbd`, estimated for a sheet that hangs from its pins, and of `lines`,
-        for pins beside which no other particle is pinned. Grabs count as pins if the cloth has no pins; with `lines`
-        no figure is given for them. Nothing is estimated for `implicit`, and for tethered cloth with `lines`.
+        It names what the solver does not use as the scene sets it, values that are often mistakes, cloth inside a
+        collider at the start, held still, or stretched to twice its length, a thickness that does not suit the cells,
+        and too few iterations: of `verlet` and `xpbd` for a sheet that hangs from its pins, and of `lines` for single
+        pins. Grabs count as pins if the cloth has none; with `lines` no figure is given for them. Nothing is estimated
+        for `implicit`, and for tethered cloth with `lines`.
         """
         few = unconverged(self.scene, self.topology, self.h, int(self.params["iterations"]), self.grabbed)
         stretched = overstretched(self.topology, self.positions())
@@ -253,12 +252,13 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         self._guarded = None
         super().close()
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write a checkpoint (.npz), and make a missing folder. Not within a frame.
+    def save(self, path: str | PathLike[str] | BinaryIO) -> None:
+        """Write a checkpoint (.npz) to a path or an open binary file, such as io.BytesIO. Not within a frame.
 
-        Raises OSError; a partial file never remains.
+        A missing folder is made. Raises OSError; a partial file never remains.
         """
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(path, str | PathLike):
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
         super().save(path)
 
     def export(self, path: str | PathLike[str], up: str = "y") -> None:

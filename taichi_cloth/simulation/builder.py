@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from math import exp, hypot
+from functools import lru_cache
+from math import exp, hypot, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import state
-from ..collision.colliders import collider_counts, colliders_of, collides_with_triangles, in_first_pose, is_deforming
+from ..collision.colliders import (
+    collider_counts,
+    colliders_of,
+    collides_with_triangles,
+    in_first_pose,
+    is_deforming,
+    pose_colliders,
+    signed_distance,
+)
 from ..geometry.cloth_builder import (
     attachment_ids,
     build_topology,
@@ -37,6 +46,7 @@ from ..state.constraint_data import attach_attachments
 from ..state.contact_data import acquire_sdf, release_sdf
 from ..state.surface_data import acquire_surfaces, release_surfaces
 from ..system.errors import UsageError
+from .convergence import cell_size
 from .frame_contact import describe_intersections
 from .grabbing import Grab
 
@@ -262,6 +272,11 @@ class StepRow:
 
 MIN_EXCESS = 0.005  # of the stiffness: the smallest that is reported
 HEAVY = 10.0  # [kg/m²] area density above which it may be meant in g/m²
+LONG = 20.0  # [m] side of a cloth above which it may be meant in cm or mm
+# Thickness over the side of a cell. Particles: below the first one layers can come nearer than 0.6 of it, and above the
+# second a smaller one keeps them apart as well. Triangles: beyond it those of one layer touch, and a frame takes
+# six to fifty times as long (measured with 21×21 particles).
+THIN, THICK, SLOW_THICKNESS = 0.9, 1.5, 0.6
 
 
 def warnings_of(simulation: RunningCloth) -> list[str]:
@@ -281,13 +296,62 @@ def warnings_of(simulation: RunningCloth) -> list[str]:
         lines += filter(None, [stiffer_by_long_cells(simulation.scene)])
     if simulation.scene.tearing is not None and simulation.scene.fabric.preset:
         lines.append(f"tearing leaves out the bending stiffness of {simulation.scene.fabric.preset}")
-    if simulation.scene.cloth.area_density > HEAVY:
-        lines.append(f"cloth.area_density is {simulation.scene.cloth.area_density:g} kg/m²: fabrics have 0.02 to 2")
-    if not all(attachment.pins for attachment in simulation.scene.attachments):
-        lines.append("an attachment without pins moves nothing")
+    lines += unusual(simulation.scene, simulation.topology)
     if simulation.is_held_still:
         lines.append("penetration-free contact holds the cloth still: more pairs are near than it can list")
     return lines
+
+
+@lru_cache(maxsize=4)
+def unusual(scene: Scene, topology: Topology) -> tuple[str, ...]:
+    """Return lines about values of a scene that are valid but often mistakes: of a unit, a sign, a position."""
+    lines = [*unusual_values(scene), inside_at_start(scene, topology), unusual_thickness(scene, topology)]
+    size = np.ptp(topology.start, axis=0).max() if scene.cloth.file else 0.0
+    if size > LONG:
+        lines.append(f"the cloth is {size:.3g} m long: cloth.scale is the length of one unit of its file in meters")
+    return tuple(filter(None, lines))
+
+
+def unusual_values(scene: Scene) -> list[str]:
+    """Return lines about single values of a scene that are often mistakes. They need no topology."""
+    cloth, lines = scene.cloth, []
+    if not cloth.file and max(cloth.width, cloth.height) > LONG:
+        lines.append(f"a side of more than {LONG:g} m: lengths are in meters")
+    if cloth.area_density > HEAVY:
+        lines.append(f"cloth.area_density is {cloth.area_density:g} kg/m²: fabrics have 0.02 to 2")
+    if scene.forces.gravity < 0:
+        lines.append("gravity points up: forces.gravity is positive downward")
+    if not all(attachment.pins for attachment in scene.attachments):
+        lines.append("an attachment without pins moves nothing")
+    return lines
+
+
+def inside_at_start(scene: Scene, topology: Topology) -> str:
+    """Return how many particles start inside a collider, which lets them out slowly; empty if none does."""
+    free = topology.start[~topology.pinned]
+    distances = [signed_distance(posed, free) for posed in pose_colliders(colliders_of(scene), 0.0)]
+    inside = sum(int((distance < 0).sum()) for distance in distances)
+    return f"{inside} particle{'s' * (inside != 1)} inside a collider at the start" if inside else ""
+
+
+def unusual_thickness(scene: Scene, topology: Topology) -> str:
+    """Return a line if the thickness of self-contact does not suit the cells, otherwise an empty text.
+
+    Particles of one layer can lie over the middle of a cell of the other, a/√2 from its corners for cells of side a:
+    spheres of a thickness t are then √(t² − a²/2) high.
+    """
+    contact = scene.self_collision
+    if contact is None or not len(topology.edges):
+        return ""
+    cell, thickness = cell_size(topology), contact.thickness
+    share, mm = thickness / cell, f"{1e3 * thickness:.3g} mm"
+    words = f"self_collision.thickness of {mm} is {share:.2g} cells"
+    if contact.penetration_free or contact.primitives == "triangles":
+        return f"{words}: with triangles up to {SLOW_THICKNESS:g} are fast" if share > SLOW_THICKNESS else ""
+    if share < THIN:
+        nearest = 1e3 * sqrt(max(thickness**2 - cell**2 / 2, 0.0))
+        return f'{words}: layers can come as near as {nearest:.2g} mm; primitives = "triangles" keeps them apart'
+    return f"{words}: layers stay {mm} apart, and one cell is enough" if share > THICK else ""
 
 
 def stiffer_by_long_cells(scene: Scene) -> str:

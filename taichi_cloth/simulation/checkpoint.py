@@ -7,8 +7,8 @@ import re
 import zipfile
 from collections import Counter
 from math import prod
-from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any
+from os import PathLike
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy
@@ -34,10 +34,14 @@ FOLDER = re.compile(r'^(file|clip|pin|stiffness|max_distance) = "[^"]*[/\\]', re
 MAX_BYTES = 1 << 24  # of what may vary: a scene's text, four bytes a character, and the grabs
 
 
-def write_checkpoint(simulation: Simulation, path: str | PathLike[str]) -> None:
-    """Write a checkpoint; the file appears whole or not at all. Raises OSError."""
-    with atomic_file(path) as file:
-        file.write(checkpoint_bytes(simulation))
+def write_checkpoint(simulation: Simulation, path: str | PathLike[str] | BinaryIO) -> None:
+    """Write a checkpoint to a path, where it appears whole or not at all, or to an open file. Raises OSError."""
+    content = checkpoint_bytes(simulation)
+    if isinstance(path, str | PathLike):
+        with atomic_file(path) as file:
+            file.write(content)
+    else:
+        path.write(content)
 
 
 def checkpoint_bytes(simulation: Simulation) -> bytes:
@@ -68,12 +72,12 @@ def state_arrays(simulation: Simulation) -> Arrays:
     }
 
 
-def read_checkpoint(simulation: Simulation, source: str | PathLike[str] | bytes) -> None:
-    """Set the simulation's state from a file, or its content.
+def read_checkpoint(simulation: Simulation, source: str | PathLike[str] | BinaryIO | bytes) -> None:
+    """Set the simulation's state from a path, an open file, or the content of one.
 
     Raises OSError if it cannot be read, and ValueError if it is not a checkpoint of this scene; nothing changes then.
     """
-    name = "checkpoint" if isinstance(source, bytes) else str(source)
+    name = str(source) if isinstance(source, str | PathLike) else "checkpoint"
     older = {MOVED: np.zeros((0, 7)), "origin": simulation.topology.origin}
     arrays = _read(name, source, scene_to_toml(simulation.scene), state_arrays(simulation), older)
     try:
@@ -112,7 +116,9 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
     simulation.set_grabs({number: restored_grab(grab, simulation.grabs.get(number)) for number, grab in grabs.items()})
 
 
-def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like: Arrays, older: Arrays) -> Arrays:
+def _read(
+    name: str, source: str | PathLike[str] | BinaryIO | bytes, scene_text: str, like: Arrays, older: Arrays
+) -> Arrays:
     """Return the arrays of a checkpoint of the same scene.
 
     Scenes may name mesh and map files in other folders, as one that `save_scene` wrote does; only their names count.
@@ -124,10 +130,11 @@ def _read(name: str, source: str | PathLike[str] | bytes, scene_text: str, like:
     limit = 2 * (MAX_BYTES + sum(array.nbytes for array in like.values()))
     arrays = {}
     try:
-        content = source
-        if not isinstance(content, bytes):
-            with open(fspath(content), "rb") as file:
+        if isinstance(source, str | PathLike):
+            with open(source, "rb") as file:
                 content = file.read(limit + 1)
+        else:
+            content = source if isinstance(source, bytes) else source.read(limit + 1)
         if len(content) > limit:
             raise ValueError(f"it is larger than {limit} bytes")
         with zipfile.ZipFile(io.BytesIO(content)) as archive:

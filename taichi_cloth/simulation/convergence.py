@@ -72,10 +72,15 @@ def coarse_for_folds(scene: Scene, topology: Topology) -> str:
     if not bending or gravity <= 0 or not len(topology.edges):
         return ""
     length = (bending / (scene.cloth.area_density * gravity)) ** (1 / 3)
-    cell = float(np.median(np.linalg.norm(np.diff(topology.flat[topology.edges], axis=1), axis=2)))
+    cell = cell_size(topology)
     if cell <= WIDE_CELL * length:
         return ""
     return f"folds depend on the grid: cells of {1e3 * cell:.2g} mm, bending length {1e3 * length:.2g} mm"
+
+
+def cell_size(topology: Topology) -> float:
+    """Return the side of a cell [m]: the median length of the edges at rest."""
+    return float(np.median(np.linalg.norm(np.diff(topology.flat[topology.edges], axis=1), axis=2)))
 
 
 STRETCH_WITH_SHEAR = 2 / 3  # of the stretch remains with shear springs: ⅓·N²·g·h²/i

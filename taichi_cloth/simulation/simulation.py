@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self, SupportsIndex
+from typing import Any, BinaryIO, Self, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -180,15 +180,15 @@ class Simulation(RunningCloth):
         """Restore all torn springs, where the cloth is now."""
         self.apply(Event("untear"))
 
-    def save(self, path: str | PathLike[str]) -> None:
+    def save(self, path: str | PathLike[str] | BinaryIO) -> None:
         """Write a checkpoint (.npz). Raises OSError; a partial file never remains. Not within a frame."""
         prepare_checkpoint(self)
         write_checkpoint(self, path)
 
-    def load(self, path: str | PathLike[str]) -> None:
+    def load(self, path: str | PathLike[str] | BinaryIO) -> None:
         """Continue from a checkpoint, with the same bits as a run that never stopped, in the same layout.
 
-        Raises OSError if the file cannot be read, and ValueError if it is not a checkpoint of this scene.
+        `path` may be a binary file open at its start. Raises OSError, and ValueError for one of another scene.
         """
         self.check_between_frames()
         read_checkpoint(self, path)
@@ -222,7 +222,7 @@ class Simulation(RunningCloth):
 
     @property
     def warnings(self) -> str:
-        """One line if substeps, damping or bending are not as requested or the cloth is held still, else empty."""
+        """One line about what is not as requested or is unusual, or if the cloth is held still, else empty."""
         return "; ".join(warnings_of(self))
 
     def colliders(self) -> list[PosedCollider]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +12,14 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth import list_scenes, load_scene
+from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.scene.collider_schema import Ground, Sphere
 from taichi_cloth.scene.fabric_schema import Fabric
-from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver, Tearing, Wind
+from taichi_cloth.scene.schema import Cloth, Forces, Scene, SelfCollision, Solver, Tearing, Wind
 from taichi_cloth.scene.solver_catalog import SOLVER_CATALOG
 from taichi_cloth.simulation import running_cloth
+from taichi_cloth.simulation.builder import unusual
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.errors import UsageError
 
@@ -474,3 +478,74 @@ def test_an_area_density_that_may_be_meant_in_grams_is_named(density: float, nam
     with Simulation(Scene(cloth=Cloth(rows=3, columns=3, area_density=density))) as simulation:
         line = "cloth.area_density is 150 kg/m²: fabrics have 0.02 to 2"
         assert (line in simulation.warnings) is named
+
+
+SHEET = Cloth(rows=11, columns=11, width=1.0, height=1.0, center=(0.0, 1.0, 0.0))  # cells of 10 cm
+
+
+@pytest.mark.parametrize(
+    ("contact", "line"),
+    [
+        ({"thickness": 0.091}, ""),
+        ({"thickness": 0.149}, ""),
+        ({"thickness": 0.08}, "80 mm is 0.8 cells: layers can come as near as 37 mm; primitives"),
+        ({"thickness": 0.05}, "50 mm is 0.5 cells: layers can come as near as 0 mm; primitives"),
+        ({"thickness": 0.2}, "200 mm is 2 cells: layers stay 200 mm apart, and one cell is enough"),
+        ({"thickness": 0.059, "primitives": "triangles"}, ""),
+        ({"thickness": 0.08, "primitives": "triangles"}, "80 mm is 0.8 cells: with triangles up to 0.6 are fast"),
+        ({"thickness": 0.08, "penetration_free": True}, "80 mm is 0.8 cells: with triangles up to 0.6 are fast"),
+    ],
+)
+def test_a_thickness_that_does_not_suit_the_cells_is_named(contact: dict[str, Any], line: str) -> None:
+    scene = Scene(cloth=SHEET, self_collision=SelfCollision(**contact))
+    found = unusual(scene, build_topology(scene, "verlet"))
+    assert [one.startswith(f"self_collision.thickness of {line}") for one in found] == ([True] if line else [])
+
+
+def test_particles_of_a_layer_come_as_near_to_those_of_another_as_the_line_says() -> None:
+    """Over the middles of cells: the nearest position in which no distance is below the thickness."""
+    flat = build_topology(Scene(cloth=SHEET), "verlet").start[:, :2]
+    for thickness in (0.08, 0.089):
+        heights = np.linspace(0.0, 0.1, 2001)
+        shifts = np.array([[x, y] for x in np.linspace(0, 0.1, 21) for y in np.linspace(0, 0.1, 21)])
+        across = np.linalg.norm(flat[None, :] - (flat[60] + shifts)[:, None], axis=2).min(axis=1)
+        free = across[:, None] ** 2 + heights**2 >= thickness**2
+        nearest = heights[free.any(axis=0).argmax()]
+        assert nearest == pytest.approx(np.sqrt(thickness**2 - 0.1**2 / 2), abs=1e-4)
+
+
+def test_python_is_told_what_check_tells(tmp_path: Path) -> None:
+    inside = Scene(cloth=SHEET, spheres=(Sphere(center=(0.0, 1.0, 0.0), radius=0.05),), forces=Forces(gravity=-9.81))
+    with Simulation(inside) as simulation:
+        assert "gravity points up" in simulation.warnings
+        assert "1 particle inside a collider at the start" in simulation.warnings
+    (tmp_path / "mm.obj").write_text("v 0 0 0\nv 900 0 0\nv 0 0 900\nf 1 2 3\n")
+    large = Scene(cloth=Cloth(file="mm.obj", folder=str(tmp_path), pins=(0,)))
+    with Simulation(large) as simulation:
+        assert "the cloth is 900 m long: cloth.scale is" in simulation.warnings
+    with Simulation(replace(large, cloth=replace(large.cloth, scale=1e-3))) as simulation:
+        assert "long" not in simulation.warnings
+
+
+@pytest.mark.parametrize("name", list_scenes())
+def test_no_shipped_scene_is_unusual(name: str) -> None:
+    scene = load_scene(name)
+    assert unusual(scene, build_topology(scene, SOLVER_CATALOG[scene.solver.name].stiffness_section)) == ()
+
+
+def test_a_checkpoint_can_be_in_memory() -> None:
+    with Simulation(Scene(cloth=SHEET)) as simulation:
+        simulation.step(3)
+        stored = io.BytesIO()
+        simulation.save(stored)
+        ends = []
+        for _ in range(2):
+            stored.seek(0)
+            simulation.load(stored)
+            assert simulation.frame == 3
+            simulation.step(3)
+            ends.append(simulation.positions())
+        np.testing.assert_array_equal(*ends)
+        with pytest.raises(ValueError, match="checkpoint: not a checkpoint"):
+            simulation.load(io.BytesIO(b"nothing"))
+        np.testing.assert_array_equal(simulation.positions(), ends[1])
