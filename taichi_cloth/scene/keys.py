@@ -12,7 +12,7 @@ from math import isfinite
 from os import PathLike, fspath
 from typing import Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
 
-from ..system.errors import RENAMED_SOLVERS, Mistakes, SceneError, nearest_name, new_key, short_repr
+from ..system.errors import OTHER_WORDS, RENAMED_SOLVERS, Mistakes, SceneError, nearest_name, new_key, short_repr
 
 Vec3 = tuple[float, float, float]
 Keyframes = tuple[tuple[float, ...], ...]
@@ -268,11 +268,11 @@ class Table:
     def __new__(cls, *args: Any, **keywords: Any) -> Any:
         known = cls.__dataclass_fields__
         if args and all(one.kw_only for one in known.values()):
-            raise SceneError(cls.__name__, "", f"values need the names of keys, as in {cls.__name__}(center=[0, 1, 0])")
-        for name in keywords:
-            if name not in known:
-                keys = [key for key, one in known.items() if "derived" not in one.metadata]
-                raise SceneError(cls.__name__, name, *_unknown_key("", name, keys))
+            example = "center=[0, 1, 0]" if "center" in known else f"{next(iter(cls.__annotations__))}=..."
+            raise SceneError(cls.__name__, "", f"values need the names of keys, as in {cls.__name__}({example})")
+        for name in (one for one in keywords if one not in known):
+            keys = [key for key, one in known.items() if "derived" not in one.metadata]
+            raise SceneError(cls.__name__, name, *_unknown_key("[" * ("keyframes" in known), name, keys))
         table = super().__new__(cls)
         object.__setattr__(table, "given_keys", frozenset((*list(known)[: len(args)], *keywords)))
         return table
@@ -341,6 +341,7 @@ def check_table(cls: type, table: Any, mistakes: Mistakes, where: str = "", also
     if not isinstance(table, dict):
         key, text = next((key for key in ("name", "preset") if key in keys_of(cls)), ""), short_repr(table)
         example = f", as in {{{key} = {text}}}, in Python {{'{key}': {text}}}" if key and isinstance(table, str) else ""
+        example += ", as in {}" * (table is True)
         wanted = f"must be a {cls.__name__} or a dict" if isinstance(table, Table) else f"must be a table{example}"
         mistakes.add(where, f"{wanted}, got {short_repr(table)}")
         return {}
@@ -359,12 +360,12 @@ def check_table(cls: type, table: Any, mistakes: Mistakes, where: str = "", also
 def _unknown_key(where: str, name: str, known: list[str]) -> tuple[str, str]:
     """Return why a key of the table `where` is refused, and a hint: its new name or the nearest of the `known` ones."""
     section = where.partition("[")[0]
+    if (same := OTHER_WORDS.get(name)) in known:
+        return "unknown key", str(same)
     if new := new_key(f"{section}_{name}" if section else name):
         return f"was renamed to {new.removeprefix(f'{section}_')}", ""
-    elsewhere = _in_another_section(name)
-    if "[" in where and not elsewhere.endswith(f".{name}"):  # a key of the cloth means nothing for a collider
-        elsewhere = ""
-    hint = elsewhere if elsewhere.endswith(f".{name}") else nearest_name(name, known) or elsewhere
+    elsewhere, is_collider = _in_another_section(name), "[" in where  # for which a key of the cloth means nothing
+    hint = elsewhere if elsewhere.endswith(f".{name}") else nearest_name(name, known) or elsewhere * (not is_collider)
     return "unknown key" + ("" if hint else f"; allowed: {', '.join(known)}"), hint
 
 
@@ -375,8 +376,7 @@ def _in_another_section(name: str) -> str:
         for key in keys_of(cls):
             sections.setdefault(key, []).append(section)
     found = sections.get(nearest := nearest_name(name, sections), [])
-    if "cloth" in found:
-        found = ["cloth"]
+    found = ["cloth"] if "cloth" in found else found
     return f"{found[0]}.{nearest}" if len(found) == 1 and "[" not in found[0] else ""
 
 

@@ -168,7 +168,10 @@ def short_repr(value: object) -> str:
         return f"a value too long to show ({type(value).__name__})"
 
 
-OTHER_WORDS = {"density": "area_density", "mass": "area_density", "position": "center"}  # names that other programs use
+OTHER_WORDS = {  # names that other programs use
+    "density": "area_density", "mass": "area_density", "position": "center", "path": "file", "height": "length",
+    "half_extents": "size", "r": "radius", "resolution": "rows",
+}  # fmt: skip
 
 
 def nearest_name(wrong: object, valid: Iterable[str]) -> str:

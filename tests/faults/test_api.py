@@ -17,7 +17,7 @@ from taichi_cloth.export.clip import replay
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.kernels.step_params import MAX_GRABS
 from taichi_cloth.scene import Scene, SceneError, parameters_of, scene_to_toml
-from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
+from taichi_cloth.scene.collider_schema import Box, Capsule, Ground, Mesh, Sphere
 from taichi_cloth.scene.fabric_schema import Fabric, VerletSprings
 from taichi_cloth.scene.schema import Cloth, Solver, Wind
 from taichi_cloth.simulation.events import GrabHandle
@@ -321,9 +321,11 @@ def test_a_fabric_that_the_solver_does_not_use_is_a_warning() -> None:
         assert simulation.warnings == "verlet uses [verlet], not fabric.warp"
 
 
-@pytest.mark.parametrize("cls", [Box, Sphere])
-def test_a_collider_needs_the_names_of_its_keys(cls: Any) -> None:
-    with pytest.raises(SceneError, match=f"{cls.__name__}: values need the names of keys, as in .*center="):
+@pytest.mark.parametrize(("cls", "key"), [(Box, "center"), (Sphere, "center"), (Ground, "height")])
+def test_a_collider_needs_the_names_of_its_keys(cls: Any, key: str) -> None:
+    with pytest.raises(
+        SceneError, match=rf"{cls.__name__}: values need the names of keys, as in {cls.__name__}\({key}="
+    ):
         cls((0.0, 1.0, 0.0), 0.2)
 
 
@@ -347,6 +349,7 @@ def test_a_collider_needs_the_names_of_its_keys(cls: Any) -> None:
         ({"boxes": (Box(center=np.zeros(2)),)}, "scene: boxes[0].center: must be three numbers, as in [0.0, 1.0"),
         ({"boxes": (Box(),) * 17}, "scene: boxes: has 17 tables, at most 16 are allowed"),
         ({"cloth": Cloth(pins=(720,))}, "scene: cloth.pins[0]: 720 is not a particle: indices run from 0 to 719"),
+        ({"ground": True}, "scene: ground: must be a table, as in {}, got true"),
         ({"seed": -1, "name": "mine"}, "mine: seed: -1 is out of range: 0 to 2147483647"),
         ({"sphere": [Sphere()]}, "Scene: sphere: unknown key (did you mean 'spheres'?)"),
     ],
@@ -364,6 +367,11 @@ def test_a_scene_that_would_be_invalid_in_a_file_is_refused(sections: dict[str, 
         (Sphere, "raduis", "Sphere: raduis: unknown key (did you mean 'radius'?)"),
         (Sphere, "sway", "Sphere: sway: was renamed to oscillation"),
         (Cloth, "colour", "Cloth: colour: unknown key (did you mean 'look.color'?)"),
+        (Cloth, "resolution", "Cloth: resolution: unknown key (did you mean 'rows'?)"),
+        (Capsule, "height", "Capsule: height: unknown key (did you mean 'length'?)"),
+        (Capsule, "start", "Capsule: start: unknown key; allowed: margin, friction, "),
+        (Mesh, "path", "Mesh: path: unknown key (did you mean 'file'?)"),
+        (Sphere, "path", "Sphere: path: was renamed to keyframes"),
         (Ground, "zzz", "Ground: zzz: unknown key; allowed: margin, friction, continuous, response, restitution, "),
     ],
 )
