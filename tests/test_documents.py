@@ -260,6 +260,7 @@ COMMON_TYPES = {
     "None",
     "False",
     "Path",
+    "BinaryIO",
     "PathLike",
     "Callable",
     "Sequence",
