@@ -23,7 +23,10 @@ MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is un
 ZOOM_STEP = 0.1  # change of log(distance) per step
 MAX_ZOOM = 20.0  # zooming changes the distance of the framed view by at most this factor, in both directions
 WIDTH_MARGIN = 1.25  # largest factor of the distance in `fit_width`
-FAR_MARGIN = 4.0  # largest factor of the distance in `move_back`
+FAR_MARGIN, OVERFLOW = (
+    4.0,
+    1.25,
+)  # of `move_back`: largest factor of the distance; how far it moves, over what is needed
 INCLUDE_MARGIN = 1.1  # factor of the distance at which `include` just sees all points
 FLOOR_CLEARANCE = 0.02  # smallest height of eye and target above the floor, as a fraction of the initial distance
 
@@ -92,18 +95,26 @@ class OrbitCamera:
         self._stay_above_floor()
 
     def move_back(self, points: ArrayLike, aspect: float) -> None:
-        """Move the eye back, as little as needed, until `points` are in the picture.
+        """Move target and eye so that `points` come into the picture, in addition to what it shows at the target.
 
-        So images of cloth that moves out of the picture show its motion, without a jump. Only beyond `FAR_MARGIN` times
-        the initial distance the cloth is framed alone, as by `include`. Arguments as there.
+        So images of cloth that moves out of the picture show its motion, without a jump: what leaves it by some
+        distance extends it by `OVERFLOW` times that. Only beyond `FAR_MARGIN` times the distance the cloth is framed
+        alone, as by `include`. Arguments as there; the target is not shifted.
         """
-        points = np.asarray(points, np.float64)
+        points, half = np.asarray(points, np.float64), tan(self.fov / 2)
         right, up, back = ((points - self.target) @ axis for axis in self._axes())
-        needed = np.maximum(np.abs(up), np.abs(right) / aspect) / tan(self.fov / 2) + back
-        self.distance = self._unzoomed_distance = max(self.distance, float(needed.max()))
-        if self.distance > FAR_MARGIN * self._initial_distance:
-            self.distance = self._unzoomed_distance = self._initial_distance
+        moves, needed = [], []
+        for across, slope in ((right, half * aspect), (up, half)):
+            shown = slope * self.distance  # to each side, at the target; nearer points need more
+            low, high = (shown + OVERFLOW * max(0.0, (side + slope * back - shown).max()) for side in (-across, across))
+            moves.append((high - low) / 2)
+            needed.append((high + low) / 2 / slope)
+        if max(needed) > FAR_MARGIN * self.distance:
             self.include(points, aspect)
+            return
+        self.target = self.target + np.array(moves) @ self._axes()[:2]
+        self.distance = self._unzoomed_distance = max(needed)
+        self._stay_above_floor()
 
     def fit_width(self, points: ArrayLike, aspect: float) -> None:
         """Move the eye back by at most a quarter of the distance, until `points` are in the picture sideways.

@@ -255,21 +255,36 @@ def test_a_camera_moves_back_by_at_most_a_quarter_for_a_wide_cloth() -> None:
     assert camera.distance == pytest.approx(1.25 * 3.0)
 
 
-def test_a_camera_moves_back_by_no_more_than_falling_cloth_needs() -> None:
-    """The eye is 3 m away, and sees 1.09 m below the target."""
+def test_a_camera_moves_back_without_a_jump_as_cloth_leaves_the_picture() -> None:
+    """The eye is 3 m away, and sees 1.09 m above and below the target: that stays in the picture."""
     seen = 3.0 * np.tan(np.radians(20.0))
-    distances = []
-    for depth in (0.9 * seen, 1.001 * seen, 2 * seen, 3.99 * seen, 4.01 * seen):
+    depths = seen * np.linspace(0.9, 5.5, 93)
+    distances, heights = [], []
+    for depth in depths:
         camera = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
         camera.move_back([[0.0, 1.0, 0.0], [0.1, 1.0 - depth, 0.0]], 1.8)
-        distances.append(camera.distance / 3.0)
-        uv, _ = camera.to_screen([[0.1, 1.0 - depth, 0.0]], 1.8)
-        assert -1e-9 <= uv[0, 1] <= 0.5
-    assert distances[:4] == pytest.approx([1.0, 1.001, 2.0, 3.99])
-    assert distances[4] == pytest.approx(1.1 * 4.01 / 2)  # the target is then in the middle
+        distances.append(camera.distance)
+        heights.append(float(camera.target[1]))
+        uv, _ = camera.to_screen([[0.1, 1.0 - depth, 0.0], [0.0, 1.0 + seen, 0.0]], 1.8)
+        assert 0.0 <= uv[0, 1] < uv[1, 1] <= 1.0 + 1e-9
+    lower = 1.25 * np.maximum(depths - seen, 0.0)
+    assert distances == pytest.approx(3.0 * (1 + lower / 2 / seen))
+    assert heights == pytest.approx(1.0 - lower / 2)
+    far = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
+    far.move_back([[0.0, -20.0, 0.0], [0.1, -21.0, 0.0]], 1.8)
+    assert far.distance < 3.0
+    assert far.target[1] == pytest.approx(-20.5)
+
+
+def test_a_camera_that_moves_back_sees_what_is_nearer_and_stays_above_the_floor() -> None:
     wide = OrbitCamera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), 40.0)
-    wide.move_back([[2 * 1.8 * seen, 1.0, 0.5]], 1.8)
-    assert wide.distance == pytest.approx(6.5)
+    point = [[3.0, 1.2, 1.0]]
+    wide.move_back(point, 1.8)
+    uv, _ = wide.to_screen(point, 1.8)
+    assert 0.7 < uv[0, 0] < 1.0
+    low = OrbitCamera((0.0, 0.1, 3.0), (0.0, 1.0, 0.0), 40.0, floor=0.0)
+    low.move_back([[0.0, 5.0, 0.0]], 1.8)
+    assert low.eye[1] > 0.0
 
 
 @pytest.mark.parametrize("frame", [OrbitCamera.include, OrbitCamera.fit_width, OrbitCamera.move_back])
