@@ -168,7 +168,7 @@ EVALUATION = [
     ),
     Mutation(
         "lying-cloth-judged-as-hanging",
-        "evaluation/stress/trial.py",
+        "evaluation/stress/setup.py",
         'for shape in COLLIDERS if shape != "planes")',
         "for shape in COLLIDERS)",
         ("stress/test_rest_strain.py::test_cloth_that_falls_or_lies_on_planes_is_not_strained",),
@@ -301,7 +301,7 @@ EVALUATION = [
     ),
     Mutation(
         "figures-keep-the-largest-value",
-        "evaluation/stress/invariants.py",
+        "evaluation/stress/trial.py",
         "return self.value - (self.bound or 0.0)",
         "return self.value",
         (TRIAL + "test_recorded_values_and_expected_errors",),
@@ -452,9 +452,37 @@ EVALUATION = [
     Mutation(
         "pins-not-monitored",
         "evaluation/stress/invariants.py",
-        "if not np.array_equal(np.float32(x[topology.pinned]), self._pins):",
+        "if (moved > self._pin_rounding).any():",
         "if False:",
         (WATCH + "test_a_pin_that_moves_is_a_violation",),
+    ),
+    Mutation(
+        "attached-pins-rounded-a-hundred-times-as-much",
+        "evaluation/stress/invariants.py",
+        "self._pin_rounding[pins] = 4 * ROUNDING",
+        "self._pin_rounding[pins] = 400 * ROUNDING",
+        (WATCH + "test_attached_pins_follow_their_attachment",),
+    ),
+    Mutation(
+        "start-of-a-pull-does-no-work",
+        "evaluation/stress/invariants.py",
+        "hit = float(impulse) / FRAME_SECONDS",
+        "hit = 0.0",
+        (WATCH + "test_the_work_of_an_attachment_that_starts_to_pull_is_no_violation",),
+    ),
+    Mutation(
+        "attachment-does-no-work-on-springs",
+        "evaluation/stress/invariants.py",
+        "return float((load * displacement)[attached].sum()) + hit",
+        "return hit",
+        (WATCH + "test_the_work_of_an_attachment_that_stretches_the_sheet_is_no_violation",),
+    ),
+    Mutation(
+        "work-of-attachments-unbounded",
+        "evaluation/stress/invariants.py",
+        "hit * float(displacement[attached].max(initial=0.0))",
+        "hit",
+        (WATCH + "test_an_attachment_excuses_no_more_than_its_travel_times_the_momentum",),
     ),
     Mutation(
         "distance-unbounded",

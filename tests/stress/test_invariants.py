@@ -11,7 +11,7 @@ import pytest
 from taichi_cloth.evaluation.stress.invariants import Extremes, InvariantMonitor, Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.trial import Trial, close
-from taichi_cloth.scene.collider_schema import Plane, Sphere
+from taichi_cloth.scene.collider_schema import Attachment, Plane, Sphere
 from taichi_cloth.scene.fabric_schema import Fabric
 from taichi_cloth.scene.keys import Keyframes
 from taichi_cloth.scene.schema import Forces, Solver, Wind
@@ -259,6 +259,66 @@ def test_a_pin_that_moves_is_a_violation() -> None:
     trial.simulation.cloth.x[0] = [-0.5, 0.5, 1e-6]
     with pytest.raises(Violation, match="pin"):
         trial.watch.check_frame()
+
+
+def pulled(seconds: float, distance: float, pins: tuple[str, ...] = ()) -> Trial:
+    """Return a trial of a weightless sheet whose left edge a hand pulls away, by `distance` [m] in `seconds` [s]."""
+    left = tuple(range(0, 81, 9))
+    hand = Attachment(pins=left, keyframes=((0.0, 0, 0, 0), (seconds, -distance, 0, 0)))
+    trial = Trial(SETTING, 0)
+    trial.open(sheet(8, pins=pins, attachments=(hand,), forces=Forces(gravity=0.0), damping=0.0), rest_strain=0.1)
+    trial.start(shake=0.0)
+    return trial
+
+
+def test_attached_pins_follow_their_attachment() -> None:
+    trial = pulled(0.5, 0.5)
+    trial.run(0.6)
+    assert trial.simulation.positions()[0, 0] == pytest.approx(-1.0, abs=1e-6)
+    trial.simulation.cloth.x[0] = [-1.0 + 4e-6, 0.5, 0.0]  # 4 roundings of 1 m are 4.8e-7 m
+    with pytest.raises(Violation, match="pin") as found:
+        trial.watch.check_frame()
+    assert found.value.bound == pytest.approx(4 * 2.0**-23, rel=0.01)
+
+
+def test_a_pin_that_its_attachment_leaves_behind_is_a_violation(monkeypatch: pytest.MonkeyPatch) -> None:
+    trial = pulled(0.5, 0.5)
+    trial.run(0.1)
+    still = trial.simulation.positions()
+    monkeypatch.setattr(trial.simulation, "positions", lambda: still)
+    with pytest.raises(Violation, match="pin"):
+        trial.one_frame()
+
+
+def test_the_work_of_an_attachment_that_starts_to_pull_is_no_violation() -> None:
+    """The whole sheet is accelerated to 1 m/s, by more than its springs have at the ends of frames."""
+    trial = pulled(1.0, 1.0)
+    trial.run(1.0)
+    assert 1 < trial.worst.speed < 3
+    trial.skip_rest_check("it is pulled")
+
+
+def test_the_work_of_an_attachment_that_stretches_the_sheet_is_no_violation() -> None:
+    """It is pulled slowly by 5 cm, and its energy is all that the hand gave."""
+    trial = pulled(1.0, 0.05, pins=("right",))
+    trial.run(1.0)
+    assert trial.energy() > 500 * 8 * 8 * (0.05 / 8) ** 2 * 0.9
+    trial.skip_rest_check("it is stretched")
+
+
+@pytest.mark.parametrize("moves", [0.0, 0.1])
+def test_an_attachment_excuses_no_more_than_its_travel_times_the_momentum(moves: float) -> None:
+    """A sheet of 0.2 kg gains 3 m/s across: 0.2 kg·3 m/s over a frame of 1/60 s, along a way of 1/600 m, are 0.06 J."""
+    trial = pulled(1.0, moves)
+    trial.run(0.5)
+    before = trial.simulation.positions(), trial.simulation.velocities()
+    faster = before[1] + [0.0, 0.0, 3.0]
+    moved = before[0] - [moves / 60, 0.0, 0.0]
+    impulse = 0.2 * 15 / 16 * 3.0 * 60  # [N]: the left edge has a sixteenth of the mass
+    assert trial.watch._work_bound(moved, faster) == pytest.approx(impulse * moves / 60, rel=0.3)
+    unreported(trial, lambda x, v: v.__iadd__([0.0, 0.0, 3.0]))
+    with pytest.raises(Violation, match="energy"):
+        trial.one_frame()
 
 
 def test_a_particle_out_of_reach_is_a_violation() -> None:

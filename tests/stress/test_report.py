@@ -8,8 +8,8 @@ import pytest
 
 from taichi_cloth.evaluation.stress import stress_report as report
 from taichi_cloth.evaluation.stress.causes import Cause
-from taichi_cloth.evaluation.stress.invariants import Measurement
 from taichi_cloth.evaluation.stress.store import Store
+from taichi_cloth.evaluation.stress.trial import Measurement
 from taichi_cloth.evaluation.stress.unit import Result
 
 from .conftest import failed, result

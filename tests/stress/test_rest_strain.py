@@ -7,8 +7,8 @@ from walks import CELLS, few_cells, walk
 
 from taichi_cloth.evaluation.stress import extremes
 from taichi_cloth.evaluation.stress.case_catalog import CASES
-from taichi_cloth.evaluation.stress.setup import sheet
-from taichi_cloth.evaluation.stress.trial import Trial, static_strain, taut_strain
+from taichi_cloth.evaluation.stress.setup import sheet, static_strain, taut_strain
+from taichi_cloth.evaluation.stress.trial import Trial
 from taichi_cloth.evaluation.stress.unit import Variant
 from taichi_cloth.scene.collider_schema import Ground, Plane, Sphere
 

@@ -9,9 +9,9 @@ import pytest
 
 from taichi_cloth.evaluation.stress import store as module
 from taichi_cloth.evaluation.stress.causes import Cause
-from taichi_cloth.evaluation.stress.invariants import Measurement
 from taichi_cloth.evaluation.stress.setup import ROBUST, ROBUST_SLACK
 from taichi_cloth.evaluation.stress.store import Store, fingerprint, load
+from taichi_cloth.evaluation.stress.trial import Measurement
 from taichi_cloth.evaluation.stress.unit import Result, run_unit
 from taichi_cloth.system.errors import UsageError
 

@@ -8,7 +8,7 @@ import pytest
 
 from taichi_cloth.evaluation.stress import trial as module
 from taichi_cloth.evaluation.stress.invariants import Violation
-from taichi_cloth.evaluation.stress.setup import Setting, sheet
+from taichi_cloth.evaluation.stress.setup import Setting, sheet, static_strain
 from taichi_cloth.evaluation.stress.trial import (
     CALM_SECONDS,
     TIMED_EVERY,
@@ -16,7 +16,6 @@ from taichi_cloth.evaluation.stress.trial import (
     TIMED_WINDOW,
     TooSlow,
     Trial,
-    static_strain,
 )
 from taichi_cloth.geometry.cloth_builder import build_topology
 from taichi_cloth.scene.collider_schema import Sphere

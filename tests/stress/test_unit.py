@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_cloth.evaluation.stress.invariants import Measurement
 from taichi_cloth.evaluation.stress.setup import sheet
-from taichi_cloth.evaluation.stress.trial import TooSlow, Trial, UntimedTrial
+from taichi_cloth.evaluation.stress.trial import Measurement, TooSlow, Trial, UntimedTrial
 from taichi_cloth.evaluation.stress.unit import (
     Case,
     Unit,

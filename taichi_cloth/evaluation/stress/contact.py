@@ -8,7 +8,7 @@ from math import ceil, cos, radians, sin
 import numpy as np
 
 from ...collision.colliders import pose
-from ...scene.collider_schema import Box, Ground, Plane, Sphere
+from ...scene.collider_schema import Attachment, Box, Ground, Plane, Sphere
 from ...scene.keys import Keyframes
 from ...scene.schema import FRAME_SECONDS, Forces, Scene
 from .invariants import ROUNDING, Floats
@@ -125,6 +125,7 @@ REST_SECONDS, SLIDE_SECONDS = 60.0, 10.0
 SPIN, SPIN_SECONDS = 180.0, 8.0  # [degrees/s] of the ball, and for how long [s]
 FASTER = 1e-3  # relative excess of the sheet's angular velocity over the ball's
 TURNED = 0.5  # share of the ball's angular velocity that friction must give the sheet
+PULL_START = 1.0  # [s] in which the layers come to rest on the table
 PULL_SPEED, PULL_SECONDS = 1.0, 1.5  # [m/s] of the tablecloth, and for how long [s]
 HEAVIER = 0.01  # relative excess of friction over μ times the weight
 
@@ -218,21 +219,22 @@ def tablecloth(trial: Trial, friction: float, cells: int | None = None) -> None:
     contact = replace(triangle_self_collision(), friction=mu)
     table = Box(center=(0.0, -0.1, 0.0), size=(6.0, 0.2, 1.6), margin=MARGIN, friction=0.0)
     edge = tuple((cells + 1) * row + cells for row in range(cells + 1))  # the right edge of layer 1
-    scene = sheet(cells, pins=edge, rotation=FLAT, damping=0.0, boxes=(table,), center=(0.0, MARGIN, 0.0))
+    path: Keyframes = ((PULL_START, 0, 0, 0), (PULL_START + PULL_SECONDS, PULL_SPEED * PULL_SECONDS, 0, 0))
+    hand = Attachment(pins=edge, keyframes=path)  # moves evenly; pins set between frames would shake the cloth
+    scene = sheet(cells, pins=(), rotation=FLAT, damping=0.0, boxes=(table,), center=(0.0, MARGIN, 0.0))
+    scene = replace(scene, attachments=(hand,))
     scene = replace(with_layers(scene, 2, 1.05 * contact.thickness), self_collision=contact)
-    x = trial.open(scene, rest_strain=CALM_STRAIN)  # both sheets lie on the table, which has no friction
+    trial.open(scene, rest_strain=CALM_STRAIN)  # both sheets lie on the table, which has no friction
     trial.start()
     trial.simulation.params["damping"] = DAMPING
-    trial.run(1.0)
+    trial.run(PULL_START)
     trial.simulation.params["damping"] = 0.0
-    pins = x[trial.simulation.topology.pinned]
-    upper = slice(len(x) // 2, None)
+    upper = slice(trial.simulation.topology.particle_count // 2, None)
     mass = trial.simulation.topology.mass[upper]
     weight = DENSITY * SIDE**2 * GRAVITY
     momentum = [float(trial.simulation.velocities()[upper, 0] @ mass)]
     slid, given, gone = 0.0, 0.0, False  # [N·s] by Coulomb's law while the layers slide, and measured
-    for k in range(1, round(PULL_SECONDS / FRAME_SECONDS) + 1):
-        trial.set_pins(pins + [k * FRAME_SECONDS * PULL_SPEED, 0, 0])
+    for _ in range(round(PULL_SECONDS / FRAME_SECONDS)):
         trial.one_frame()
         momentum.append(float(trial.simulation.velocities()[upper, 0] @ mass))
         x = trial.simulation.positions()[:, 0]

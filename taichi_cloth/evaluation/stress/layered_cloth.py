@@ -16,8 +16,17 @@ from ...scene.keys import Keyframes
 from ...scene.schema import FRAME_SECONDS, Forces
 from .contact import MARGIN, hung
 from .invariants import Floats
-from .setup import CELLS, FLAT, SIDE, particle_self_collision, sheet, triangle_self_collision, with_layers
-from .trial import CALM_STRAIN, INTERSECTIONS, Trial, static_strain
+from .setup import (
+    CELLS,
+    FLAT,
+    SIDE,
+    particle_self_collision,
+    sheet,
+    static_strain,
+    triangle_self_collision,
+    with_layers,
+)
+from .trial import CALM_STRAIN, INTERSECTIONS, Trial
 
 Indices = NDArray[np.int32]
 

@@ -11,8 +11,8 @@ from ...geometry.scene_loader import load_scene
 from ...scene.collider_schema import Ground
 from ...scene.schema import FRAME_SECONDS, Forces, StrainLimit, Wind
 from .invariants import ROUNDING, Floats
-from .setup import CELLS, CONSTANT, DAMPING, DENSITY, FLAT, sheet
-from .trial import CALM_STRAIN, CASE_SECONDS, INTERSECTIONS, Trial, static_strain, taut_strain
+from .setup import CELLS, CONSTANT, DAMPING, DENSITY, FLAT, sheet, static_strain, taut_strain
+from .trial import CALM_STRAIN, CASE_SECONDS, INTERSECTIONS, Trial
 
 GRAVITY = 9.81  # [m/s²]
 PULL_SECONDS, HOLD_SECONDS = 0.1, 1.0

@@ -1,14 +1,20 @@
-"""What the cases start from: solver settings and the base sheet."""
+"""What the cases start from: solver settings, the base sheet and its static strain."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
+from ...geometry.scene_loader import files_of
+from ...geometry.spring_model import spring_model
 from ...scene.fabric_schema import Fabric, VerletSprings
 from ...scene.keys import Vec3, keys_of
-from ...scene.schema import COLLIDERS, Camera, Cloth, Scene, SelfCollision, Solver, Tearing
+from ...scene.schema import COLLIDERS, Camera, Cloth, Forces, Scene, SelfCollision, Solver, Tearing
 from ...scene.solver_catalog import SOLVER_CATALOG
+from ...system.files import cached
+from ..reference.static_solution import rest_positions, rest_strain
 
 CELLS = 32  # along a side of the base sheet, for every setting
 MAX_SUBSTEPS = int(keys_of(Solver)["substeps"].max or 0)
@@ -164,3 +170,41 @@ def with_fabric(scene: Scene, *, constant: float | None = None, density: float |
     if density is not None:
         scene = replace(scene, cloth=replace(scene.cloth, area_density=density))
     return scene
+
+
+HUNG_BY = ("top-left", "top-right")
+ALMOST_NONE = 1e-3  # [m/s²] gravity; not 0, because the solution is judged by forces relative to a particle's weight
+
+
+def static_strain(scene: Scene) -> float:
+    """Return the largest strain of a structural spring of this cloth at rest.
+
+    It is computed in float64 with the constants of the fabric and its map of the stiffness. A solver's artificial
+    stretch is not part of it.
+
+    Cloth without pins that falls or lies on planes has no static strain. On other colliders, where parts of it hang
+    down, it is judged by the strain of a single layer hung from its two top corners. That is an upper bound: cloth that
+    lies is supported at more points, and a shorter piece hangs from each.
+    """
+    if not scene.cloth.pins and not any(getattr(scene, shape) for shape in COLLIDERS if shape != "planes"):
+        return 0.0
+    cloth = scene.cloth if scene.cloth.pins else replace(scene.cloth, pins=HUNG_BY, layers=1)
+    still = Scene(cloth=cloth, regions=scene.regions, maps=scene.maps, fabric=scene.fabric, forces=scene.forces)
+    named = replace(still, maps=still.maps and replace(still.maps, folder=""))  # another folder in each run
+    return float(cached(f"rest strain {named}", lambda: np.array(rest_strain(still)), files_of(still)))
+
+
+def taut_strain(scene: Scene, pull: float) -> float:
+    """Return the largest strain at rest of a weightless sheet stretched by `pull` between its left and right edges.
+
+    It is more than `pull`: the sheet gets narrower in the middle, which strains the springs at the pinned corners more.
+    """
+    still = Scene(cloth=scene.cloth, fabric=scene.fabric, forces=Forces(gravity=ALMOST_NONE))
+
+    def strain() -> float:
+        model = spring_model(still)
+        stretched = replace(model.topology, start=model.topology.start * [1 + pull, 1.0, 1.0])
+        model = replace(model, topology=stretched)
+        return float(model.strains(rest_positions(model))[stretched.family("structural")].max())
+
+    return float(cached(f"taut strain {pull} {still}", lambda: np.array(strain())))

@@ -20,8 +20,8 @@ from ...scene.schema import SOLVER_NAMES
 from ...system.console import count_noun, machine, new_file
 from ...system.errors import UsageError
 from .causes import EXPERIMENTS, Cause
-from .invariants import Measurement
 from .setup import ROBUST, ROBUST_SLACK
+from .trial import Measurement
 from .unit import ALIVE, SLOW, Failure, Key, Result, Unit
 
 PACKAGE = Path(__file__).parents[2]

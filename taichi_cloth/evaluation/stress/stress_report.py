@@ -12,12 +12,11 @@ from ...system.console import count_noun, markdown_table, new_file, page_files, 
 from .case_catalog import CASES
 from .causes import EXPERIMENT_SECONDS, FINER
 from .extremes import HANGING_FRAMES, LONG_HANGING, LONG_SWINGING
-from .invariants import Measurement
 from .layered_cloth import LOOK_EVERY
 from .loads import LANDING_SECONDS
 from .setup import CELLS, ROBUST, ROBUST_SLACK, SIDE, THICKNESS, THIN
 from .store import Store
-from .trial import REST_SPEED, REST_STRAIN, SLOW_MS, TIMED_EVERY, TIMED_WINDOW
+from .trial import REST_SPEED, REST_STRAIN, SLOW_MS, TIMED_EVERY, TIMED_WINDOW, Measurement
 from .unit import ALIVE, FAILED, SLOW, Key, Result
 
 NOT_RUN = "not run"

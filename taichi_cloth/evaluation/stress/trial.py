@@ -1,4 +1,4 @@
-"""One start of a variant with one setting, and the static strain of its cloth at rest.
+"""One start of a variant with one setting.
 
 A case changes its cloth through the public interface of `Simulation`.
 """
@@ -7,58 +7,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from statistics import median
 
 import numpy as np
 
-from ...geometry.scene_loader import files_of
-from ...geometry.spring_model import spring_model
 from ...scene import parameters_of
-from ...scene.schema import COLLIDERS, FRAME_SECONDS, Forces, Scene
+from ...scene.schema import FRAME_SECONDS, Scene
 from ...simulation.simulation import Simulation
-from ...system.files import cached
-from ..reference.static_solution import rest_positions, rest_strain
-from .invariants import Extremes, Floats, InvariantMonitor, Measurement, Violation, add_worst
-from .setup import Setting
-
-HUNG_BY = ("top-left", "top-right")
-ALMOST_NONE = 1e-3  # [m/s²] gravity; not 0, because the solution is judged by forces relative to a particle's weight
-
-
-def static_strain(scene: Scene) -> float:
-    """Return the largest strain of a structural spring of this cloth at rest.
-
-    It is computed in float64 with the constants of the fabric and its map of the stiffness. A solver's artificial
-    stretch is not part of it.
-
-    Cloth without pins that falls or lies on planes has no static strain. On other colliders, where parts of it hang
-    down, it is judged by the strain of a single layer hung from its two top corners. That is an upper bound: cloth that
-    lies is supported at more points, and a shorter piece hangs from each.
-    """
-    if not scene.cloth.pins and not any(getattr(scene, shape) for shape in COLLIDERS if shape != "planes"):
-        return 0.0
-    cloth = scene.cloth if scene.cloth.pins else replace(scene.cloth, pins=HUNG_BY, layers=1)
-    still = Scene(cloth=cloth, regions=scene.regions, maps=scene.maps, fabric=scene.fabric, forces=scene.forces)
-    named = replace(still, maps=still.maps and replace(still.maps, folder=""))  # another folder in each run
-    return float(cached(f"rest strain {named}", lambda: np.array(rest_strain(still)), files_of(still)))
-
-
-def taut_strain(scene: Scene, pull: float) -> float:
-    """Return the largest strain at rest of a weightless sheet stretched by `pull` between its left and right edges.
-
-    It is more than `pull`: the sheet gets narrower in the middle, which strains the springs at the pinned corners more.
-    """
-    still = Scene(cloth=scene.cloth, fabric=scene.fabric, forces=Forces(gravity=ALMOST_NONE))
-
-    def strain() -> float:
-        model = spring_model(still)
-        stretched = replace(model.topology, start=model.topology.start * [1 + pull, 1.0, 1.0])
-        model = replace(model, topology=stretched)
-        return float(model.strains(rest_positions(model))[stretched.family("structural")].max())
-
-    return float(cached(f"taut strain {pull} {still}", lambda: np.array(strain())))
-
+from .invariants import Extremes, Floats, InvariantMonitor, Violation
+from .setup import Setting, static_strain
 
 CASE_SECONDS = 10.0  # for which a case runs at least
 CALM_SECONDS = 5.0  # time to come to rest after a disturbance
@@ -75,6 +33,30 @@ TIMED_FRAMES = 5  # frames after which their median is checked; the first, which
 TIMED_ENOUGH_MS = 1000.0  # total time after which fewer frames are enough
 TIMED_EVERY = 60  # frames after which the median of the last frames of the scene is checked again
 TIMED_WINDOW = 600  # of these frames, 10 s: a check of a long run takes no longer than one of a short run
+
+
+@dataclass
+class Measurement:
+    """A value that a case records, with its bound if it has one."""
+
+    what: str
+    value: float
+    bound: float | None
+
+    @property
+    def excess(self) -> float:
+        """The value over its bound, or over 0 if it has none."""
+        return self.value - (self.bound or 0.0)
+
+
+def add_worst(figures: list[Measurement], new: Measurement) -> None:
+    """Add a measurement, or replace the one of the same quantity if its excess is smaller. NaN counts as largest."""
+    for k, old in enumerate(figures):
+        if old.what == new.what:
+            if not new.excess <= old.excess:
+                figures[k] = new
+            return
+    figures.append(new)
 
 
 class TooSlow(Exception):

@@ -31,9 +31,9 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from ...render.image import render_image
-from .invariants import Measurement, Violation, add_worst
+from .invariants import Violation
 from .setup import Setting
-from .trial import TooSlow, Trial, UntimedTrial, close
+from .trial import Measurement, TooSlow, Trial, UntimedTrial, add_worst, close
 
 Value = TypeVar("Value")
 Starts: TypeAlias = Sequence[tuple[int, int]]  # number and seed of each start
