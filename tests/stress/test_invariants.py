@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.stress.invariants import Extremes, InvariantMonitor, Violation
-from taichi_cloth.evaluation.stress.setup import Setting, sheet
+from taichi_cloth.evaluation.stress.setup import SETTINGS, Setting, sheet
 from taichi_cloth.evaluation.stress.trial import Trial, close
 from taichi_cloth.scene.collider_schema import Attachment, Plane, Sphere
 from taichi_cloth.scene.fabric_schema import Fabric
@@ -261,11 +261,11 @@ def test_a_pin_that_moves_is_a_violation() -> None:
         trial.watch.check_frame()
 
 
-def pulled(seconds: float, distance: float, pins: tuple[str, ...] = ()) -> Trial:
+def pulled(seconds: float, distance: float, pins: tuple[str, ...] = (), setting: Setting = SETTING) -> Trial:
     """Return a trial of a weightless sheet whose left edge a hand pulls away, by `distance` [m] in `seconds` [s]."""
     left = tuple(range(0, 81, 9))
     hand = Attachment(pins=left, keyframes=((0.0, 0, 0, 0), (seconds, -distance, 0, 0)))
-    trial = Trial(SETTING, 0)
+    trial = Trial(setting, 0)
     trial.open(sheet(8, pins=pins, attachments=(hand,), forces=Forces(gravity=0.0), damping=0.0), rest_strain=0.1)
     trial.start(shake=0.0)
     return trial
@@ -291,8 +291,8 @@ def test_a_pin_that_its_attachment_leaves_behind_is_a_violation(monkeypatch: pyt
 
 
 def test_the_work_of_an_attachment_that_starts_to_pull_is_no_violation() -> None:
-    """The whole sheet is accelerated to 1 m/s, by more than its springs have at the ends of frames."""
-    trial = pulled(1.0, 1.0)
+    """The sheet is accelerated to 1 m/s within a frame, at the end of which its springs have little tension."""
+    trial = pulled(1.0, 1.0, setting=SETTINGS["verlet"])
     trial.run(1.0)
     assert 1 < trial.worst.speed < 3
     trial.skip_rest_check("it is pulled")
