@@ -129,9 +129,9 @@ def tuned_scene(simulation: BaseSimulation) -> Scene:
 
 # What other modules of this package use. It is not documented, and the completion of names leaves it out.
 _INNER = """
-built check_between_frames check_particle depenetration displacements frames_stepped free_positions grabs h
+built check_between_frames check_particle depenetration displacements find_pairs frames_stepped free_positions grabs h
 has_changed has_self_contact is_held_still notify origin place rebuild reduces_damping requested_layout
-restart_guard scene_colliders set_frame set_grabs set_origin set_pins set_torn
+scene_colliders set_frame set_grabs set_origin set_pins set_torn
 """
 INNER_NAMES = frozenset(_INNER.split())
 

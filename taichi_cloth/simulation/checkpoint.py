@@ -112,7 +112,7 @@ def restore(simulation: Simulation, arrays: Arrays) -> None:
     simulation.set_frame(int(arrays["frame"]))
     simulation.set_origin(arrays["origin"])
     upload_all(*((getattr(simulation.cloth, key), arrays[key]) for key in ("x", "x_prev", "velocity")))
-    simulation.restart_guard()
+    simulation.find_pairs()
     simulation.set_grabs({number: restored_grab(grab, simulation.grabs.get(number)) for number, grab in grabs.items()})
 
 

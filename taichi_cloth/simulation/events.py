@@ -171,16 +171,16 @@ def load(simulation: Simulation, content: str) -> None:
 
 
 def find_pairs(simulation: Simulation) -> None:
-    """Let penetration-free contact find its pairs anew, as it does in a simulation that loads a checkpoint."""
-    simulation.restart_guard(moved=False)
+    """Let self-collision find its pairs anew, as it does in a simulation that loads a checkpoint."""
+    simulation.find_pairs(moved=False)
 
 
 def prepare_checkpoint(simulation: Simulation) -> None:
     """Let a simulation whose checkpoint is written go on with the bits of one that loads it.
 
-    A checkpoint has no pairs of penetration-free contact. The order in which they were found changes the last bits.
+    A checkpoint has no pairs of self-collision. The order in which they were found changes the last bits.
     """
-    if simulation.solver.features.penetration_free:
+    if simulation.scene.self_collision is not None:
         simulation.apply(Event("find_pairs"))
 
 

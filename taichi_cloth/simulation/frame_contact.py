@@ -29,6 +29,7 @@ from ..geometry.topology import Topology
 from ..scene.collider_schema import Collider, Ground, Mesh
 from ..scene.schema import COLLIDERS, FRAME_SECONDS
 from ..solvers import Solver
+from ..state.cloth_state import Layout
 from ..state.contact_data import attach_self_contact
 from ..state.field_pool import layout_index, upload, upload_all
 from ..state.surface_data import DeformingSurfaces
@@ -174,6 +175,12 @@ def describe_intersections(topology: Topology, positions: Floats) -> str:
     more = ", …" if len(places) > MAX_PLACES else ""
     count = len(np.unique(found[:, 0]))
     return f"{count} edges pass through triangles, near {', '.join(places[:MAX_PLACES])}{more} m"
+
+
+def expire_candidates(layout: Layout) -> None:
+    """Let the next substep list the candidate pairs of self-collision anew, in the order of their places then."""
+    if layout.self_contact is not None:
+        layout.self_contact.list_thickness[None] = 0.0  # [m] a list of another thickness is not used
 
 
 class IntersectionGuard:

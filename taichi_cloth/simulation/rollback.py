@@ -54,7 +54,7 @@ class DivergenceGuard:
         simulation.set_torn(self._torn)
         restore_snapshot(simulation.cloth, self._snapshots[0])
         simulation.set_frame(self._frame)
-        simulation.restart_guard()  # what it had verified are positions after the snapshot
+        simulation.find_pairs()  # what it had verified are positions after the snapshot
         simulation.notify(Event("roll_back"))
         return line
 

@@ -27,7 +27,7 @@ from ..system.errors import UsageError
 from ..system.taichi_compat import ProgramRef
 from ..system.taichi_runtime import check_thread
 from .builder import StepRow, build, release_solver
-from .frame_contact import Displacement, IntersectionGuard, move_colliders, present_colliders
+from .frame_contact import Displacement, IntersectionGuard, expire_candidates, move_colliders, present_colliders
 from .grabbing import Grab, all_grabbed
 from .parameter_values import HasParameters, Parameters, check_frames, check_particle, with_values
 
@@ -66,7 +66,7 @@ class RunningCloth(HasParameters):
         self.displacements = {row: one for row, one in self.displacements.items() if row < count}
         self.has_self_contact = False
         self._guard = IntersectionGuard(solver, built.topology) if solver.features.penetration_free else None
-        self.restart_guard()
+        self.find_pairs()
         torn = () if self._tear is None else (self._tear.ends,)
         self._tear = TearState(built.topology, *torn) if scene.tearing is not None else None
         self._rebuild_topology()
@@ -225,7 +225,7 @@ class RunningCloth(HasParameters):
             self.set_origin(self.origin + shift)
             upload_all((self.cloth.x, x - shift), (self.cloth.x_prev, self.cloth.to_numpy(self.cloth.x_prev) - shift))
             self.set_grabs(self.grabs)
-            self.restart_guard(moved=False)
+            self.find_pairs(moved=False)
 
     def set_origin(self, origin: Floats) -> None:
         """Set what positions in the fields are relative to [m], (3,), which does not change the fields."""
@@ -254,11 +254,12 @@ class RunningCloth(HasParameters):
         start = self.topology.origin
         self.set_origin(start + origin_shift(x - start) if self.topology.max_distance is None else start)
         upload_all(*((field, x - self.origin) for field in (self.cloth.x, self.cloth.x_prev)))
-        self.restart_guard()
+        self.find_pairs()
         self.set_grabs(self.grabs)
 
-    def restart_guard(self, *, moved: bool = True) -> None:
-        """Let penetration-free contact find its pairs anew. `moved`: to where the cloth may intersect itself."""
+    def find_pairs(self, *, moved: bool = True) -> None:
+        """Let self-collision find its pairs anew. `moved`: to where the cloth may intersect itself."""
+        expire_candidates(self.solver.layout)
         if self._guard is not None:
             self._guard.restart(self.frame, moved=moved)
 

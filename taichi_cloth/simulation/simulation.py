@@ -186,7 +186,7 @@ class Simulation(RunningCloth):
         write_checkpoint(self, path)
 
     def load(self, path: str | PathLike[str] | BinaryIO) -> None:
-        """Continue from a checkpoint, with the same bits as a run that never stopped, in the same layout.
+        """Continue from a checkpoint, with the same bits as the run that wrote it, in the same layout.
 
         `path` may be a binary file open at its start. Raises OSError, and ValueError for one of another scene.
         """

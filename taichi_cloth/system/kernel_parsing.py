@@ -223,7 +223,10 @@ def replace_class_check() -> None:
 
 def _is_in_class(usual: Callable[[int], bool], patterns: list[re.Pattern[str]], level_of_class_stackframe: int) -> bool:
     """Return whether the line that runs in a frame of the stack matches a pattern. `usual`: the check of Taichi."""
-    frame = sys._getframe(level_of_class_stackframe)
+    try:
+        frame = sys._getframe(level_of_class_stackframe)
+    except ValueError:  # a decorator at the top level of a script: no line of a class can be below it
+        return False
     if str(frame.f_globals.get("__name__")).partition(".")[0] not in CACHED_PACKAGES:
         return usual(level_of_class_stackframe + 1)  # which stands one frame deeper
     line = linecache.getline(frame.f_code.co_filename, frame.f_lineno, frame.f_globals).strip()

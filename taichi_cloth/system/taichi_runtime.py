@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from . import taichi_compat
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first available of the other three
+NUMBER_TYPES = {"default_fp": "f32", "default_ip": "i32"}  # options of `ti.init` that kernels of this package rely on
 
 # Taichi reads these when it is imported: no banner on stdout, no thread that checks for a new version online.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -56,8 +57,9 @@ def start(arch: str = "cpu", **options: object) -> str:
     `options` are passed to `ti.init`. The environment variable TI_ARCH is removed, because Taichi would use it instead.
 
     `arch`: "cpu", "cuda", "vulkan", "metal", or "gpu" for the first of these three that the machine has. Raises
-    ValueError for another arch and for an unknown option, UsageError for an arch that this machine does not have and in
-    a forked process, and RuntimeError if there are still references to the ended program; the message names them.
+    ValueError for another arch and for an unknown option, UsageError for an arch that this machine does not have, for
+    `default_fp` other than `ti.f32` and `default_ip` other than `ti.i32`, and in a forked process, and RuntimeError if
+    there are still references to the ended program; the message names them.
     """
     global _started
     check_not_forked()
@@ -66,6 +68,8 @@ def start(arch: str = "cpu", **options: object) -> str:
 
     from . import taichi_compat
 
+    for name, usual in NUMBER_TYPES.items():
+        _check_number_type(name, options.get(name, getattr(ti, usual)))
     stop()
     if "offline_cache_file_path" not in options and taichi_compat.usable(taichi_compat.CACHE):
         usual = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or taichi_compat.default_cache_folder()
@@ -119,7 +123,19 @@ def start_if_needed() -> None:
         if taichi_compat.running_program() is None:
             start()
         else:
+            import taichi as ti
+
+            for name in NUMBER_TYPES:
+                _check_number_type(name, getattr(ti.cfg, name))
             _replace_parser()
+
+
+def _check_number_type(name: str, chosen: object) -> None:
+    """Raise UsageError for a type of numbers with which kernels of this package end in a crash of Taichi."""
+    import taichi as ti
+
+    if chosen != getattr(ti, usual := NUMBER_TYPES[name]):
+        raise UsageError(f"{name} must be ti.{usual}, the default of Taichi; kernels of your own can name their types")
 
 
 def _replace_parser() -> None:

@@ -585,9 +585,16 @@ EVALUATION = [
     Mutation(
         "checkpoint-keeps-the-pairs",
         "simulation/events.py",
-        "    if simulation.solver.features.penetration_free:\n        simulation.apply(",
+        "    if simulation.scene.self_collision is not None:\n        simulation.apply(",
         "    if False:\n        simulation.apply(",
         ("simulation/test_recording.py::test_penetration_free_contact_repeats_its_bits_from_a_checkpoint[xpbd]",),
+    ),
+    Mutation(
+        "checkpoint-keeps-the-candidates",
+        "simulation/frame_contact.py",
+        "    if layout.self_contact is not None:\n",
+        "    if False:\n",
+        ("simulation/test_recording.py::test_self_collision_repeats_its_bits_from_a_checkpoint[xpbd]",),
     ),
     Mutation(
         "friction-of-discrete-contact-reverses-motion",
@@ -891,6 +898,13 @@ EVALUATION = [
         "        trial.finish()\n    except Exception:  # it violates",
         "    except Exception:  # it violates",
         (CAUSES + "test_a_failure_after_the_case_is_repeated_and_no_experiment_survives_by_ending_early",),
+    ),
+    Mutation(
+        "exact-motion-explains-any-larger-one",
+        "evaluation/stress/causes.py",
+        " or end.failure.value > largest * (1 + SLACK):",
+        ":",
+        (CAUSES + "test_a_swing_that_the_exact_motion_has_too_explains_no_larger_one",),
     ),
     Mutation(
         "failure-repeated-for-less-than-ten-seconds",

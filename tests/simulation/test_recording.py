@@ -127,6 +127,22 @@ def test_penetration_free_contact_repeats_its_bits_from_a_checkpoint(solver: str
         assert replay(tmp_path / f"{name}.toml").is_equal
 
 
+@pytest.mark.parametrize("solver", ["xpbd", "verlet"])
+def test_self_collision_repeats_its_bits_from_a_checkpoint(solver: str, tmp_path: Path) -> None:
+    """In a cloth that is wrung the candidate pairs are listed anew only every few frames."""
+    with Simulation(load_scene("twist", solver=solver)) as simulation:
+        run(simulation, 240)
+        begun = Recorder(simulation)
+        simulation.save(tmp_path / "a.npz")
+        run(simulation, 30)
+        expected = simulation.positions()
+        begun.save(tmp_path / "begun.toml", SIZE)
+        simulation.load(tmp_path / "a.npz")
+        run(simulation, 30)
+        assert (simulation.positions() == expected).all()
+    assert replay(tmp_path / "begun.toml").is_equal
+
+
 def test_a_state_with_its_frame_is_replayed(recorder: Recorder, tmp_path: Path) -> None:
     recorder.simulation.set_state(recorder.simulation.positions() + 0.1, frame=40)
     run(recorder.simulation, 2)

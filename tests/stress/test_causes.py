@@ -3,12 +3,21 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from taichi_cloth.evaluation.stress import causes
-from taichi_cloth.evaluation.stress.causes import EXPERIMENTS, Cause, alive, another_rest, cause_of, end_of
+from taichi_cloth.evaluation.stress.causes import (
+    EXPERIMENTS,
+    Cause,
+    alive,
+    another_rest,
+    cause_of,
+    end_of,
+    exact_motion_is_not_at_rest,
+)
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.store import Store, load
@@ -236,6 +245,79 @@ def test_a_collapsed_sheet_comes_to_rest_in_another_equilibrium() -> None:
     assert shown.startswith("another equilibrium of the same springs")
 
 
+# -- exact motion ------------------------------------------------------------------------------------
+
+SOFT = Setting("xpbd", Solver("xpbd", 20, 4, damping=0.0))
+
+
+def hangs(constant: float, damping: float = 0.2, kick: float = 0.0, **sections: Any) -> Callable[[Trial], None]:
+    """Return a case of a sheet that is released from rest. Before the last frames a hidden `kick` [m/s] disturbs it."""
+
+    def run(trial: Trial) -> None:
+        trial.open(sheet(4, constant=constant, damping=damping, **sections), far=100.0)
+
+        def disturb() -> None:
+            if kick and trial.frame == 281:
+                v = trial.simulation.velocities() + [0.0, 0.0, kick]
+                trial.change(lambda: trial.simulation.set_state(trial.simulation.positions(), v))
+
+        trial.start()
+        trial.settle(after_frame=disturb)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("run", "setting", "shown"),
+    [
+        (hangs(30.0), SOFT, True),
+        (hangs(30.0, kick=0.3), Setting("verlet", Solver("verlet", 5, 12, damping=0.0)), False),
+        (hangs(30.0, spheres=(Sphere(center=(0.0, 90.0, 0.0), radius=0.1),)), SOFT, False),
+        (hangs(1000.0, damping=2.0, kick=0.3), SOFT, False),
+        (hangs(30.0, kick=3.0), SOFT, False),
+    ],
+    ids=["soft", "springs without constants", "a collider", "a solver's own motion", "a solver's larger motion"],
+)
+def test_a_swing_that_the_exact_motion_has_too_explains_no_larger_one(
+    run: Callable[[Trial], None], setting: Setting, shown: bool
+) -> None:
+    unit = unit_of(run, setting)
+    failure = run_unit(unit, unit.starts(1), None).failure
+    assert failure is not None
+    assert failure.what in ("strain 5 s after", "speed 5 s after [m/s]")
+    end = end_of(unit, failure)
+    assert end is not None
+    found = exact_motion_is_not_at_rest(end)
+    assert found.startswith(f"the exact motion is not at rest either: {failure.what} ") == shown
+    assert bool(found) == shown
+
+
+def test_the_exact_motion_begins_at_the_last_disturbance() -> None:
+    def run(trial: Trial) -> None:
+        trial.open(sheet(4, constant=30.0, damping=0.2), far=100.0)
+        trial.start()
+        trial.run(0.1)
+        trial.settle()
+
+    unit = unit_of(run, SOFT)
+    failure = run_unit(unit, unit.starts(1), None).failure
+    assert failure is not None
+    end = end_of(unit, failure)
+    assert end is not None
+    x, v, frame = end.disturbed
+    assert frame == 6
+    assert -0.1 * 9.81 < v[-1, 1] < -0.5
+    assert x[-1, 1] == pytest.approx(-0.5 - 9.81 * 0.1**2 / 2, abs=0.01)
+
+
+def test_experiments_that_were_tried_are_not_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    unit = unit_of(requires(lambda trial: False))
+    failure = run_unit(unit, unit.starts(1), None).failure
+    assert failure is not None
+    monkeypatch.setattr(causes, "EXPERIMENTS", (lambda end: "the first", lambda end: "the second"))
+    assert [cause_of(unit, failure, tried).shown for tried in (0, 1, 2)] == ["the first", "the second", ""]
+
+
 # -- float32 -------------------------------------------------------------------------------------------
 
 
@@ -304,9 +386,9 @@ def test_a_cause_is_stored_as_long_as_its_failure(tmp_path: Path) -> None:
     store = Store.new(tmp_path / "o.json", [unit])
     store.add(failed(2.0, setting="verlet"))
     failure = store.results[unit.key].failure
-    assert store.untried([unit]) == [(unit, failure)]
+    assert store.untried([unit]) == [(unit, failure, 0)]
     store.explain(unit.key, Cause("something", 2.02, "", experiments=1))
-    assert store.untried([unit]) == [(unit, failure)]  # there are more experiments now
+    assert store.untried([unit]) == [(unit, failure, 1)]  # there are more experiments now
     store.explain(unit.key, Cause("something", 2.02, "", experiments=len(EXPERIMENTS)))
     assert store.untried([unit]) == []
     assert store.unexplained(store.ordered())
@@ -315,7 +397,7 @@ def test_a_cause_is_stored_as_long_as_its_failure(tmp_path: Path) -> None:
     assert load(tmp_path / "o.json") == store
     assert Store.new(None, [unit]).continued(load(tmp_path / "o.json")).reason(store.ordered()[0]) == "it is made to"
     store.add(failed(3.0, setting="verlet"))
-    assert store.untried([unit]) == [(unit, store.results[unit.key].failure)]
+    assert store.untried([unit]) == [(unit, store.results[unit.key].failure, 0)]
     assert load(tmp_path / "o.json").causes == {}
     store.add(result(setting="verlet"))
     assert store.untried([unit]) == []

@@ -57,7 +57,7 @@ def test_an_unexplained_failure_gives_exit_code_1(
     for most, code in ((1.9, 1), (2.0, 0)):  # the failure is worse than the first cause explains
 
         def showing(failed, on_cause, most=most):  # type: ignore[no-untyped-def]
-            for unit, _ in failed:
+            for unit, *_ in failed:
                 asked.append(unit.variant.name)
                 on_cause(unit, Cause("something", most, "it is made to"))
 
@@ -76,7 +76,7 @@ def test_the_shortest_runs_are_examined_first(monkeypatch: pytest.MonkeyPatch) -
     for unit, seconds in zip(units, (2.0, 3.0, 1.0), strict=True):
         stored.add(failed(variant=unit.variant.name, seconds=seconds))
     examined: list[Unit] = []
-    monkeypatch.setattr(runner, "explain_all", lambda some, on_cause: examined.extend(unit for unit, _ in some))
+    monkeypatch.setattr(runner, "explain_all", lambda some, on_cause: examined.extend(unit for unit, *_ in some))
     runner.explain(stored, units)
     assert [unit.variant.name for unit in examined] == ["c", "a", "b"]
 
@@ -85,7 +85,7 @@ def test_experiments_run_in_worker_processes() -> None:
     """With a shipped variant that survives, so that its start does not fail again."""
     [unit] = select_units("30", "nan", "xpbd")
     found = []
-    runner.explain_all([(unit, Failure(0, 1, 0, "something", 2.0, 1.0))], lambda *pair: found.append(pair))
+    runner.explain_all([(unit, Failure(0, 1, 0, "something", 2.0, 1.0), 0)], lambda *pair: found.append(pair))
     [(of, cause)] = found
     assert of == unit
     assert (cause.what, cause.shown) == ("something", "")

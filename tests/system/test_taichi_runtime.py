@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -96,6 +97,53 @@ def test_an_unknown_option_is_refused_and_taichi_starts_again() -> None:
     with pytest.raises(ValueError, match=r"ti\.init: debg"):
         runtime.start(debg=True)
     assert runtime.start(debug=False) == "cpu"
+
+
+@pytest.mark.parametrize(("option", "kind", "usual"), [("default_fp", ti.f64, "f32"), ("default_ip", ti.i64, "i32")])
+def test_other_default_types_of_numbers_are_refused(option: str, kind: object, usual: str) -> None:
+    """Kernels of this package rely on them: with others, Taichi ends the process."""
+    message = rf"{option} must be ti\.{usual}"
+    with pytest.raises(UsageError, match=message):
+        runtime.start(**{option: kind})
+    assert runtime.running_arch() == "cpu"  # the program that ran before still runs
+    runtime.stop()
+    try:
+        ti.init(ti.cpu, log_level=ti.ERROR, **{option: kind})
+        with pytest.raises(UsageError, match=message):
+            runtime.start_if_needed()
+    finally:
+        ti.reset()
+        runtime.start("cpu")
+    assert runtime.start(**{option: getattr(ti, usual)}) == "cpu"
+
+
+SCRIPT = """
+import taichi as ti
+import taichi_cloth as tc
+
+simulation = tc.Simulation(tc.load_scene("curtain", rows=4, columns=5))
+
+@ti.kernel
+def twice(a: ti.f32) -> ti.f32:
+    return a * 2
+
+@ti.data_oriented
+class Holder:
+    @ti.kernel
+    def three(self) -> ti.f32:
+        return 3.0
+
+print(twice(2.0), Holder().three())
+"""
+
+
+def test_a_script_has_kernels_of_its_own_after_a_simulation(tmp_path: Path) -> None:
+    """At the top level of a script, no frame lies below the line with the decorator."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT, encoding="utf-8")
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.split()[-2:] == ["4.0", "3.0"]
 
 
 def test_kernel_sources_are_found_in_the_cache() -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rows import name_of
 
 from taichi_cloth.evaluation.validate.check import FAIL, Reference, Result, measure
 from taichi_cloth.evaluation.validate.references import REFERENCES
@@ -131,6 +131,5 @@ def test_noise_falls_short_in_every_row(reference: Reference, noise: list[int], 
 
 
 def bounds_of(result: Result) -> tuple[str, float, float]:
-    """Return the name of a row, without what was measured or when an error was largest, and its bounds."""
-    row = result.row
-    return re.sub(r" \(.*% lost\)| at frame \d+| after [\d.]+ s$", "", row.what), row.tolerance, row.tight_tolerance
+    """Return the name of a row and its bounds."""
+    return name_of(result), result.row.tolerance, result.row.tight_tolerance

@@ -165,8 +165,8 @@ def run_all(
     run_to_the_end(sorted(slow), 1)
 
 
-def explain_all(failed: Sequence[tuple[Unit, Failure]], on_cause: Callable[[Unit, Cause], None]) -> None:
-    """Find the cause of every failure, and call `on_cause` with each as it is found.
+def explain_all(failed: Sequence[tuple[Unit, Failure, int]], on_cause: Callable[[Unit, Cause], None]) -> None:
+    """Find the cause of every failure (`Store.untried`), and call `on_cause` with each as it is found.
 
     If a worker process dies, all experiments end, and the remaining failures stay unexplained.
     """

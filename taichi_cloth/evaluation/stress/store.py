@@ -328,16 +328,17 @@ class Store:
         """Return the failed results without a cause, examined or not."""
         return [result for result in results if result.failure and not self.reason(result)]
 
-    def untried(self, units: Iterable[Unit]) -> list[tuple[Unit, Failure]]:
-        """Return failed units without a cause, and their failures, for which not all experiments have run."""
+    def untried(self, units: Iterable[Unit]) -> list[tuple[Unit, Failure, int]]:
+        """Return failed units without a cause, their failures and how many experiments have run, if not all have."""
         found = []
         for unit in units:
             result = self.results.get(unit.key)
             if result is None or result.failure is None:
                 continue
             cause = self.cause(result)
-            if cause is None or not (cause.shown or cause.experiments == len(EXPERIMENTS)):
-                found.append((unit, result.failure))
+            tried = cause.experiments if cause is not None else 0
+            if cause is None or not (cause.shown or tried == len(EXPERIMENTS)):
+                found.append((unit, result.failure, tried))
         return found
 
     def ordered(self) -> list[Result]:

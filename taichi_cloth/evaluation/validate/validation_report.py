@@ -93,17 +93,33 @@ def tally(results: Sequence[Result]) -> dict[str, float]:
     }
 
 
+WIDE = 3.0  # times the error of a row
+
+
+def is_wide(result: Result) -> bool:
+    """Return whether a row falls short within a law that allows far more. A wide law explains little."""
+    return result.row.limit is not None and result.row.limit.max_error > WIDE * result.row.error
+
+
+def is_repeated(result: Result) -> bool:
+    """Return whether a row falls short by no more than the same iterations in float64."""
+    return result.row.limit is not None and SAME_ITERATIONS in result.row.limit.law
+
+
 def summary_line(results: Sequence[Result]) -> str:
     """Return the last line of the report."""
     n = tally(results)
-    laws = [result.row.limit.law for result in results if result.row.explained and result.row.limit]
-    repeated = sum(SAME_ITERATIONS in law for law in laws)
-    other = n["falls short"] - len(laws) - n["broken"]
-    return (
-        f"{n['rows']} rows: {n['excellent']} excellent, {n['pass']} pass, {n['falls short']} fall short"
-        f" ({len(laws) - repeated} by no more than theory allows, {repeated} by no more than {SAME_ITERATIONS},"
-        f" {n['broken']} by more, {other} without a theory), {n['too slow']} too slow"
+    explained = [result for result in results if result.row.explained]
+    laws = [result for result in explained if not is_repeated(result)]
+    wide = sum(map(is_wide, laws))
+    other = n["falls short"] - len(explained) - n["broken"]
+    why = (
+        f"{len(laws) - wide} by no more than theory allows, {wide} within a law over {WIDE:g} times as wide,"
+        f" {len(explained) - len(laws)} by no more than {SAME_ITERATIONS}, {n['broken']} by more,"
+        f" {other} without a theory"
     )
+    judged = f"{n['excellent']} excellent, {n['pass']} pass, {n['falls short']} fall short ({why})"
+    return f"{n['rows']} rows: {judged}, {n['too slow']} too slow"
 
 
 def by_solver(results: Sequence[Result]) -> dict[str, dict[str, float]]:
@@ -284,17 +300,16 @@ def earlier_lines(results: Sequence[Result]) -> list[str]:
     return [f"{earlier} of {len(results)} rows were measured with earlier sources of their solver or setup.", ""]
 
 
-WIDE = 3.0  # times the error of a row
-
-
 def wide_bounds(results: Sequence[Result]) -> list[str]:
-    """Return lines about the laws that allow far more than the error of their row. A wide bound explains little."""
-    explained = [(one, one.row.limit) for one in results if one.row.explained and one.row.limit]
-    wide = [(one, limit) for one, limit in explained if limit.max_error > WIDE * one.row.error]
+    """Return lines about the laws that allow far more than the error of their row."""
+    wide = [one for one in results if one.row.explained and is_wide(one)]
     largest: dict[str, float] = {}  # of each pair of a reference and a solver
-    for one, limit in wide:
-        pair = f"{one.number} with {one.solver}"
-        largest[pair] = max(limit.max_error / one.row.error, largest.get(pair, 0.0))
+    for one in wide:
+        pair, factor = (
+            f"{one.number} with {one.solver}",
+            one.row.limit.max_error / one.row.error if one.row.limit else 0.0,
+        )
+        largest[pair] = max(factor, largest.get(pair, 0.0))
     pairs = ", ".join(f"{pair} ({factor:.1f} times)" for pair, factor in largest.items())
     number = count_noun(len(wide), "row")
     return [f"Laws that allow more than {WIDE:g} times the error ({number}): {pairs}.", ""] if wide else []
