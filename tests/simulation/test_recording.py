@@ -130,7 +130,7 @@ def test_penetration_free_contact_repeats_its_bits_from_a_checkpoint(solver: str
 @pytest.mark.parametrize("solver", ["xpbd", "verlet"])
 def test_self_collision_repeats_its_bits_from_a_checkpoint(solver: str, tmp_path: Path) -> None:
     """In a cloth that is wrung the candidate pairs are listed anew only every few frames."""
-    with Simulation(load_scene("twist", solver=solver)) as simulation:
+    with Simulation(load_scene("twist", solver=solver), "simd") as simulation:
         run(simulation, 240)
         begun = Recorder(simulation)
         simulation.save(tmp_path / "a.npz")
