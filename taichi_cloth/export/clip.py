@@ -118,13 +118,13 @@ def export_clip(
 
 
 def tuned_scene(simulation: BaseSimulation) -> Scene:
-    """Return the scene with the present values of the parameters, as `Simulation.tuned_scene` does."""
+    """Return the scene with the present values of the parameters; without wind its air is at rest, and slows cloth."""
     values: dict[str, object] = {}
     for name, one in parameters_of(simulation.scene).items():
         index = f"[{one.index}]" if sections()[one.section].is_array else ""
         values[f"{one.section}{index}.{one.key_name}"] = simulation.params[name]
     tuned = load_scene(simulation.scene, **values)
-    return tuned if tuned.wind is None or simulation.params["wind"] else load_scene(tuned, wind=None)
+    return tuned if tuned.wind is None or simulation.params["wind"] else load_scene(tuned, wind_x=0.0, wind_z=0.0)
 
 
 # What other modules of this package use. It is not documented, and the completion of names leaves it out.
@@ -224,7 +224,7 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         super().notify(event)
 
     def tuned_scene(self) -> Scene:
-        """Return the scene with the present values of `params`, without its wind if that is off, for `save_scene`.
+        """Return the scene with the present values of `params`, with air at rest if the wind is off, for `save_scene`.
 
         A checkpoint has these values too; it belongs to the scene that runs, `scene`, not to this one.
         """

@@ -20,6 +20,7 @@ from ..scene.overrides import with_solver
 from ..scene.schema import FRAME_SECONDS
 from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.builder import unsupported_by
+from ..simulation.convergence import TORN_APART
 from ..simulation.error_estimate import faster_solver
 from ..simulation.simulation import Simulation
 from .error_process import MEASURED_AGAINST, error_lines, unfinished
@@ -243,6 +244,19 @@ def intersection_lines(simulation: Simulation, metrics: ClothMetrics) -> list[st
 def milliseconds(time: float) -> str:
     """Return a measured time [ms] as text: a number, or "-" if there is none yet."""
     return f"{time:.{int(time < 10)}f}" if time > 0 else "-"
+
+
+def alert(session: Session) -> str:
+    """Return what the user should know at once: that the cloth blew up, or is simulated too slowly; else ""."""
+    return blown_up_line(session) or slow_line(session)
+
+
+def blown_up_line(session: Session) -> str:
+    """Return a line if a spring is stretched as no cloth survives, and no hand stretches it; else an empty one."""
+    strain = session.metrics.max_strain
+    if strain <= TORN_APART or len(session.simulation.grabbed):
+        return ""
+    return f"strain {100 * strain:.0f} %: the cloth may have blown up; Reset (R), Undo (Z) or more substeps help"
 
 
 def slow_line(session: Session) -> str:

@@ -17,7 +17,7 @@ import taichi as ti
 from ..render.split_view import SplitRenderer
 from ..scene import parameters_of
 from ..simulation.frame_clock import FrameClock
-from .charts import milliseconds
+from .charts import blown_up_line, milliseconds
 from .comparison import SHARED_ACTIONS, SIDE_ACTIONS, WINDOW_ACTIONS, Comparison
 from .error_process import error_lines
 from .input import OWN_FABRIC, SHORTCUTS
@@ -242,7 +242,7 @@ def side_statistics(name: str, side: Session) -> list[str]:
     return [
         *wrap(f"{name}: {simulation.method} · {simulation.scene.fabric.preset or OWN_FABRIC}"),
         f"  {milliseconds(side.physics_ms)} ms, strain {100 * metrics.max_strain:.1f} %",
-        *(part for line in errors for part in wrap(f"  {line.strip()}")),
+        *(part for line in [*errors, blown_up_line(side)] if line for part in wrap(f"  {line.strip()}")),
     ]
 
 

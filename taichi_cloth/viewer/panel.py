@@ -21,7 +21,7 @@ from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.copies import FeatureTimes
 from ..simulation.simulation import Simulation
 from . import charts
-from .charts import slow_line
+from .charts import alert
 from .error_process import error_lines
 from .input import ARROWS, HELP, MENU, MOUSE, OWN_FABRIC, PAGES, SHORTCUTS, chosen, display_name, names
 from .session import Session
@@ -110,7 +110,7 @@ class Panel:
                 changed |= draw_rewind(gui, session)
             for line in wrap(session.note):
                 gui.text(line, color=NOTE_COLORS[type(session.note)])
-            for line in wrap(slow_line(session)):
+            for line in wrap(alert(session)):
                 gui.text(line, color=NOTE_COLORS[Refusal])
             if session.page != "Statistics":
                 for line in wrapped_lines(self._summary(session, statistics)):

@@ -28,7 +28,7 @@ from ..render.webgl import Solids, air, quantize, remaining_triangles
 from ..scene.parameters import Parameter
 from ..scene.schema import SOLVER_NAMES
 from ..system.errors import short_repr
-from ..viewer.charts import CHART_SECONDS, CHARTS, slow_line, statistics
+from ..viewer.charts import CHART_SECONDS, CHARTS, alert, statistics
 from ..viewer.input import HELD_KEY_RATES, LISTS, MOUSE, REWIND_RATES, SHORTCUTS
 from ..viewer.panel import (
     GRAB_RADIUS,
@@ -368,7 +368,7 @@ class MessageBuilder:
                 "errors": session.meter is not None,
                 "note": without_keys(session.note),
                 "noteKind": NOTE_KINDS[type(session.note)],
-                "slow": slow_line(session),
+                "alert": without_keys(alert(session)),
                 "statistics": without_keys(statistics(session, {"sending": sending_ms}, update_rate, PAGE_VIEW)),
                 "parameters": {name: simulation.params[name] for name in self._parameters}
                 | {GRAB_RADIUS: session.grab_radius},

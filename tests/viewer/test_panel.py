@@ -17,7 +17,7 @@ from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.scene.presets import load_preset
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer import panel as panel_module
-from taichi_cloth.viewer.charts import CHART_SECONDS, History, slow_line, statistics
+from taichi_cloth.viewer.charts import CHART_SECONDS, History, alert, blown_up_line, slow_line, statistics
 from taichi_cloth.viewer.comparison import Comparison
 from taichi_cloth.viewer.comparison_window import HEIGHT as COMPARISON_HEIGHT
 from taichi_cloth.viewer.comparison_window import ComparisonPanel
@@ -642,6 +642,23 @@ def test_a_scene_that_is_too_slow_names_a_faster_choice() -> None:
     session.speed = "1"
     session.frozen = True
     assert slow(session, 123.4) == ""
+    session.close()
+
+
+def test_a_cloth_that_blew_up_says_so_on_every_page(tmp_path: Path) -> None:
+    """Not while a hand stretches it."""
+    session = Session(load_scene("drape15"))
+    assert blown_up_line(session) == ""
+    for strain, shown in ((1.0, ""), (4.77, "strain 477 %: the cloth may have blown up; Reset (R), Undo (Z) or")):
+        session.metrics = replace(session.metrics, max_strain=strain)
+        assert blown_up_line(session).startswith(shown)
+        assert alert(session) == blown_up_line(session)
+    for page in (*PAGES, MENU):
+        session.page, gui = page, FakeGui()
+        Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, statistics(session, {"drawing": 12.3}, 59.9))
+        assert [text for text in gui.texts if text.startswith("strain 477 %: the cloth may have blown up")]
+    session.simulation.grab(7)
+    assert blown_up_line(session) == ""
     session.close()
 
 

@@ -90,7 +90,7 @@ def test_pages_are_told_what_compiles_even_if_no_measurement_is_due(app: WebApp)
     app.step(10.001, 1)
     sent = cast(FakeServer, app.server).newest["metrics"]
     assert b'"note":"explicit: compiling' in sent
-    assert b'"slow":""' in sent, "advice about the solver before"
+    assert b'"alert":""' in sent, "advice about the solver before"
     assert app.session.simulation.solver.name == "explicit"
 
 
@@ -148,12 +148,12 @@ def test_a_slow_scene_gets_more_updates_not_more_frames_in_each(app: WebApp, mon
 def test_pages_show_that_a_scene_is_too_slow(app: WebApp) -> None:
     newest = cast(FakeServer, app.server).newest
     app.step(10.0, 1)
-    assert b'"slow":""' in newest["metrics"]
+    assert b'"alert":""' in newest["metrics"]
     for k in range(1, 7):
         app.session.history.add(1.0 + k / 60, app.session.metrics, 250.0)
     app.session.simulation.set_frame(70)
     app.step(11.0, 0)
-    assert b'"slow":"too slow: a frame needs 250 ms of 16.7; try ' in newest["metrics"]
+    assert b'"alert":"too slow: a frame needs 250 ms of 16.7; try ' in newest["metrics"]
 
 
 def test_pages_show_why_a_diverged_cloth_is_frozen_and_continue_after_a_reset(app: WebApp) -> None:

@@ -406,14 +406,14 @@ def test_the_cloth_is_visible_and_nothing_overlaps(
     other.value(f"document.body.classList.toggle('panel-hidden', {str(hidden).lower()}); setView('strain')")
     other.value(
         "HANDLERS.metrics = () => {};"
-        "find('.slow').textContent = 'too slow: a frame needs 250 ms of 16.7; try lines';"
+        "find('.alert').textContent = 'too slow: a frame needs 250 ms of 16.7; try lines';"
         "showNote('nothing to pin: no cloth under the cursor', 'refusal')"
     )
-    other.until("find('.statistics').children.length > 8 && find('.slow').checkVisibility()")
+    other.until("find('.statistics').children.length > 8 && find('.alert').checkVisibility()")
     other.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
     boxes = other.value(f"{VISIBLE_BOXES}('aside, .panel-toggle, .column > *, .messages > *')")
     names = {name for name, *_ in boxes}
-    assert {"panel-toggle", "scale", "slow", "note refusal"} <= names
+    assert {"panel-toggle", "scale", "alert", "note refusal"} <= names
     assert ("ASIDE" in names) is not hidden
     for k, (name, *box) in enumerate(boxes):
         assert 0 <= box[0] < box[2] <= size[0], name
