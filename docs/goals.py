@@ -126,6 +126,14 @@ def gpu() -> float | Missed:
     return best.particles / 1e3
 
 
+def alive() -> float | Missed:
+    """Return the largest number of hard cases that a setting survives."""
+    words = stored.load("stability")
+    if words is None:
+        return NOT_STORED
+    return float(max(states[stored.ALIVE] for states in stored.survival(words).values()))
+
+
 DEMO_GRID = (30, 24)  # columns and rows of the browser demos
 GOALS = (
     Goal("demo frame, 30×24, 5×12, over C", "times", 4, 1.5, bench("verlet", DEMO_GRID, "ratio_to_c")),
@@ -142,6 +150,9 @@ GOALS = (
     Goal("swinging curtain, 64×64 cells, within 0.001 %", "ms", 6, 1.5, curtain(64, 1e-5)),
     Goal("swinging curtain, 128×128, within 0.001 %", "ms", 33, 9, curtain(128, 1e-5)),
     Goal("swinging curtain, 256×256, within 0.01 %", "ms", 150, 33, curtain(256, 1e-4)),
+    Goal("swinging curtain, 64×64, within 0.1 %", "ms", 4, 4, curtain(64, 1e-3)),
+    Goal("swinging curtain, 128×128, within 1 %", "ms", 16.7, 16.7, curtain(128, 1e-2)),
+    Goal("hard cases alive with one setting", "cases", 40, 40, alive, more_is_better=True),
     Goal("whole fabric, wind, sphere, 128×128, within 0.1 %", "ms", 33, 16.7, sheet("whole fabric 128", 1e-3)),
     Goal("denim, 64×64, within 0.1 %", "ms", 25, 8, sheet("denim 64", 1e-3)),
     Goal("pinned fabric, `lines` and tethers, 128×128, within 0.5 %", "ms", 8, 3.4, sheet("pinned fabric 128", 5e-3)),

@@ -58,8 +58,7 @@ def distance(solver: str) -> str:
         return "difference of the default setting from exact values: no run is stored."
     parts = []
     for number in shown_references(words, solver):
-        rows = [row for row in words["rows"] if (row["reference"], row["solver"]) == (number, solver)]
-        if rows:
+        if rows := values_of(words, number, solver):
             parts.append(worst_row(rows))
     info = SOLVER_CATALOG[solver]
     setting = stored.setting_of({"solver": solver, "substeps": info.substeps, "iterations": info.iterations})
@@ -70,10 +69,25 @@ def distance(solver: str) -> str:
 
 def shown_references(words: stored.Words, solver: str) -> list[str]:
     """Return the references to compare a default setting with: with those for which its iterations end too early."""
-    missed = [row for row in words["rows"] if row["solver"] == solver and row["verdict"] not in stored.PASSED]
+    missed = [
+        row
+        for row in words["rows"]
+        if row["solver"] == solver and row["verdict"] not in stored.PASSED and not is_order(row)
+    ]
     early = [row for row in missed if any(words in (row.get("reason") or "") for words in TOO_EARLY)]
     of_default = [row["reference"] for row in early if not row["reference"].startswith(OWN_SETTINGS)]
     return list(dict.fromkeys([*ALWAYS_SHOWN, *of_default]))
+
+
+def is_order(row: stored.Words) -> bool:
+    """Return whether a row has an order of convergence, whose error is none of the solution."""
+    return str(row["what"]).startswith("order ")
+
+
+def values_of(words: stored.Words, number: str, solver: str) -> list[stored.Words]:
+    """Return the rows of a reference and a solver with values of the solution."""
+    rows = [row for row in words["rows"] if (row["reference"], row["solver"]) == (number, solver)]
+    return [row for row in rows if not is_order(row)]
 
 
 def worst_row(rows: list[stored.Words]) -> str:
@@ -290,18 +304,18 @@ def stability_page() -> str:
 
 
 def unfinished() -> str:
-    """Return the default settings that miss the references of `shown_references`, and by how much."""
+    """Return the default settings that miss references because iterations end too early, and by how much."""
     words, parts = stored.load("validation"), []
     if words is None:
-        return "Defaults that do not reach the solution: no run is stored."
+        return "Defaults whose iterations end too early: no run is stored."
     for solver in SOLVER_CATALOG:
         worst = []
         for number in shown_references(words, solver):
-            rows = [row for row in words["rows"] if (row["reference"], row["solver"]) == (number, solver)]
+            rows = values_of(words, number, solver)
             missed = [row for row in rows if row["verdict"] not in stored.PASSED and row["measured"] is not None]
             worst += [f"{difference(max(missed, key=relative_error))} in {number}"] if missed else []
         parts += [f"`{solver}` ({', '.join(worst)})"] if worst else []
-    return f"Defaults that do not reach the solution: {', '.join(parts) or 'none'}."
+    return f"Defaults whose iterations end too early: {', '.join(parts) or 'none'}."
 
 
 BLOCKS = (

@@ -237,7 +237,7 @@ def test_the_error_of_a_default_setting_is_that_of_its_worst_rows(results: Path,
     ]
     write(results, "validation", {"machine": "a machine", "rows": rows})
     assert verdicts.unfinished() == (
-        "Defaults that do not reach the solution: `xpbd` (+120\N{NO-BREAK SPACE}% in A3.1,"
+        "Defaults whose iterations end too early: `xpbd` (+120\N{NO-BREAK SPACE}% in A3.1,"
         " −14\N{NO-BREAK SPACE}% in A5.1, 9 instead of 0 in A8.3)."
     )
     differs = "it differs from exact values by"

@@ -50,7 +50,11 @@ GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
 FIRST_HELP = (
     "Drag cloth or a ball; drag beside it to orbit; I, O: zoom; A: help; Tab: next page. Move a slider for its help."
 )
-GRAB_RADIUS_HELP = "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle"
+ZOOM = "zoom"
+SLIDER_HELP = {
+    GRAB_RADIUS: "Grab radius along the cloth: particles within it move with the grabbed one; 0 m grabs one particle",
+    ZOOM: "Zoom: each step moves the eye a tenth closer to what it looks at; 0 is the camera of the scene",
+}
 ERRORS_HERE = "mm: the last error of a frame that was measured in this scene"
 ERRORS_OF_SOLVERS = "errors and times of all solvers in this scene: docs/scene_errors.md"
 # Kind of list of each page.
@@ -180,7 +184,7 @@ class Panel:
         zoom = gui.slider_float("Zoom [steps]", level, -MAX_ZOOM_LEVEL, MAX_ZOOM_LEVEL)
         if has_changed(zoom, level):
             session.camera.zoom(zoom - level)
-            changed = True
+            changed, self._moved = True, ZOOM
         if apply_changes(gui, session, buttons=[("restore_defaults", "Restore defaults")]):
             changed, self._moved = True, ""
         return changed
@@ -307,10 +311,8 @@ def timing_line(times: FeatureTimes) -> str:
 
 def help_for(name: str, keys: Mapping[str, Parameter]) -> str:
     """Return the help of a slider: meaning, range, and default, which is the scene's value."""
-    if name == GRAB_RADIUS:
-        return GRAB_RADIUS_HELP
     if name not in keys:
-        return FIRST_HELP
+        return SLIDER_HELP.get(name, FIRST_HELP)
     key = keys[name]
     unit = f" {key.unit}" if key.unit else ""
     default = f"{key.value:g}" + ", which is raised" * (key.value < key.slider_min)  # to substeps that are stable

@@ -393,6 +393,14 @@ def test_wind_that_is_off_has_no_sliders_and_is_turned_on_by_restoring_defaults(
     assert isinstance(session.note, Refusal)
 
 
+def test_the_zoom_has_a_help_once_it_moved(tmp_path: Path) -> None:
+    session, panel = Session(load_scene("curtain")), Panel(SIZE, tmp_path / "imgui.ini")
+    gui = FakeGui(Zoom=3.0)
+    assert panel.draw(gui, session, "")
+    assert "Zoom: each step moves the eye a tenth closer" in " ".join(gui.texts)
+    session.close()
+
+
 def test_the_slider_of_substeps_shows_how_many_run(drawn: Drawn) -> None:
     session, _, _ = drawn("curtain")
     session.change_solver("explicit")

@@ -341,6 +341,7 @@ hangs from two corners or from its top edge.
   allowance where a case stretches, blows or throws cloth (`far` in `evaluation/stress/`, in meters),
 - the energy is at most that at the start, plus the work done since, plus 1 % of both and of the sheet's weight times
   two of its sides: a solver of first order makes such errors in a fall, and a sheet that starts at rest has no energy.
+  The work of hands, wind, attachments and moving bodies within a frame counts with an upper bound.
 
 In addition, the cloth must come to rest within 5 s after the last disturbance, or after its start if there is none.
 Cloth that falls (cases 33, 34 and 37) has {landing:g} s to land before. In the last quarter of a second, and from then

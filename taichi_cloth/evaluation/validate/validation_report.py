@@ -257,6 +257,8 @@ def main_page(run: Measured, rows: str) -> list[str]:
         " pass in every row.",
         "",
         *fitted_lines(results),
+        NOT_MEASURED,
+        "",
         *earlier_lines(results),
         *markdown_table(summary(results)),
         "",
@@ -268,13 +270,17 @@ def main_page(run: Measured, rows: str) -> list[str]:
         "## Largest errors",
         "",
         "*Excellent* · pass · **falls short or too slow**. Errors are relative unless the row names a unit."
-        " [Some defaults](limits.md) do not reach the solution.",
+        " The iterations of [some defaults](limits.md) end too early.",
         "",
     ]
     lines += markdown_table(matrix(results))
     return [*lines, "", "## Why", "", *wide_bounds(results), *(f"- {line}" for line in reasons(results))]
 
 
+NOT_MEASURED = (
+    "The drape of every fabric on five meshes (A9.6) is not measured yet and has no rows; in a trial, the membrane of"
+    " silk was outside its published band."
+)
 FITTED = "A4.6"  # the drape test, which the bending of the fabrics was chosen by
 
 
