@@ -58,8 +58,8 @@ def start(arch: str = "cpu", **options: object) -> str:
 
     `arch`: "cpu", "cuda", "vulkan", "metal", or "gpu" for the first of these three that the machine has. Raises
     ValueError for another arch and for an unknown option, UsageError for an arch that this machine does not have, for
-    `default_fp` other than `ti.f32` and `default_ip` other than `ti.i32`, and in a forked process, and RuntimeError if
-    there are still references to the ended program; the message names them.
+    default types of numbers other than float32 and int32, and in a forked process, and RuntimeError if there are still
+    references to the ended program; the message names them.
     """
     global _started
     check_not_forked()
