@@ -53,11 +53,9 @@ def stored(number: str, solver: str, what: str) -> Check:
 # Laws that allow more than three times the error of a stored row, by how much at most, and why they are no nearer.
 WIDE_LAWS = {
     ("A2.5", "lines"): (60.0, "flutter that has grown to the size of the cells: three standard deviations of it"),
-    ("A4.3", "implicit"): (8.0, "conjugate gradients may end anywhere within 1 %; an order divides two differences"),
     ("A8.2", "verlet"): (6.0, "every rounding acts for the remaining time, as if nothing damped it"),
     ("A8.9", "verlet"): (6.0, "the law is of the whole time, and its difference of two grids changes its sign before"),
     ("A8.9", "explicit"): (5.0, "the growth is that of the disturbance that grows most"),
-    ("A8.9", "implicit"): (6.0, "the growth is that of the disturbance that grows most"),
     ("A8.10", "xpbd"): (8.0, "the growth is that of the disturbance that grows most"),
     ("A9.1", "xpbd"): (30.0, "the largest error of one triangle, of which a force on an edge is a mean"),
 }
