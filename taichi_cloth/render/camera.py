@@ -23,10 +23,8 @@ MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is un
 ZOOM_STEP = 0.1  # change of log(distance) per step
 MAX_ZOOM = 20.0  # zooming changes the distance of the framed view by at most this factor, in both directions
 WIDTH_MARGIN = 1.25  # largest factor of the distance in `fit_width`
-FAR_MARGIN, OVERFLOW = (
-    4.0,
-    1.25,
-)  # of `move_back`: largest factor of the distance; how far it moves, over what is needed
+FAR_MARGIN = 4.0  # largest factor of the distance in `move_back`
+OVERFLOW = 1.25  # how far `move_back` moves, over what is needed
 INCLUDE_MARGIN = 1.1  # factor of the distance at which `include` just sees all points
 FLOOR_CLEARANCE = 0.02  # smallest height of eye and target above the floor, as a fraction of the initial distance
 

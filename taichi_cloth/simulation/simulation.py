@@ -181,7 +181,7 @@ class Simulation(RunningCloth):
         self.apply(Event("untear"))
 
     def save(self, path: str | PathLike[str] | BinaryIO) -> None:
-        """Write a checkpoint (.npz). Raises OSError; a partial file never remains. Not within a frame."""
+        """Write a checkpoint (.npz) between frames, where self-collision finds its pairs anew. Raises OSError."""
         prepare_checkpoint(self)
         write_checkpoint(self, path)
 

@@ -311,11 +311,9 @@ def wide_bounds(results: Sequence[Result]) -> list[str]:
     wide = [one for one in results if one.row.explained and is_wide(one)]
     largest: dict[str, float] = {}  # of each pair of a reference and a solver
     for one in wide:
-        pair, factor = (
-            f"{one.number} with {one.solver}",
-            one.row.limit.max_error / one.row.error if one.row.limit else 0.0,
-        )
-        largest[pair] = max(factor, largest.get(pair, 0.0))
+        assert one.row.limit is not None
+        pair = f"{one.number} with {one.solver}"
+        largest[pair] = max(one.row.limit.max_error / one.row.error, largest.get(pair, 0.0))
     pairs = ", ".join(f"{pair} ({factor:.1f} times)" for pair, factor in largest.items())
     number = count_noun(len(wide), "row")
     return [f"Laws that allow more than {WIDE:g} times the error ({number}): {pairs}.", ""] if wide else []
