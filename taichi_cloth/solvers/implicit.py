@@ -34,7 +34,6 @@ from ..kernels.conjugate_gradient import (
 )
 from ..kernels.constraint_math import TINY
 from ..kernels.forces import consume_force
-from ..kernels.integration import apply_correction
 from ..kernels.springs import add_elastic_forces
 from ..kernels.vec import scale, select
 from ..state import ClothState
@@ -42,7 +41,7 @@ from ..state.constraint_data import attach_cg_state
 from ..state.solver_data import attach_correction
 from .base import Features, FrameInput
 from .pipeline import final_phases
-from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage
+from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage, move_with_velocity
 
 LINEAR_RANGE = 0.03  # of the shortest spring: an error of 0.1 % in a force; with 1 % a narrow fold shakes
 MAX_STEPS = 8  # of Newton's method in an iteration
@@ -71,9 +70,11 @@ def write_residual(cloth: ti.template(), features: ti.template(), ctx: ti.templa
 
 @ti.func
 def apply_solution(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
+    h = ctx.h * STAGE_LENGTH
     for i in range(cloth.packet_count[None]):
-        apply_correction(cloth, features, i, cloth.cg.solution[i], ctx.h * STAGE_LENGTH)
         cloth.correction[i] = cloth.correction[i] + cloth.cg.solution[i]
+        cloth.velocity[i] = cloth.velocity[i] + cloth.cg.solution[i] * (1.0 / h)
+    move_with_velocity(cloth, h)
 
 
 @ti.func

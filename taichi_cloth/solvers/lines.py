@@ -21,7 +21,7 @@ from ..scene.schema import FRAME_SECONDS
 from ..state import ClothState
 from ..state.solver_data import attach_line_packets, attach_lines
 from .base import Features
-from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage
+from .two_stage import STAGE_LENGTH, TwoStageSolver, accelerate, begin_stage, move_with_velocity
 
 
 @ti.func
@@ -41,6 +41,7 @@ def iterate(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
     solve_lines(cloth, features, ctx.params, h)
     first = cloth.lines.first_bend[None]
     for_each_spring_from(cloth, features, first, MAX_BEND_COLORS, DISTANCE_XPBD, ctx.params, h)
+    move_with_velocity(cloth, h)
 
 
 class Lines(TwoStageSolver):

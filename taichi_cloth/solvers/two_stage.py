@@ -85,17 +85,23 @@ def accelerate(cloth: ti.template(), params: ti.template(), h: float):
 
 
 @ti.func
-def complete_step(cloth: ti.template(), h: float):
-    """Set x to that of (1), and store what (2) adds to the velocity, before contact changes both.
+def move_with_velocity(cloth: ti.template(), h: float):
+    """Set x to x + h·v₁ of (1), which loses no correction to rounding.
 
-    In short steps the corrections h²·a are smaller than the spacing of float32 at x, and adding each of them to x loses
-    them. Steps without them are explicit, and their energy grows. The velocity has collected h·a without this loss.
+    A correction may be smaller than the spacing of float32 at x. Added to x alone it is lost; the velocity collects it.
+    In short steps all of them are lost: steps become explicit, and their energy grows. In a stiff cloth every iteration
+    finds the same stretch that is rounding, and the velocity alone collects its corrections until x follows.
     """
     for i in range(cloth.packet_count[None]):
-        velocity = cloth.velocity[i]
-        x = cloth.x_prev[i] + velocity * h
+        x = cloth.x_prev[i] + cloth.velocity[i] * h
         cloth.x[i] = select(cloth.inverse_mass[i] > 0.0, x, cloth.x[i])
-        change = velocity - cloth.stage_start.velocity[i]
+
+
+@ti.func
+def prepare_extrapolation(cloth: ti.template()):
+    """Store what (2) adds to the velocity, before contact changes it."""
+    for i in range(cloth.packet_count[None]):
+        change = cloth.velocity[i] - cloth.stage_start.velocity[i]
         cloth.stage_start.velocity[i] = change * ti.static((1 - GAMMA) / GAMMA - 1)
 
 
@@ -128,7 +134,7 @@ def begin_stage(cloth: ti.template(), features: ti.template(), ctx: ti.template(
 
 @ti.func
 def finalize(cloth: ti.template(), features: ti.template(), ctx: ti.template()):
-    complete_step(cloth, ctx.h * STAGE_LENGTH)
+    prepare_extrapolation(cloth)
     stage = ti.static(ctx._replace(dt_scale=STAGE_LENGTH))
     project_distance_bounds(cloth, features, stage)
     project_self_contacts(cloth, features, stage)

@@ -185,6 +185,14 @@ def lines_in_float64(
     return steps()
 
 
+def lines_after(scene: Scene, seconds: float) -> Floats:
+    """Return the positions that `lines` reaches after some seconds in float64 [m], (N, 3)."""
+    with Simulation(scene) as simulation:
+        count = round(seconds / substep(simulation))
+        x, _ = next(islice(lines_in_float64(simulation), count - 1, None))
+    return x
+
+
 def sag_noise(simulation: Simulation, particle: int, exact: float, seconds: float = 6.0) -> float:
     """Return the error of the sag of a particle as a share of the exact one [m], in the same steps in float64.
 
