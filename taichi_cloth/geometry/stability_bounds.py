@@ -63,22 +63,29 @@ def max_frequency(topology: Topology, stiffness: NDArray[np.float64], membrane: 
     return MARGIN * sqrt(max(largest, 0.0))
 
 
+# Largest h·ω of symplectic Verlet for springs that change their direction. From there to 2, the limit of springs that
+# do not, a vibration has about three steps a period and gains energy from every force that is not linear (third-order
+# resonance: Schlick, Mandziuk, Skeel and Srinivas 1998, *Nonlinear resonance artifacts in molecular dynamics
+# simulations*). A cloth released from a strain of several hundred percent would tangle, faster and faster.
+MAX_PHASE = sqrt(3)
+
+
 def min_symplectic_substeps(frequency: float, damping_time: float, seconds: float) -> int:
     """Return the fewest substeps in `seconds` with which damped symplectic Verlet is stable.
 
     `damping_time` of the spring dampers [s]. For one mode of frequency ω, z² − (2 − hτω² − h²ω²)z + (1 − hτω²) = 0 has
-    both roots inside the unit circle while h²ω² + 2hτω² < 4.
+    both roots inside the unit circle while h²ω² + 2hτω² < 4. Modes of large amplitude also require `MAX_PHASE`.
     """
     if frequency == 0:
         return 1
     longest = 4 / frequency**2 / (damping_time + sqrt(damping_time**2 + 4 / frequency**2))
-    return ceil(seconds / longest)
+    return ceil(seconds / min(longest, MAX_PHASE / frequency))
 
 
 def max_damping_time(frequency: float) -> float:
-    """Return the longest damping time [s] with which an explicit method needs at most half as many substeps again.
+    """Return the longest damping time [s] with which symplectic Verlet is stable at h·ω = 4/3.
 
-    With h·ω = 4/3, two thirds of what is stable without damping, h²ω² + 2hτω² = 4 gives τ = 5/(6·ω).
+    h²ω² + 2hτω² = 4 then gives τ = 5/(6·ω).
     """
     return 5 / (6 * frequency) if frequency else 1.0
 

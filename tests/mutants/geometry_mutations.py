@@ -26,7 +26,14 @@ GEOMETRY = [
         "geometry/stability_bounds.py",
         "(damping_time + sqrt(damping_time**2 + 4 / frequency**2))",
         "sqrt(4 / frequency**2)",
-        ("geometry/test_stability_bounds.py::test_the_symplectic_substep_is_the_longest_stable_one",),
+        ("geometry/test_stability_bounds.py::test_the_damped_symplectic_substep_is_the_longest_stable_one",),
+    ),
+    Mutation(
+        "explicit-substeps-in-resonance",
+        "geometry/stability_bounds.py",
+        "MAX_PHASE = sqrt(3)",
+        "MAX_PHASE = 2.0",
+        ("solvers/test_explicit.py::test_a_curtain_that_was_pulled_hard_comes_to_rest",),
     ),
     Mutation(
         "half-the-mass-per-corner",
