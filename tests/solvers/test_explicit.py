@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from taichi_cloth.geometry.cloth_builder import spring_stiffness
+from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.geometry.stability_bounds import MARGIN
 from taichi_cloth.scene.fabric_schema import Fabric
-from taichi_cloth.scene.library import load_scene
 from taichi_cloth.scene.schema import Cloth, Forces, Scene, Solver
 from taichi_cloth.simulation.simulation import Simulation
 
