@@ -23,7 +23,7 @@ from taichi_cloth.cli.scenes import summary
 from taichi_cloth.geometry import cloth_builder
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render import image
-from taichi_cloth.scene.schema import SOLVER_NAMES
+from taichi_cloth.scene.schema import SOLVER_NAMES, Cloth
 from taichi_cloth.simulation import error_estimate
 from taichi_cloth.simulation.simulation import Simulation
 from taichi_cloth.system.console import count_noun
@@ -143,6 +143,12 @@ def test_check(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         ("[cloth]\nwidth = 120\nheight = 90", "a side of more than 20 m: lengths are in meters"),
         ("[forces]\ngravity = -9.81", "gravity points up: forces.gravity is positive downward"),
         ("[[attachments]]\ncenter = [0, 2, 0]", "an attachment without pins moves nothing"),
+        ("[cloth]\npins = []\n[tethers]", "tethers have no effect: they tie particles to pins, and the cloth has none"),
+        ("[solver]\nname = 'rk4'\niterations = 5", "rk4 does not iterate: solver.iterations has no effect"),
+        (
+            "[maps]\nstiffness = 'map.csv'\nstiffness_max = 4",
+            "verlet corrects at most the whole error: a stiffness over 1 of a map acts as 1",
+        ),
         ("[cloth]\nwidth = 2\nheight = 20", ""),
     ],
 )
@@ -151,6 +157,7 @@ def test_check_tells_values_that_are_often_mistakes(
 ) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(f"{keys}\n")
+    (tmp_path / "map.csv").write_text("\n".join(["0.5"] * (Cloth().rows * Cloth().columns)))
     assert cli.main(["check", str(path)]) == 0
     line = capsys.readouterr().out.rstrip()
     assert line.endswith(f" · {note}") if note else "meters" not in line
@@ -527,10 +534,10 @@ def test_render_writes_images_and_their_settings(tmp_path: Path) -> None:
 
 
 def test_two_runs_give_the_same_bytes_in_different_environments(tmp_path: Path) -> None:
-    """Output works on a terminal with ASCII only, and TI_ARCH does not change the arch."""
+    """Output works on a terminal with ASCII only. TI_ARCH and TI_DEFAULT_FP change nothing."""
     environments: dict[str, dict[str, str]] = {
         "a": {},
-        "b": {"PYTHONIOENCODING": "ascii", "TI_ARCH": "bogus"},
+        "b": {"PYTHONIOENCODING": "ascii", "TI_ARCH": "bogus", "TI_DEFAULT_FP": "64"},
     }
     for out, variables in environments.items():
         words = ["render", "drape15", "--frames", "20", "--every", "19", "--out", out, *SMALL]

@@ -66,7 +66,7 @@ def max_frequency(topology: Topology, stiffness: NDArray[np.float64], membrane: 
 # Largest h·ω of symplectic Verlet for springs that change their direction. From there to 2, the limit of springs that
 # do not, a vibration has about three steps a period and gains energy from every force that is not linear (third-order
 # resonance: Schlick, Mandziuk, Skeel and Srinivas 1998, *Nonlinear resonance artifacts in molecular dynamics
-# simulations*). A cloth released from a strain of several hundred percent would tangle, faster and faster.
+# simulations*). A cloth released from a strain of several hundred percent would move faster and faster.
 MAX_PHASE = sqrt(3)
 
 

@@ -309,12 +309,14 @@ def unusual(scene: Scene, topology: Topology) -> tuple[str, ...]:
     size = np.ptp(topology.start, axis=0).max() if scene.cloth.file else 0.0
     if size > LONG:
         lines.append(f"the cloth is {size:.3g} m long: cloth.scale is the length of one unit of its file in meters")
+    if scene.tethers is not None and not topology.pinned.any():
+        lines.append("tethers have no effect: they tie particles to pins, and the cloth has none")
     return tuple(filter(None, lines))
 
 
 def unusual_values(scene: Scene) -> list[str]:
     """Return lines about single values of a scene that are often mistakes. They need no topology."""
-    cloth, lines = scene.cloth, []
+    cloth, solver, lines = scene.cloth, scene.solver.name, []
     if not cloth.file and max(cloth.width, cloth.height) > LONG:
         lines.append(f"a side of more than {LONG:g} m: lengths are in meters")
     if cloth.area_density > HEAVY:
@@ -323,6 +325,10 @@ def unusual_values(scene: Scene) -> list[str]:
         lines.append("gravity points up: forces.gravity is positive downward")
     if not all(attachment.pins for attachment in scene.attachments):
         lines.append("an attachment without pins moves nothing")
+    if SOLVER_CATALOG[solver].is_explicit and scene.solver.iterations > 1:
+        lines.append(f"{solver} does not iterate: solver.iterations has no effect")
+    if solver == "verlet" and scene.maps is not None and scene.maps.stiffness and scene.maps.stiffness_max > 1:
+        lines.append("verlet corrects at most the whole error: a stiffness over 1 of a map acts as 1")
     return lines
 
 

@@ -316,12 +316,12 @@ def collider_event(simulation: Simulation, collider: SupportsIndex | str, target
 def particle_of(simulation: Simulation, particle: ArrayLike) -> int:
     """Return a particle's index. `particle` is that index or a position [m], which stands for the nearest particle.
 
-    Raises ValueError, also for several integers, which may be meant as indices, and if the nearest particle is farther
-    away than the cloth is long.
+    Raises ValueError, also for a mask, for several integers, which may be meant as indices, and if the nearest particle
+    is farther away than the cloth is long.
     """
     if np.ndim(particle) == 0:
         return simulation.check_particle(particle)  # type: ignore[arg-type]
-    if np.asarray(particle).dtype.kind in "iu":
+    if np.asarray(particle).dtype.kind in "iub":
         raise ValueError(
             "a particle is one index, such as 12, or a position with decimals, such as [0.0, 1.5, 0.0],"
             f" not {short_repr(particle)}: call once for each particle"

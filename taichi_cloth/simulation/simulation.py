@@ -35,7 +35,7 @@ from .events import (
 )
 from .frame_contact import intersection_count, penetration
 from .grabbing import free_number
-from .parameter_values import check_radius, check_vectors
+from .parameter_values import check_frames, check_radius, check_vectors
 from .running_cloth import RunningCloth
 
 Listener = Callable[[Event], object]
@@ -113,7 +113,7 @@ class Simulation(RunningCloth):
         """
         shape = self.topology.start.shape
         x, v = check_vectors(positions, "positions", shape), check_vectors(velocities, "velocities", shape, (3,))
-        self.apply(Event("set_state", (x, v) if frame is None else (x, v, frame)))
+        self.apply(Event("set_state", (x, v) if frame is None else (x, v, check_frames(frame, "frame"))))
 
     def switch_solver(self, name: str) -> None:
         """Continue with another solver, from the same positions and velocities, with the springs of its own section.

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal", "gpu")  # gpu: the first available of the other three
 NUMBER_TYPES = {"default_fp": "f32", "default_ip": "i32"}  # options of `ti.init` that kernels of this package rely on
+# Taichi prefers these to the options of `ti.init`.
+IGNORED_VARIABLES = ("TI_ARCH", *(f"TI_{name.upper()}" for name in NUMBER_TYPES))
 
 # Taichi reads these when it is imported: no banner on stdout, no thread that checks for a new version online.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -54,7 +56,8 @@ _forked = False  # whether this process was forked from one in which Taichi ran
 def start(arch: str = "cpu", **options: object) -> str:
     """Start Taichi on `arch`, after ending a running Taichi program. Return the arch that runs.
 
-    `options` are passed to `ti.init`. The environment variable TI_ARCH is removed, because Taichi would use it instead.
+    `options` are passed to `ti.init`. The environment variables TI_ARCH, TI_DEFAULT_FP and TI_DEFAULT_IP are removed,
+    because Taichi would use them instead.
 
     `arch`: "cpu", "cuda", "vulkan", "metal", or "gpu" for the first of these three that the machine has. Raises
     ValueError for another arch and for an unknown option, UsageError for an arch that this machine does not have, for
@@ -99,7 +102,8 @@ def available_arch(arch: str) -> str:
     """Return the arch that `start` would start for `arch`. Raises ValueError and UsageError as `start` does."""
     if arch not in ARCHS:
         raise ValueError(f"unknown arch {arch!r}{choose_from(arch, ARCHS)}")
-    os.environ.pop("TI_ARCH", None)
+    for name in IGNORED_VARIABLES:
+        os.environ.pop(name, None)
     _import_taichi()
     import taichi as ti
 

@@ -79,7 +79,7 @@ def test_a_position_far_from_the_cloth_is_no_particle() -> None:
         assert not len(simulation.added_pins)
 
 
-@pytest.mark.parametrize("indices", [[0, 1, 2], (0, 1), np.array([0, 1, 2]), [[0, 1, 2]]])
+@pytest.mark.parametrize("indices", [[0, 1, 2], (0, 1), np.array([0, 1, 2]), [[0, 1, 2]], np.array([True, False])])
 def test_several_indices_are_not_taken_as_a_position(indices: object) -> None:
     with Simulation(Scene(cloth=CLOTH)) as simulation:
         for call in (simulation.pin, simulation.unpin, simulation.grab):
