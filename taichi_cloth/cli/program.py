@@ -180,8 +180,8 @@ def run_command(modules: Iterable[CommandModule], argv: Sequence[str]) -> int:
     try:
         with sigterm_interrupts():
             return int(args.action(args))
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted; files that were written are complete", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(f"{PROGRAM}: interrupted; {interrupt or 'files that were written are complete'}", file=sys.stderr)
         return 130
     except (SceneError, OutputConflict, UsageError) as error:
         print(f"{PROGRAM}: {one_line(str(error))}", file=sys.stderr)

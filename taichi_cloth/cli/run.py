@@ -195,7 +195,7 @@ def render_images(
     from ..render import image
     from ..simulation.convergence import VERLET_MODEL
     from ..simulation.simulation import Simulation
-    from ..system.console import frames_progress
+    from ..system.console import count_noun, frames_progress
 
     arch = runtime.start(args.arch)
     with (
@@ -203,8 +203,12 @@ def render_images(
         image.claim_folder(plan, simulation, force=force, resume=resume),
     ):
         print(summary(simulation, arch), flush=True)
-        with frames_progress(plan.frames) as advance:
-            report = image.render(simulation, plan, advance)
+        try:
+            with frames_progress(plan.frames) as advance:
+                report = image.render(simulation, plan, advance)
+        except KeyboardInterrupt:
+            complete = count_noun(len(list(plan.out.glob("frame_*.png"))), "image")
+            raise KeyboardInterrupt(f"{complete} in {plan.out}; --resume continues") from None
     if line := error_summary(report.median_error):
         print(line)
         if scene.solver.name == "verlet":

@@ -57,6 +57,7 @@ QUICK = [
     *(("A3.2", "verlet"), ("A3.3", "explicit"), ("A3.5", "explicit"), ("A4.1", "xpbd"), ("A4.4", "lines")),
     *(("A6.1", "rk4"), ("A7.1", "verlet"), ("A7.5", "explicit"), ("A8.2", "explicit"), ("A8.3", "explicit")),
     *(("A8.5", "explicit"), ("A8.6", "explicit"), ("A8.10", "explicit"), ("B5", "xpbd")),
+    *(("A2.6", "implicit"), ("A7.1", "implicit"), ("B6.1", "lines"), ("B6.2", "implicit")),
 ]
 # References that may fall short because of a law, with these solvers only.
 EXPLAINED = {
