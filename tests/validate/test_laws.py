@@ -15,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 from taichi_cloth.evaluation.bench.error_sweep import Curtain, curtain_solution
 from taichi_cloth.evaluation.validate import (
     check,
+    continuum,
     elasticity,
     exact,
     flight,
@@ -137,6 +138,21 @@ def angular_momentum(solver: str) -> float:
         return flight.most_lost(simulation, 1000, size * radius)
 
 
+def softness_of_sail() -> float:
+    with Simulation(check.strip("xpbd", flight.SAIL_LINKS, constant=5e3, pins=("top", "bottom"))) as simulation:
+        return flight.excess_elongation(simulation)
+
+
+def old_gradients_of_patch(name: str, in_strain: bool) -> float:
+    gradient = np.array(continuum.GRADIENTS[name])
+    points, triangles = continuum.irregular(continuum.CELLS, continuum.CELLS, continuum.JITTER)
+    edges = np.flatnonzero(np.isclose(np.abs(points).max(axis=1), 0.5))
+    stress = continuum.first_piola(gradient, continuum.TENSOR)
+    with continuum.mesh_cloth(points, triangles, edges) as cloth, Simulation(continuum.sheet("xpbd", cloth)) as one:
+        turn = continuum.largest_turn(continuum.green_strain(gradient)) if in_strain else 1.0
+        return continuum.largest_move(one, stress) * turn
+
+
 PRESSURE, DRAG = "lift and drag: pressure with the cosine [m]", "drag alone: its square, along the wind [m]"
 BOUNDED = [
     *(
@@ -177,6 +193,15 @@ BOUNDED = [
     ),
     *(("A6.2", "verlet", f"sag at {d:g} m, {PRESSURE}", partial(sail_of_verlet, d, False)) for d in (0.8, 0.9)),
     ("A6.2", "verlet", f"sag at 0.9 m, {DRAG}", partial(sail_of_verlet, 0.9, True)),
+    *(
+        ("A6.2", "xpbd", f"tension in the middle over p·L at 0.8 m, {law.removesuffix(' [m]')}", softness_of_sail)
+        for law in (PRESSURE, DRAG)
+    ),
+    *(
+        ("A9.1", "xpbd", f"{name}: {what}", partial(old_gradients_of_patch, name, what.endswith("strain")))
+        for name in ("stretched by 10 %", "sheared by 10 %")
+        for what in ("largest error of a strain", "force on an edge [N]")
+    ),
     ("B1", "verlet", "16 cells: every row, error of the side after 1 s", partial(every_row, 16)),
     ("B1", "verlet", "32 cells: every row, error of the side after 0.5 s", partial(every_row, 32)),
 ]

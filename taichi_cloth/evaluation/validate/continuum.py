@@ -128,18 +128,26 @@ def patched(whats: list[str], solver: str, gradient: Floats) -> Iterator[Check]:
         flat = simulation.topology.start
         found = green_strains(points, triangles, at_rest(simulation, deformed(gradient, flat)))
         strain, stress = green_strain(gradient), first_piola(gradient, TENSOR)
-        # With `xpbd`: how far one triangle moves a particle in a substep, over its side.
-        lightest = float(simulation.topology.mass[~simulation.topology.pinned].min())
-        moved = (solver == "xpbd") * substep(simulation) ** 2 * float(np.abs(stress).max()) / lightest
-        angle = 2 * abs(float(strain[0, 1]))
+        moved = (solver == "xpbd") * largest_move(simulation, stress)
         row = at_most(whats[0], float(np.abs(found - strain).max()), *PATCH)
-        yield row.by_law(OLD_GRADIENT, moved * max(angle, float(np.abs(strain).max())))
+        yield row.by_law(OLD_GRADIENT, moved * largest_turn(strain))
         right = np.isclose(flat[:, 0], 0.5)
         force = mean_reactions(simulation)[right].sum(axis=0)[:2]
         traction = stress[:, 0]  # on an edge of one meter
         error = float(np.linalg.norm(force - traction) / np.linalg.norm(traction))
         row = Check(whats[1], float(np.linalg.norm(traction)), float(np.linalg.norm(force)), error, *PATCH)
         yield row.by_law(OLD_GRADIENT, moved)
+
+
+def largest_move(simulation: Simulation, stress: Floats) -> float:
+    """Return how far a triangle under a stress (2, 2) [N/m] moves a particle in a substep, over the triangle's side."""
+    lightest = float(simulation.topology.mass[~simulation.topology.pinned].min())
+    return substep(simulation) ** 2 * float(np.abs(stress).max()) / lightest
+
+
+def largest_turn(strain: Floats) -> float:
+    """Return the largest of the components of a strain (2, 2) and the change of the angle between threads [rad]."""
+    return max(2 * abs(float(strain[0, 1])), float(np.abs(strain).max()))
 
 
 def green_strain(gradient: Floats) -> Floats:
