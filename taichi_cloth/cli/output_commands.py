@@ -109,7 +109,7 @@ def run_export(args: argparse.Namespace) -> int:
     clip = args.frames.first is not None
     if args.every and not clip:
         raise UsageError(f"--every applies to clips only: use --frames 0:{args.frames.end}")
-    format = format_of(args.out, args.format, clip=clip)
+    format = format_of(args.out, args.format, clip=clip, options=True)
     path = args.out or default_path(scene.name, format, clip=clip)
     check_format(format, args.up_axis)
     output = Output(path, format, args.frames.end, args.up_axis, clip, args.frames.first or 0, args.every or 1)

@@ -47,7 +47,7 @@ from .mesh_files import (
     write_obj,
     write_ply,
 )
-from .output import BY_SUFFIX, CLIP_ONLY_FORMATS, FOLDER_FORMATS, Output, check_format
+from .output import BY_SUFFIX, CLIP_ONLY_FORMATS, Output, check_format, format_of
 
 Add = Callable[[], None]  # adds a sample to a clip: the cloth and the colliders as they are now
 
@@ -101,18 +101,10 @@ def export_mesh(simulation: Simulation, path: str | PathLike[str], up: str = "y"
     write_frame(file, format, simulation, up)
 
 
-def export_clip(
-    simulation: Simulation, path: Path, frames: int, every: int, up: str, on_frame: Callable[[int], object] | None
-) -> None:
+def export_clip(simulation: Simulation, output: Output, on_frame: Callable[[int], object] | None) -> None:
     """Run a simulation and write a clip, as `Simulation.export_clip` does."""
     check_simulation(simulation)
-    format = BY_SUFFIX.get(path.suffix.lower(), "" if path.suffix else "obj")
-    if not format or (format in FOLDER_FORMATS and path.suffix):
-        suffixes = [suffix for suffix, name in BY_SUFFIX.items() if name not in FOLDER_FORMATS]
-        problem = "a clip of such files is a folder" if format else f"unknown suffix {path.suffix!r}"
-        raise UsageError(f"{path}: {problem}; use {', '.join(suffixes)}, or no suffix for a folder of OBJ files")
-    check_format(format, up)
-    output = Output(path, format, frames, up, clip=True, every=every)
+    check_format(output.format, output.up)
     output.prepare()
     export(simulation, output, on_frame or (lambda _: None))
 
@@ -276,19 +268,23 @@ class Simulation(BaseSimulation):  # with what the base class cannot import, as 
         *,
         every: SupportsIndex = 1,
         up: str = "y",
+        format: str | None = None,
         on_frame: Callable[[int], object] | None = None,
     ) -> None:
         """Run some frames, and write the cloth before every `every`-th of them to a clip, by the suffix of `path`.
 
         .pc2 (with an OBJ file beside it), .usdc, .usda, .usd, .glb and .html are one file; a path without a suffix is a
-        folder of OBJ files. `up`: "y" or "z". `on_frame(k)` is called after step k, 0 first, when the cloth is that of
-        the frame k + 1. It may move grabs and change parameters, but not step, reset or change the scene (UsageError).
+        folder of OBJ files, or of PLY files if `format` is "ply". `up`: "y" or "z". `on_frame(k)` is called after step
+        k, 0 first, when the cloth is that of the frame k + 1. It may move grabs and change parameters, but not step,
+        reset or change the scene (UsageError).
 
-        Existing files are replaced, and a missing folder is made. Raises UsageError for another suffix or axis,
+        Existing files are replaced, and a missing folder is made. Raises UsageError for another suffix, format or axis,
         ValueError for numbers that are not integers from 1, Diverged if the cloth blows up, and OSError; a partial file
         never remains, and the finished files of a folder do.
         """
-        export_clip(self, Path(path), check_frames(frames, "frames", 1), check_frames(every, "every", 1), up, on_frame)
+        count, step = check_frames(frames, "frames", 1), check_frames(every, "every", 1)
+        chosen = format_of(Path(path), format, clip=True)
+        export_clip(self, Output(Path(path), chosen, count, up, clip=True, every=step), on_frame)
 
     def _repr_png_(self) -> bytes | None:
         """Return an image of the current frame as a PNG file; None for a closed simulation."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from ..system.errors import OutputConflict, UsageError, install_command
+from ..system.errors import OutputConflict, UsageError, choose_from, install_command
 
 SUFFIXES = {
     "obj": (".obj",),
@@ -83,25 +83,32 @@ class Output:
             path.unlink()
 
 
-def format_of(path: Path | None, name: str | None, *, clip: bool) -> str:
+def format_of(path: Path | None, name: str | None, *, clip: bool, options: bool = False) -> str:
     """Return the export format from the suffix of `path` and the format `name`, either of which may be None.
 
     Raises UsageError if they disagree, if they do not determine a format, and for a format that cannot be written so.
+    `options`: whether path and name come from the command line, whose options its message then names.
     """
+    if name is not None and name not in FORMATS:
+        raise UsageError(f"unknown format {name!r}{choose_from(str(name), FORMATS)}")
+    out = f"--out {path}" if options else f"{path}"
     if path is None:
         chosen = name or ("pc2" if clip else "obj")
     elif path.suffix.lower() not in BY_SUFFIX:
         chosen = name or ("obj" if clip and not path.suffix else "")
         if chosen not in FOLDER_FORMATS or not clip:
             problem = f"unknown suffix {path.suffix!r}" if path.suffix else "missing suffix"
-            raise UsageError(f"--out {path}: {problem}; use {', '.join(BY_SUFFIX)}")
+            known = [suffix for suffix, one in BY_SUFFIX.items() if not (clip and one in FOLDER_FORMATS)]
+            folder = ", or no suffix for a folder of OBJ or PLY files" if clip else ""
+            raise UsageError(f"{out}: {problem}; use {', '.join(known)}{folder}")
     else:
         by_suffix = BY_SUFFIX[path.suffix.lower()]
         chosen = name or by_suffix
         if chosen != by_suffix:
-            raise UsageError(f"--out {path} has the suffix of {by_suffix.upper()} files, but --format is {chosen}")
+            given = "--format" if options else "the format"
+            raise UsageError(f"{out} has the suffix of {by_suffix.upper()} files, but {given} is {chosen}")
         if clip and chosen in FOLDER_FORMATS:
-            raise UsageError(f"--out {path}: a clip of {chosen.upper()} files is a folder; omit the suffix")
+            raise UsageError(f"{out}: a clip of {chosen.upper()} files is a folder; omit the suffix")
     if chosen in CLIP_ONLY_FORMATS and not clip:
         raise UsageError(f"{CLIP_ONLY_FORMATS[chosen]} a clip, not one frame: use --frames A:B")
     return chosen

@@ -57,7 +57,7 @@ def test_the_format_follows_from_the_suffix_or_the_option(
 )
 def test_contradictory_options_are_refused(out: str | None, name: str | None, clip: bool, message: str) -> None:
     with pytest.raises(UsageError) as refused:
-        format_of(Path(out) if out else None, name, clip=clip)
+        format_of(Path(out) if out else None, name, clip=clip, options=True)
     assert message in str(refused.value)
 
 

@@ -163,32 +163,38 @@ def test_a_clip_has_what_a_program_does_with_the_cloth(tmp_path: Path) -> None:
         assert rows_of(tmp_path / "new" / "c.obj", "v") == pytest.approx(samples[0], abs=1e-6)
 
 
-@pytest.mark.parametrize("name", ["c.glb", "c.html", "c.usdc", "folder"])
-def test_a_clip_has_the_format_of_its_suffix(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "format"),
+    [("c.glb", None), ("c.html", None), ("c.usdc", None), ("c.usdc", "usd"), ("folder", None), ("folder", "ply")],
+)
+def test_a_clip_has_the_format_of_its_suffix_or_the_chosen_one(tmp_path: Path, name: str, format: str | None) -> None:
     if name == "c.usdc":
         pytest.importorskip("pxr")
     with tc.Simulation(small()) as simulation:
         for frames in (4, 2):  # the second replaces the first
-            simulation.export_clip(tmp_path / name, frames)
+            simulation.export_clip(tmp_path / name, frames, format=format)
     found = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file())
-    assert found == (["folder/frame_00000.obj", "folder/frame_00001.obj"] if name == "folder" else [name])
+    suffix = format or "obj"
+    assert found == ([f"folder/frame_0000{k}.{suffix}" for k in range(2)] if name == "folder" else [name])
 
 
 @pytest.mark.parametrize(
-    ("name", "frames", "error", "line"),
+    ("name", "frames", "format", "error", "line"),
     [
-        ("c.obj", 2, tc.UsageError, "a clip of such files is a folder; use .pc2, .usdc"),
-        ("c.xyz", 2, tc.UsageError, "unknown suffix '.xyz'; use .pc2, .usdc"),
-        ("c.pc2", 0, ValueError, "frames must be an integer from 1, not 0"),
-        ("c.pc2", 1.5, ValueError, "frames must be an integer from 1, not 1.5"),
+        ("c.obj", 2, None, tc.UsageError, "a clip of OBJ files is a folder; omit the suffix"),
+        ("c.xyz", 2, None, tc.UsageError, "unknown suffix '.xyz'; use .pc2, .usdc, .usda, .usd, .glb, .html, or no"),
+        ("folder", 2, "pyl", tc.UsageError, "unknown format 'pyl': obj, ply, pc2, usd, glb, html; did you mean 'ply'"),
+        ("c.glb", 2, "ply", tc.UsageError, "has the suffix of GLB files, but the format is ply"),
+        ("c.pc2", 0, None, ValueError, "frames must be an integer from 1, not 0"),
+        ("c.pc2", 1.5, None, ValueError, "frames must be an integer from 1, not 1.5"),
     ],
 )
 def test_a_clip_that_cannot_be_written_is_refused_before_the_first_frame(
-    tmp_path: Path, name: str, frames: int, error: type[Exception], line: str
+    tmp_path: Path, name: str, frames: int, format: str | None, error: type[Exception], line: str
 ) -> None:
     with tc.Simulation(small()) as simulation:
         with pytest.raises(error, match=line):
-            simulation.export_clip(tmp_path / name, frames)
+            simulation.export_clip(tmp_path / name, frames, format=format)
         assert simulation.frame == 0
     assert list(tmp_path.iterdir()) == []
 
