@@ -45,6 +45,17 @@ FRAME_COLOR: Rgb = (0.45, 0.45, 0.48)
 BACKGROUND_COLOR: Rgb = (0.07, 0.07, 0.08)
 
 
+# What each solver is for (docs/choosing.md), in the words of a list.
+SOLVER_USES = {
+    "verlet": "games and demos, small grids",
+    "xpbd": "soft cloth",
+    "explicit": "accurate, for moderate stiffness",
+    "lines": "stiff or fine grids, few substeps",
+    "rk4": "most accurate, to verify others",
+    "implicit": "stiff cloth, also triangle meshes",
+}
+
+
 class Curve(NamedTuple):
     """One curve of a chart."""
 

@@ -21,7 +21,7 @@ from ..scene.solver_catalog import SOLVER_CATALOG
 from ..simulation.copies import FeatureTimes
 from ..simulation.simulation import Simulation
 from . import charts
-from .charts import alert
+from .charts import SOLVER_USES, alert
 from .error_process import error_lines
 from .input import ARROWS, HELP, MENU, MOUSE, OWN_FABRIC, PAGES, SHORTCUTS, chosen, display_name, names
 from .session import Session
@@ -155,7 +155,7 @@ class Panel:
         shown = listed[first : first + length]
         labels = {name: with_title(session, kind, name) for name in shown}
         errors = session.meter.by_solver if kind == "solver" and session.meter else {}
-        labels |= {name: f"{label}: {errors[name]}" for name, label in labels.items() if name in errors}
+        labels |= {name: f"{name}: {errors[name]}" for name in shown if name in errors}
         pressed = [name for name, label in labels.items() if gui.button(f"> {label}" if name == in_use else label)]
         for name in pressed:
             if kind == "speed":
@@ -269,14 +269,14 @@ def shipped_title(name: str) -> str:
 
 
 def with_title(session: Session, kind: str, name: str) -> str:
-    """Return the label of a name of a list: a scene or fabric with its title, as far as a line has room."""
+    """Return the label of a name of a list: with a title or a use, as far as a line has room."""
     if kind == "fabric":
         label, title = (name, fabric_title(name).partition(": ")[2]) if name else (own_fabric(session), "")
     elif kind == "scene":
         initial = session.initial_scene  # the list opens it, and not a shipped scene of the same name
         label, title = name, initial.title if name == initial.name else shipped_title(name)
     else:
-        label, title = name, ""
+        label, title = name, SOLVER_USES[name] if kind == "solver" else ""
     return textwrap.shorten(f"{label}: {title}", ENTRY_LENGTH, placeholder=" ...") if title else label
 
 

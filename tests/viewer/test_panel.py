@@ -15,9 +15,10 @@ from pointing import ReadyPipe
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.scene import parameters_of, scene_names
 from taichi_cloth.scene.presets import load_preset
+from taichi_cloth.scene.schema import SOLVER_NAMES
 from taichi_cloth.simulation.copies import FeatureTimes, FrameError
 from taichi_cloth.viewer import panel as panel_module
-from taichi_cloth.viewer.charts import CHART_SECONDS, History, alert, blown_up_line, slow_line, statistics
+from taichi_cloth.viewer.charts import CHART_SECONDS, SOLVER_USES, History, alert, blown_up_line, slow_line, statistics
 from taichi_cloth.viewer.comparison import Comparison
 from taichi_cloth.viewer.comparison_window import HEIGHT as COMPARISON_HEIGHT
 from taichi_cloth.viewer.comparison_window import ComparisonPanel
@@ -181,7 +182,12 @@ def test_every_page_has_a_button_for_the_menu_which_has_one_for_every_page(drawn
             "curtain: a curtain on a pole, in the wind, ...",
             lambda session: session.simulation.scene.name,
         ),
-        ("Solvers", "verlet", "xpbd", lambda session: session.simulation.solver.name),
+        (
+            "Solvers",
+            "verlet: games and demos, small grids",
+            "xpbd: soft cloth",
+            lambda session: session.simulation.solver.name,
+        ),
         ("Fabrics", "own fabric", "silk: a light crêpe de chine", lambda session: session.fabric),
         ("Views", "shaded", "wireframe", lambda session: session.view),
         ("Speeds", "1", "1/4", lambda session: session.speed),
@@ -221,7 +227,7 @@ def test_the_solvers_have_the_errors_that_were_measured_in_this_scene(drawn: Dra
     session.frozen = True
     gui = FakeGui()
     Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, "")
-    assert {"verlet: 1.2 mm", "> rk4: < 0.002 mm", "xpbd"} <= set(gui.labels)
+    assert {"verlet: 1.2 mm", "> rk4: < 0.002 mm", "xpbd: soft cloth"} <= set(gui.labels)
     lines = statistics(session, {}, 60.0).splitlines()
     at = lines.index("  against a fine run with explicit")
     assert lines[at - 1].startswith("error of frame ")
@@ -229,7 +235,13 @@ def test_the_solvers_have_the_errors_that_were_measured_in_this_scene(drawn: Dra
     session.page = "Solvers"
     gui = FakeGui()
     Panel(SIZE, tmp_path / "imgui.ini").draw(gui, session, "")
-    assert "> verlet" in gui.labels
+    assert "> verlet: games and demos, small grids" in gui.labels
+
+
+def test_every_solver_has_a_use_that_a_line_shows_whole(drawn: Drawn) -> None:
+    _, gui, _ = drawn("curtain", "Solvers")
+    assert tuple(SOLVER_USES) == SOLVER_NAMES
+    assert {f"{name}: {use}" for name, use in SOLVER_USES.items()} <= {label.removeprefix("> ") for label in gui.labels}
 
 
 def test_a_long_list_has_a_button_for_its_next_part(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
