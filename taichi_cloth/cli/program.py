@@ -181,7 +181,7 @@ def run_command(modules: Iterable[CommandModule], argv: Sequence[str]) -> int:
         with sigterm_interrupts():
             return int(args.action(args))
     except KeyboardInterrupt as interrupt:
-        print(f"{PROGRAM}: interrupted; {interrupt or 'files that were written are complete'}", file=sys.stderr)
+        print(f"{PROGRAM}: interrupted; {str(interrupt) or 'files that were written are complete'}", file=sys.stderr)
         return 130
     except (SceneError, OutputConflict, UsageError) as error:
         print(f"{PROGRAM}: {one_line(str(error))}", file=sys.stderr)
