@@ -336,7 +336,7 @@ SIMULATION = [
     Mutation(
         "three-indices-are-a-position",
         "simulation/events.py",
-        'if np.asarray(particle).dtype.kind in "iu":',
+        'if np.asarray(particle).dtype.kind in "iub":',
         "if False:",
         ("simulation/test_grabbing.py::test_several_indices_are_not_taken_as_a_position[indices0]",),
     ),
