@@ -58,7 +58,8 @@ def machine_and_date_of_curtain() -> str:
         times = [float(row["median_ms"]) for row in csv.DictReader(file)]
     if words is None or [point["median_ms"] for point in words["points"]] != times:
         return "machine and date not stored in assets/error.csv"
-    return machine_and_date(words)
+    later = [point["later"] for point in words["points"] if point.get("later")]
+    return machine_and_date(words) + (f" ({len(later)} of {len(times)} points: {later[0]})" if later else "")
 
 
 def gpu_and_date(words: stored.Words) -> str:

@@ -72,7 +72,7 @@ SIMULATED = [
     ("verlet", 5, 12),
     ("xpbd", 20, 1),
     ("lines", 5, 1),
-    ("explicit", 28, 1),
+    ("explicit", 32, 1),
     ("rk4", 20, 1),
     ("implicit", 5, 1),
 ]

@@ -297,6 +297,7 @@ BY_LAW = {
     ("hanging", "compare_sag"),
     ("hanging", "discrete_sag"),
     ("elasticity", "sagging"),
+    ("elasticity", "warp_pull"),
     ("elasticity", "bias_pull"),
     ("flight", "falling"),
     ("flight", "sail"),
