@@ -136,9 +136,7 @@ FRAMES = 60
 GRIDS = (32, 64)  # cells along a side
 ALL_GRIDS = (16, 32, 64, 128, 256)
 DAMPING_TEST_FREQUENCY = 5.0  # [Hz] frequency of the vibration whose numerical damping is measured
-MAX_SUBSTEPS = 1000  # the most that a scene can have
-# (substeps, iterations), from cheap to accurate. Substeps of explicit solvers are multiples of the fewest stable ones,
-# up to `MAX_SUBSTEPS`.
+# (substeps, iterations), from cheap to accurate; of explicit solvers, multiples of the fewest stable substeps.
 RELAXED = ((5, 4), (5, 12), (5, 40), (10, 12), (20, 1), (20, 12), (30, 1), (60, 1), (60, 4), (120, 1))
 SETTINGS = {
     "verlet": RELAXED,
@@ -209,7 +207,7 @@ def measure(curtain: Curtain, solver: str, substeps: int, iterations: int) -> Po
     scene = scene_of(curtain, solver, substeps, iterations)
     if SOLVERS[solver].info.is_explicit:
         with Simulation(scene) as simulation:
-            substeps = min(substeps * simulation.substeps, MAX_SUBSTEPS)
+            substeps = min(substeps * simulation.substeps, 1000)  # the most that a scene can have
         scene = scene_of(curtain, solver, substeps, 1)
     with Simulation(scene) as simulation:
         simulation.step()  # compiles
