@@ -24,6 +24,8 @@ Indices = NDArray[np.signedinteger[Any]]  # integer grid indices
 HALF_DYED_FRACTION = 0.55  # fraction of the second color where only one of two crossing yarns of a gingham is dyed
 TWILL_VALLEY_FRACTION = 0.5  # fraction of the second color in the valleys of a twill
 
+FAMILY_COLORS = {"structural": (0.16, 0.33, 0.55), "shear": (0.62, 0.44, 0.24), "bend": (0.5, 0.5, 0.5)}  # of springs
+
 
 def pattern_colors(topology: Topology, look: Look) -> NDArray[np.float32]:
     """Return the color of every corner without light, factors 0…1, (3·T, 3)."""
@@ -50,6 +52,12 @@ def merge_vertices(
     unique, corners = np.unique(key, return_inverse=True)
     rgb_bytes = (unique[:, None] >> np.array([16, 8, 0]) & 255).astype(np.uint8)
     return unique >> 24, rgb_bytes, corners.reshape(-1, 3)
+
+
+def family_colors(topology: Topology) -> NDArray[np.float32]:
+    """Return the color of every spring, by its family, (E, 3)."""
+    colors = [FAMILY_COLORS[batch.family] for batch in topology.batches for _ in range(batch.count)]
+    return np.array(colors, np.float32).reshape(-1, 3)
 
 
 def rgb(color: str) -> tuple[float, float, float]:

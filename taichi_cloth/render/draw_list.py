@@ -27,6 +27,7 @@ from .colors import (
     STRAIN_SCALE,
     Scale,
     distance_scale,
+    family_colors,
     marker_radius,
     mean_spring_length,
     pattern_colors,
@@ -126,11 +127,11 @@ FLOOR_EXTENT, GRID_EXTENT = 2.4, 1.44  # half the side of the floor, and of the 
 GRID_SPACING, GRID_LINE_WIDTH = 1 / 8, 2e-3  # of the grid lines; the spacing is rounded down (`round_down_125`)
 HORIZONTAL = np.array([1.0, 0.0, 1.0])
 SHADOW_EXTENT = 0.95  # half the side of the shadow map
+LIT_EDGE = 0.03  # longest edge of a solid: a shadow's soft edge is as wide
 GLOSS = 0.35  # strength of the highlight on solids; the cloth has `look.sheen`
 STRAIN_VIEW_CONTRAST = 0.45  # contrast of light and shade in the view `strain`, low so that the colors stay readable
 PINNED_COLOR, GRABBED_COLOR = (0.85, 0.45, 0.10), (1.0, 0.80, 0.20)  # colors of pinned and of grabbed particles
 IN_PLACE = 1e-4  # [longer sides of the cloth] distance of a pin from its place that is none
-FAMILY_COLORS = {"structural": (0.16, 0.33, 0.55), "shear": (0.62, 0.44, 0.24), "bend": (0.5, 0.5, 0.5)}
 
 
 @dataclass(eq=False)
@@ -186,14 +187,15 @@ class DrawList:
         colliders = simulation.colliders()
         self._static, self._moving = split_colliders(colliders)
         self._displaced = False  # whether a static collider was, when it was last drawn
-        self._moving_meshes = [collider_mesh(colliders[k]) for k in self._moving]
-        pole = [pole_mesh(scene, topology.start)] if scene.look.pole else []
-        static_meshes = [*pole, *(pose_mesh(colliders[k], collider_mesh(colliders[k])) for k in self._static)]
+        rigid = (k for k in (*self._static, *self._moving) if not is_deforming(colliders[k].collider))
+        self._rigid = {k: shading.divided(collider_mesh(colliders[k]), LIT_EDGE * distance) for k in rigid}
+        pole = [shading.divided(pole_mesh(scene, topology.start), LIT_EDGE * distance)] if scene.look.pole else []
+        static_meshes = [*pole, *self._pose(colliders, self._static)]
         floor = self._floor()
         self._first_solid = sum(len(p) for p, _, _ in floor)
         self._first_static = self._first_solid + sum(len(p) for p, _, _ in pole)
         self._first_moving = self._first_solid + sum(len(p) for p, _, _ in static_meshes)
-        self._first_sphere = self._first_moving + sum(len(p) for p, _, _ in self._moving_meshes)
+        self._first_sphere = self._first_moving + sum(len(p) for p, _, _ in self._pose(colliders, self._moving))
         sphere_corners = len(scene.spheres) * len(self._sphere) + (1 + len(self.pins)) * len(self._marker)
         self._first_cloth = self._first_sphere + sphere_corners
         self._rebuild_topology()
@@ -221,14 +223,9 @@ class DrawList:
         displaced = any(row in simulation.displacements for row in self._static)
         colliders = simulation.colliders() if self._moving or displaced or self._displaced else []
         if displaced or self._displaced:
-            static = (pose_mesh(colliders[k], collider_mesh(colliders[k])) for k in self._static)
-            self._fill_meshes(self._first_static, static)
+            self._fill_meshes(self._first_static, self._pose(colliders, self._static))
         self._displaced = displaced
-        moved = [
-            pose_mesh(colliders[k], collider_mesh(colliders[k]) if is_deforming(colliders[k].collider) else local)
-            for k, local in zip(self._moving, self._moving_meshes, strict=True)
-        ]
-        self._fill_meshes(self._first_moving, moved)
+        self._fill_meshes(self._first_moving, self._pose(colliders, self._moving))
         first = self._first_cloth
         mesh.corners = first + self._cloth_corners[view]
         shading.particle_normals(cloth, self._look.normal)
@@ -342,6 +339,10 @@ class DrawList:
             shading.fill_mesh(self.mesh, first, positions, normals, colors)
             first += len(positions)
 
+    def _pose(self, colliders: list[PosedCollider], rows: list[int]) -> list[TriangleSoup]:
+        """Return the meshes of some colliders in world space."""
+        return [pose_mesh(colliders[k], self._rigid.get(k) or collider_mesh(colliders[k])) for k in rows]
+
     # -- floor ---------------------------------------------------------------------------------------------------------
 
     def _floor(self) -> list[TriangleSoup]:
@@ -375,19 +376,13 @@ class DrawList:
         self._structural_count = counts.get("structural", 0)
         self._drawn_spring_count = self._structural_count + counts.get("shear", 0)
         self._triangle_colors = pattern_colors(topology, self.simulation.scene.look)
-        self._spring_colors = self._family_colors()
+        self._spring_colors = family_colors(topology)
         self._cloth_corners = {
             "shaded": 3 * topology.triangle_count,
             **dict.fromkeys(COLORED_VIEWS, 3 * topology.triangle_count),
             "wireframe": 6 * self._drawn_spring_count,
             "particles": 24 * topology.particle_count,
         }
-
-    def _family_colors(self) -> Floats:
-        """Return the color of every spring, by family, (E, 3)."""
-        topology = self.simulation.topology
-        colors = [FAMILY_COLORS[b.family] for b in topology.batches for _ in range(b.count)]
-        return np.array(colors, np.float32).reshape(-1, 3)
 
 
 def marked_pins(simulation: Simulation) -> NDArray[np.int64]:

@@ -9,8 +9,10 @@ The shadow map is a square grid of texels perpendicular to the light. Each texel
 nearest to the light. A `frame` is the position of the map: its center in world space [m] and half its side [m].
 """
 
+import numpy as np
 import taichi as ti
 import taichi.math as tm
+from numpy.typing import NDArray
 
 from ..kernels.constraint_math import TINY, triangle_area_normal
 
@@ -30,6 +32,38 @@ def write_corner(mesh: ti.template(), corner: int, position: tm.vec3, normal: tm
 
 
 # -- solids ------------------------------------------------------------------------------------------------------------
+
+
+MOST_DIVISIONS = 64  # of the longest edge of a solid: a solid of two triangles then has at most 2 · 64² of them
+
+
+def divided(
+    solid: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]], longest: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return a solid whose edges are at most `longest` [m] long: light is computed at corners, and shadows are small.
+
+    Each triangle is halved across its longest edge as long as it is too long. Triangles that share an edge both divide
+    it in the middle, so no gaps open. Positions, normals and colors have one row per corner, (3·T, 3).
+    """
+    triangles, finished = np.concatenate(solid, axis=1).reshape(-1, 3, 9), []
+    lengths = _edge_lengths(triangles)
+    longest = max(longest, float(lengths.max(initial=0.0)) / MOST_DIVISIONS)
+    while len(triangles):
+        large = lengths.max(axis=1) > longest
+        finished.append(triangles[~large])
+        first = lengths[large].argmax(axis=1)
+        a, b, c = (triangles[large][np.arange(len(first)), (first + k) % 3] for k in range(3))
+        middle = (a + b) / 2
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        lengths = _edge_lengths(triangles)
+    corners = np.concatenate([*finished, triangles]).reshape(-1, 3, 3)
+    positions, normals, colors = np.ascontiguousarray(corners.swapaxes(0, 1))
+    return positions, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), TINY), colors
+
+
+def _edge_lengths(triangles: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the length of the edge from each corner to the next [m], (T, 3)."""
+    return np.linalg.norm(triangles[:, [1, 2, 0], :3] - triangles[..., :3], axis=2)
 
 
 @ti.kernel

@@ -11,11 +11,12 @@ from PIL import Image
 
 from taichi_cloth.geometry.closed_surface import box_triangles, cylinder, unit_sphere
 from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.render import shading
 from taichi_cloth.render.camera import OrbitCamera
 from taichi_cloth.render.draw_list import GRABBED_COLOR, VIEWS, DrawList, DrawMesh
 from taichi_cloth.render.rasterizer import Rasterizer
 from taichi_cloth.scene.collider_schema import Box, Ground, Sphere
-from taichi_cloth.scene.schema import Cloth, Scene
+from taichi_cloth.scene.schema import Camera, Cloth, Scene
 from taichi_cloth.simulation.copies import FrameError
 from taichi_cloth.simulation.simulation import Simulation
 
@@ -191,6 +192,26 @@ def test_two_hundred_scene_switches_allocate_no_more_meshes() -> None:
             fields.add(id(draw_list.update(VIEWS[k % 4], EYE)))
             draw_list.close()
     assert len(fields) <= 3
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_sphere_casts_its_shadow_on_the_middle_of_a_box(moving: bool) -> None:
+    scene = Scene(
+        cloth=Cloth(rows=3, columns=3, center=(0.0, 3.0, 0.0), width=0.1, height=0.1),
+        boxes=(Box(center=(0.0, 0.0, 0.0), size=(2.0, 0.2, 2.0), oscillation=(1e-6 * moving, 0.0, 0.0)),),
+        spheres=(Sphere(center=tuple(0.7 * shading.LIGHT_DIRECTION), radius=0.3),),
+        camera=Camera(eye=(1.5, 1.25, 3.0), target=(0.0, 0.0, 0.0)),
+    )
+    with Simulation(scene) as simulation:
+        draw_list = DrawList(simulation)
+        mesh = draw_list.update("shaded", EYE)
+        solids = slice(mesh.solids_from, mesh.cloth_from)
+        position, normal, color = (used(f, mesh)[solids] for f in (mesh.position, mesh.normal, mesh.color))
+        top = (normal[:, 1] > 0.99) & (np.abs(position[:, 1] - 0.1) < 1e-4)
+        from_middle = np.linalg.norm(position[:, [0, 2]], axis=1)
+        brightness = color.sum(axis=1)
+        assert brightness[top & (from_middle < 0.1)].max() < 0.8 * brightness[top & (from_middle > 0.8)].min()
+        draw_list.close()
 
 
 def test_collider_meshes_are_closed_and_face_outward() -> None:

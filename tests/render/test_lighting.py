@@ -1,11 +1,15 @@
 """Light and shadows on a few triangles, against values computed by hand."""
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
 import pytest
 import taichi as ti
+from hypothesis import given
+from hypothesis import strategies as st
 
+from taichi_cloth.geometry.closed_surface import box_triangles
 from taichi_cloth.render import shading
 from taichi_cloth.render.draw_list import DrawMesh
 from taichi_cloth.render.shading import (
@@ -13,6 +17,7 @@ from taichi_cloth.render.shading import (
     FLOOR_LIGHT,
     LIGHT_COLOR,
     LIGHT_DIRECTION,
+    MOST_DIVISIONS,
     RIM_COLOR,
     RIM_DIRECTION,
     SHADOW_MAP_SIZE,
@@ -20,6 +25,7 @@ from taichi_cloth.render.shading import (
     SHADOW_V,
     SKY,
     TRANSMISSION,
+    divided,
     shade_cloth,
     shade_floor,
 )
@@ -111,3 +117,42 @@ def test_the_floor_fades_into_the_background(setup: Setup) -> None:
     mesh = put(setup, [np.array([[9.0, 0.0, 0.0], [9.0, 0.0, 1.0], [9.0, 0.0, 0.5]], np.float32)], np.array([0, 1, 0]))
     shade_floor(mesh, 3, setup[1], FRAME, ti.math.vec3(0.0), 9.0)
     assert mesh.color.to_numpy()[0] == pytest.approx(BACKGROUND, abs=1e-6)
+
+
+def edge_lengths(corners: np.ndarray) -> np.ndarray:
+    """Return the length of the edge from each corner of triangles to the next [m], (T, 3)."""
+    triangles = corners.reshape(-1, 3, 3)
+    return np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+
+
+def a_box(size: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the corners of a box, their normals, and colors that equal the positions."""
+    positions, normals = (values.astype(np.float32) for values in box_triangles(np.zeros(3), np.array(size)))
+    return positions, normals, positions.copy()
+
+
+@given(st.tuples(*[st.floats(0.05, 5.0)] * 3), st.floats(0.1, 8.0))
+def test_a_divided_solid_has_short_edges_and_no_gaps(size: tuple[float, float, float], longest: float) -> None:
+    solid = a_box(size)
+    positions, normals, colors = divided(solid, longest)
+    limit = max(longest, edge_lengths(solid[0]).max() / MOST_DIVISIONS)
+    assert edge_lengths(positions).max() <= limit
+    ends = np.stack([positions, np.roll(positions.reshape(-1, 3, 3), -1, axis=1).reshape(-1, 3)], axis=1)
+    edges = Counter(frozenset(map(bytes, edge)) for edge in ends)
+    assert set(edges.values()) == {2}  # every edge belongs to two triangles
+    a, b, c = positions.reshape(-1, 3, 3).swapaxes(0, 1).astype(float)
+    assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6 == pytest.approx(np.prod(size), rel=1e-4)
+    assert (colors == positions).all()
+    assert np.einsum("ij,ij->i", np.cross(b - a, c - a), normals[::3]) == pytest.approx(
+        np.linalg.norm(np.cross(b - a, c - a), axis=1), rel=1e-4
+    )
+
+
+def test_a_solid_with_short_edges_is_not_divided() -> None:
+    solid = a_box((1.0, 2.0, 3.0))
+    for before, after in zip(solid, divided(solid, 4.0), strict=True):
+        assert (before == after).all()
+
+
+def test_the_number_of_triangles_is_limited() -> None:
+    assert len(divided(a_box((1.0, 1.0, 1.0)), 1e-6)[0]) == 3 * 12 * MOST_DIVISIONS**2
