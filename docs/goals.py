@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 
 import stored
 
 from taichi_cloth.evaluation.bench.gpu_report import largest_real_time
+from taichi_cloth.evaluation.stress.case_catalog import CASES
 
 
 @dataclass(frozen=True)
@@ -15,11 +17,11 @@ class Missed:
     """Why a goal is not reached at any speed, or why there is no result."""
 
     why: str
-    measured: bool = True
-    """False if there is no result."""
+    by: float | None = None
+    """Factor by which the error of the closest setting is too large. None if there is no result."""
 
 
-NOT_STORED = Missed("no run is stored", measured=False)
+NOT_STORED = Missed("no run is stored")
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,8 @@ class Goal:
         bounds = [f"{sign} {bound:,g}\N{NO-BREAK SPACE}{self.unit}" for bound in (self.good, self.excellent)]
         figure = self.figure()
         if isinstance(figure, Missed):
-            return [self.what, *bounds, figure.why, "**missed**" if figure.measured else "not measured"]
+            missed = "not measured" if figure.by is None else f"**missed**: error {figure.by:.3g} times too large"
+            return [self.what, *bounds, figure.why, missed]
         return [self.what, *bounds, f"{figure:.3g}\N{NO-BREAK SPACE}{self.unit}".strip(), verdict(self, figure)]
 
 
@@ -44,13 +47,13 @@ def verdict(goal: Goal, figure: float) -> str:
     """Return the level that a figure reaches, and the factor by which it misses the next."""
 
     def off(bound: float) -> float:
-        return bound / figure if goal.more_is_better else figure / bound
+        return (bound / figure if figure else inf) if goal.more_is_better else figure / bound
 
     if off(goal.excellent) <= 1:
         return "excellent"
     if off(goal.good) <= 1:
-        return f"good; {off(goal.excellent):.2g} times off excellent"
-    return f"**missed** by {off(goal.good):.2g} times"
+        return f"good; {off(goal.excellent):.3g} times off excellent"
+    return f"**missed** by {off(goal.good):.3g} times"
 
 
 def bench(solver: str, grid: tuple[int, int], column: str) -> Callable[[], float | Missed]:
@@ -74,7 +77,7 @@ def curtain(cells: int, error: float) -> Callable[[], float | Missed]:
         best = min(rows, key=lambda row: float(row["max_error"]))
         setting = f"`{best['solver']}` {stored.setting_of(best)}"
         nearest, ms = stored.per_cent(best["max_error"]), stored.milliseconds(best["median_ms"])
-        return Missed(f"none; {setting} is closest: {nearest} in {ms}")
+        return Missed(f"none; {setting} is closest: {nearest} in {ms}", float(best["max_error"]) / error)
 
     return figure
 
@@ -91,7 +94,7 @@ def sheet(name: str, error: float) -> Callable[[], float | Missed]:
             return NOT_STORED
         most = row["rms_error"] + row["uncertainty"]
         if most > error:
-            return Missed(f"{stored.per_cent(most)} in {stored.milliseconds(row['median_ms'])}")
+            return Missed(f"{stored.per_cent(most)} in {stored.milliseconds(row['median_ms'])}", most / error)
         return float(row["median_ms"])
 
     return figure
@@ -119,19 +122,18 @@ def gpu() -> float | Missed:
     """Return the particles [thousand] of the largest curtain that a GPU runs in real time within 1 %."""
     run = stored.gpu()
     if run is None:
-        return Missed("no GPU was available", measured=False)
+        return Missed("no GPU was available")
     best = largest_real_time(run.rows)
-    if best is None or best.particles is None:
-        return Missed(f"none on {run.device}")
-    return best.particles / 1e3
+    return 0.0 if best is None or best.particles is None else best.particles / 1e3
 
 
 def alive() -> float | Missed:
-    """Return the largest number of hard cases that a setting survives."""
+    """Return the largest number of hard cases that one of the settings survives that ran all of them."""
     words = stored.load("stability")
     if words is None:
         return NOT_STORED
-    return float(max(states[stored.ALIVE] for states in stored.survival(words).values()))
+    found = stored.survival(words).values()
+    return float(max(states[stored.ALIVE] for states in found if states.total() == len(CASES)))
 
 
 DEMO_GRID = (30, 24)  # columns and rows of the browser demos

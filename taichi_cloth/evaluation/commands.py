@@ -315,9 +315,9 @@ def run_units(args: argparse.Namespace) -> tuple[Store, list[Result]]:
     stored = store.Store.new(args.json, planned)
     if args.resume and args.json.is_file():
         stored = stored.continued(store.load(args.json), drop=args.force and planned is not units)
-    needed = units if args.solver else [unit for unit in units if stored.is_needed(unit.key)]
     if args.recheck:
-        runner.recheck(stored, needed)
+        runner.recheck(stored, units)
+    needed = units if args.solver else [unit for unit in units if stored.is_needed(unit.key)]
     remaining = stored.left(needed, args.runs)
     earlier = dict(stored.results)
     seconds = {key: result.seconds for key, result in earlier.items()}

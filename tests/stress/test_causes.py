@@ -21,6 +21,7 @@ from taichi_cloth.evaluation.stress.causes import (
 from taichi_cloth.evaluation.stress.invariants import Violation
 from taichi_cloth.evaluation.stress.setup import Setting, sheet
 from taichi_cloth.evaluation.stress.store import Store, load
+from taichi_cloth.evaluation.stress.stress_report import NOT_EXAMINED, UNEXPLAINED, explanation
 from taichi_cloth.evaluation.stress.trial import TIMED_FRAMES, TooSlow, Trial, UntimedTrial
 from taichi_cloth.evaluation.stress.unit import Case, Failure, Unit, Variant, run_unit
 from taichi_cloth.geometry.cloth_builder import build_topology
@@ -389,11 +390,14 @@ def test_a_cause_is_stored_as_long_as_its_failure(tmp_path: Path) -> None:
     assert store.untried([unit]) == [(unit, failure, 0)]
     store.explain(unit.key, Cause("something", 2.02, "", experiments=1))
     assert store.untried([unit]) == [(unit, failure, 1)]  # there are more experiments now
+    assert explanation(store, store.results[unit.key]) == NOT_EXAMINED
     store.explain(unit.key, Cause("something", 2.02, "", experiments=len(EXPERIMENTS)))
     assert store.untried([unit]) == []
     assert store.unexplained(store.ordered())
+    assert explanation(store, store.results[unit.key]) == UNEXPLAINED
     store.explain(unit.key, Cause("something", 2.02, "it is made to", experiments=1))
     assert store.untried([unit]) == []
+    assert explanation(store, store.results[unit.key]) == "it is made to"
     assert load(tmp_path / "o.json") == store
     assert Store.new(None, [unit]).continued(load(tmp_path / "o.json")).reason(store.ordered()[0]) == "it is made to"
     store.add(failed(3.0, setting="verlet"))

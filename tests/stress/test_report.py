@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from taichi_cloth.evaluation.stress import stress_report as report
-from taichi_cloth.evaluation.stress.causes import Cause
+from taichi_cloth.evaluation.stress.causes import EXPERIMENTS, Cause
 from taichi_cloth.evaluation.stress.store import Store
 from taichi_cloth.evaluation.stress.trial import Measurement
 from taichi_cloth.evaluation.stress.unit import Result
@@ -103,7 +103,7 @@ def test_the_pages_have_counts_failures_and_notes(tmp_path: Path) -> None:
         slow(setting="xpbd", case=2, variant="b"),
         slow(setting="robust", case=3),
     )
-    some.causes = {(1, "a", "xpbd"): CAUSE, (2, "a", "robust"): Cause("something", 2.0, "", origin="abc")}
+    some.causes = {(1, "a", "xpbd"): CAUSE, (2, "a", "robust"): Cause("something", 2.0, "", len(EXPERIMENTS), "abc")}
     some.causes[2, "a", "robust"] = replace(some.causes[2, "a", "robust"], seconds=5400.0)
     report.write_pages(tmp_path / "o.md", some)
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
@@ -129,7 +129,9 @@ def test_the_pages_have_counts_failures_and_notes(tmp_path: Path) -> None:
 def test_failures_are_unexplained_only_if_experiments_were_made(capsys: pytest.CaptureFixture[str]) -> None:
     some = store_of(*(failed(variant=name) for name in ("explained", "examined", "left")))
     causes = {"explained": "it is made to", "examined": ""}
-    some.causes = {(1, name, "xpbd"): Cause("something", 2.0, why, 7, "abc") for name, why in causes.items()}
+    some.causes = {
+        (1, name, "xpbd"): Cause("something", 2.0, why, len(EXPERIMENTS), "abc") for name, why in causes.items()
+    }
     assert [report.explanation(some, one) for one in some.ordered()] == ["it is made to", "unexplained", "not examined"]
     report.print_report(some, some.ordered())
     out = capsys.readouterr().out
@@ -148,7 +150,7 @@ def test_the_page_of_a_store_without_causes_says_that_nothing_was_examined(tmp_p
     text = (tmp_path / "o.md").read_text(encoding="utf-8")
     assert "; not examined\n" in text
     assert "; unexplained\n" not in text
-    assert "A failure without experiments is not examined." in text.replace("\n", " ")
+    assert "one that was not left to all is not examined." in text.replace("\n", " ")
 
 
 def test_the_page_counts_the_cases_alive_with_either_recommended_setting(tmp_path: Path) -> None:

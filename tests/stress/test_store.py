@@ -102,6 +102,11 @@ def test_older_results_of_robust_plan_no_robust_slack(tmp_path: Path) -> None:
     store.add(result(variant="breaks"))
     assert load(tmp_path / "o.json").planned == [BREAKS.key, robust.key]
     assert store.is_needed(slack.key)  # until `robust` ran again
+    for unit in (robust, slack):
+        store.results[unit.key] = result(variant="swings", setting=unit.setting.name, origin="older", digest="0")
+    assert store.repeatable([robust, slack]) == [robust]
+    store.results[robust.key] = failed(variant="swings", setting="robust", origin="older", digest="0")
+    assert store.repeatable([robust, slack]) == [robust, slack]
 
 
 def test_a_result_is_kept_if_its_last_start_repeats(tmp_path: Path) -> None:

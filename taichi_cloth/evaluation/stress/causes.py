@@ -53,6 +53,11 @@ class Cause:
     seconds: float = 0.0
     """CPU time of the experiments [s]; 0 if it was not measured."""
 
+    @property
+    def is_final(self) -> bool:
+        """Whether no experiment is left: one found the cause, or all have run."""
+        return bool(self.shown) or self.experiments >= len(EXPERIMENTS)
+
     def is_of(self, result: Result) -> bool:
         """Return whether this cause explains the failure of a result."""
         failure = result.failure

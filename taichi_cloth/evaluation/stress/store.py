@@ -19,7 +19,7 @@ from typing import Any
 from ...scene.schema import SOLVER_NAMES
 from ...system.console import count_noun, machine, new_file
 from ...system.errors import UsageError
-from .causes import EXPERIMENTS, Cause
+from .causes import Cause
 from .setup import ROBUST, ROBUST_SLACK
 from .trial import Measurement
 from .unit import ALIVE, SLOW, Failure, Key, Result, Unit
@@ -262,9 +262,12 @@ class Store:
     def repeatable(self, units: Iterable[Unit]) -> list[Unit]:
         """Return the units with a result of an earlier version of the program that one start can confirm.
 
-        A result that is too slow depends on the speed of the program, which no digest tells.
+        A result that is too slow depends on the speed of the program, which no digest tells. Those of `robust-slack`
+        are left out if `robust` survived, by its results of any version.
         """
-        return [unit for unit in units if unit.key in self.results and self._is_repeatable(self.results[unit.key])]
+        as_read = replace(self, origins={})
+        stored = [unit for unit in units if unit.key in self.results and as_read.is_needed(unit.key)]
+        return [unit for unit in stored if self._is_repeatable(self.results[unit.key])]
 
     def _is_repeatable(self, result: Result) -> bool:
         return not self._is_new(result) and bool(result.digest) and result.state != SLOW
@@ -336,9 +339,8 @@ class Store:
             if result is None or result.failure is None:
                 continue
             cause = self.cause(result)
-            tried = cause.experiments if cause is not None else 0
-            if cause is None or not (cause.shown or tried == len(EXPERIMENTS)):
-                found.append((unit, result.failure, tried))
+            if cause is None or not cause.is_final:
+                found.append((unit, result.failure, 0 if cause is None else cause.experiments))
         return found
 
     def ordered(self) -> list[Result]:

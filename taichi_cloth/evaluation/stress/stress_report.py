@@ -21,7 +21,7 @@ from .unit import ALIVE, FAILED, SLOW, Key, Result
 
 NOT_RUN = "not run"
 UNEXPLAINED = "unexplained"  # by all experiments
-NOT_EXAMINED = "not examined"  # by any experiment
+NOT_EXAMINED = "not examined"  # by all experiments, and explained by none
 HEADINGS = (
     "case", "variant", "setting", "state", "starts", "energy", "strain", "at rest", "speed", "depth", "frames", "ms",
     "other",
@@ -136,8 +136,9 @@ def frame_time(result: Result) -> str:
 
 
 def explanation(store: Store, result: Result) -> str:
-    """Return the cause of a failure in words; otherwise whether experiments looked for it."""
-    return NOT_EXAMINED if store.cause(result) is None else store.reason(result) or UNEXPLAINED
+    """Return the cause of a failure in words; otherwise whether all experiments looked for it."""
+    cause = store.cause(result)
+    return NOT_EXAMINED if cause is None or not cause.is_final else cause.shown or UNEXPLAINED
 
 
 def failure_line(result: Result, reason: str, *, picture: bool = True) -> str:
@@ -383,17 +384,16 @@ the median of the last {window} frames of a scene after compilation, checked aft
 cores run units at once; one that is too slow runs again alone, and only that run counts. Frames that are judged substep
 by substep are not timed. A variant that is too slow counts neither as alive nor as failed; what it would have violated
 later is not known. With 33×33 particles no variant of cases 15, 16 and 39 ran for a second. Cases 15 and 39 also have
-smaller sheets, which cost less. So has case 16, whose specification bounds only the time: none is fast enough for them,
-and what else happens is not known.
+smaller sheets, which cost less. So has case 16, whose specification bounds only the time: none is fast enough for them.
 
 **Causes** are looked for by experiments on the start that failed, with `--explain`. Three continue from the state in
-which it failed: Newton's method in float64, five more seconds of the same run, and steps in float64. The
-others repeat this start and two more, or nine if the first start survived, with one change: {finer} times the
-iterations, {finer} times the substeps, or both, or, where particles went through a collider or energy appeared,
-continuous collision detection. The first experiment that succeeds gives the cause. An experiment whose frames take more
-than {experiment:g} s for one start, or will do so by the time of the failure, is stopped and gives none. A failure
-that no experiment explains is unexplained. A failure without experiments is not examined. So is a failure that later
-violates another bound, or the same bound by more.
+which it failed: Newton's method in float64, five more seconds of the same run, and steps in float64. One takes such
+steps from the last disturbance. The others repeat this start and two more, or nine if the first start survived, with
+one change: {finer} times the iterations, {finer} times the substeps, or both, or, where particles went through a
+collider or energy appeared, continuous collision detection. The first experiment that succeeds gives the cause. One
+whose frames take more than {experiment:g} s for one start, or will by the time of the failure, is stopped and has none.
+A failure that no experiment explains is unexplained, and one that was not left to all is not examined. So is a failure
+that later violates another bound, or the same bound by more.
 
 `taichi-cloth stress --tear 0.5` runs the cases with cloth that tears at that strain. It has no bending stiffness, which
 does not support tearing, and omits `lines`, which needs complete grid rows. The criteria are the same, but torn cloth
