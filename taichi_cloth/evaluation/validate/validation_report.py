@@ -278,8 +278,8 @@ def main_page(run: Measured, rows: str) -> list[str]:
 
 
 NOT_MEASURED = (
-    "The drape of every fabric on five meshes (A9.6) is not measured yet and has no rows; in a single measurement, the"
-    " membrane of silk was outside its published band ([trials](trials.md))."
+    "The drape of every fabric on five meshes (A9.6) is not measured yet and has no rows; in a single"
+    " measurement (docs/trials.md), the membrane of silk was outside its published band."
 )
 FITTED = "A4.6"  # the drape test, which the bending of the fabrics was chosen by
 
