@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf
 
 import stored
 
@@ -17,8 +16,7 @@ class Missed:
     """Why a goal is not reached at any speed, or why there is no result."""
 
     why: str
-    by: float | None = None
-    """Factor by which the error of the closest setting is too large. None if there is no result."""
+    verdict: str = "not measured"
 
 
 NOT_STORED = Missed("no run is stored")
@@ -38,8 +36,7 @@ class Goal:
         bounds = [f"{sign} {bound:,g}\N{NO-BREAK SPACE}{self.unit}" for bound in (self.good, self.excellent)]
         figure = self.figure()
         if isinstance(figure, Missed):
-            missed = "not measured" if figure.by is None else f"**missed**: error {figure.by:.3g} times too large"
-            return [self.what, *bounds, figure.why, missed]
+            return [self.what, *bounds, figure.why, figure.verdict]
         return [self.what, *bounds, f"{figure:.3g}\N{NO-BREAK SPACE}{self.unit}".strip(), verdict(self, figure)]
 
 
@@ -47,13 +44,18 @@ def verdict(goal: Goal, figure: float) -> str:
     """Return the level that a figure reaches, and the factor by which it misses the next."""
 
     def off(bound: float) -> float:
-        return (bound / figure if figure else inf) if goal.more_is_better else figure / bound
+        return bound / figure if goal.more_is_better else figure / bound
 
     if off(goal.excellent) <= 1:
         return "excellent"
     if off(goal.good) <= 1:
         return f"good; {off(goal.excellent):.3g} times off excellent"
     return f"**missed** by {off(goal.good):.3g} times"
+
+
+def too_large(factor: float) -> str:
+    """Return the verdict on the closest setting, whose error is larger than the goal by a factor."""
+    return f"**missed**: error {factor:.3g} times too large"
 
 
 def bench(solver: str, grid: tuple[int, int], column: str) -> Callable[[], float | Missed]:
@@ -77,7 +79,7 @@ def curtain(cells: int, error: float) -> Callable[[], float | Missed]:
         best = min(rows, key=lambda row: float(row["max_error"]))
         setting = f"`{best['solver']}` {stored.setting_of(best)}"
         nearest, ms = stored.per_cent(best["max_error"]), stored.milliseconds(best["median_ms"])
-        return Missed(f"none; {setting} is closest: {nearest} in {ms}", float(best["max_error"]) / error)
+        return Missed(f"none; {setting} is closest: {nearest} in {ms}", too_large(float(best["max_error"]) / error))
 
     return figure
 
@@ -94,7 +96,9 @@ def sheet(name: str, error: float) -> Callable[[], float | Missed]:
             return NOT_STORED
         most = row["rms_error"] + row["uncertainty"]
         if most > error:
-            return Missed(f"{stored.per_cent(most)} in {stored.milliseconds(row['median_ms'])}", most / error)
+            return Missed(
+                f"{stored.per_cent(most)} in {stored.milliseconds(row['median_ms'])}", too_large(most / error)
+            )
         return float(row["median_ms"])
 
     return figure
@@ -124,7 +128,9 @@ def gpu() -> float | Missed:
     if run is None:
         return Missed("no GPU was available")
     best = largest_real_time(run.rows)
-    return 0.0 if best is None or best.particles is None else best.particles / 1e3
+    if best is None or best.particles is None:
+        return Missed(f"none on {run.device}", "**missed**")
+    return best.particles / 1e3
 
 
 def alive() -> float | Missed:
@@ -132,8 +138,8 @@ def alive() -> float | Missed:
     words = stored.load("stability")
     if words is None:
         return NOT_STORED
-    found = stored.survival(words).values()
-    return float(max(states[stored.ALIVE] for states in found if states.total() == len(CASES)))
+    complete = [states for states in stored.survival(words).values() if states.total() == len(CASES)]
+    return float(max(states[stored.ALIVE] for states in complete)) if complete else NOT_STORED
 
 
 DEMO_GRID = (30, 24)  # columns and rows of the browser demos

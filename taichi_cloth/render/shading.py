@@ -45,7 +45,8 @@ def divided(
     Each triangle is halved across its longest edge as long as it is too long. Triangles that share an edge both divide
     it in the middle, so no gaps open. Positions, normals and colors have one row per corner, (3·T, 3).
     """
-    triangles, finished = np.concatenate(solid, axis=1).reshape(-1, 3, 9), []
+    # float64: far from the origin, the middle of an edge may round to its end in float32, and halving would not end.
+    triangles, finished = np.concatenate(solid, axis=1, dtype=np.float64).reshape(-1, 3, 9), []
     lengths = _edge_lengths(triangles)
     longest = max(longest, float(lengths.max(initial=0.0)) / MOST_DIVISIONS)
     while len(triangles):
@@ -57,13 +58,15 @@ def divided(
         triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
         lengths = _edge_lengths(triangles)
     corners = np.concatenate([*finished, triangles]).reshape(-1, 3, 3)
-    positions, normals, colors = np.ascontiguousarray(corners.swapaxes(0, 1))
-    return positions, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), TINY), colors
+    corners[:, 1] /= np.maximum(np.linalg.norm(corners[:, 1], axis=1, keepdims=True), TINY)
+    positions, normals, colors = corners.swapaxes(0, 1).astype(np.float32, order="C")
+    return positions, normals, colors
 
 
-def _edge_lengths(triangles: NDArray[np.float32]) -> NDArray[np.float32]:
+def _edge_lengths(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the length of the edge from each corner to the next [m], (T, 3)."""
-    return np.linalg.norm(triangles[:, [1, 2, 0], :3] - triangles[..., :3], axis=2)
+    lengths: NDArray[np.float64] = np.linalg.norm(triangles[:, [1, 2, 0], :3] - triangles[..., :3], axis=2)
+    return lengths
 
 
 @ti.kernel

@@ -20,6 +20,20 @@ TRIANGLES = "reference/test_triangle_contact.py::"
 
 EVALUATION = [
     Mutation(
+        "failures-examined-by-one-experiment",
+        "evaluation/stress/causes.py",
+        "self.experiments >= len(EXPERIMENTS)",
+        "self.experiments > 0",
+        (f"{CAUSES}test_a_cause_is_stored_as_long_as_its_failure",),
+    ),
+    Mutation(
+        "robust-slack-rechecked-where-robust-survives",
+        "evaluation/stress/store.py",
+        "if unit.key in self.results and as_read.is_needed(unit.key)]",
+        "if unit.key in self.results]",
+        ("stress/test_store.py::test_older_results_of_robust_plan_no_robust_slack",),
+    ),
+    Mutation(
         "ratio-to-c-halved",
         "evaluation/bench/subprocess_runner.py",
         "[median(ours) / in_c]",

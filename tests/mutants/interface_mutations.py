@@ -138,6 +138,16 @@ INTERFACES = [
         ("render/test_camera.py::test_points_outside_the_picture_are_included[1.8-0.6]",),
     ),
     Mutation(
+        "solids-lit-at-their-own-corners",
+        "render/shading.py",
+        "large = lengths.max(axis=1) > longest",
+        "large = lengths.max(axis=1) > 100 * longest",
+        (
+            "render/test_lighting.py::test_a_divided_solid_has_short_edges_and_no_gaps",
+            "render/test_draw_list.py::test_a_sphere_casts_its_shadow_on_the_middle_of_a_box[False]",
+        ),
+    ),
+    Mutation(
         "order-of-sides-not-explained",
         "evaluation/compare.py",
         "if a and b and rms_a and rms_b and (a < b) != (rms_a < rms_b):",

@@ -141,8 +141,8 @@ CASES = (
         "twist",
         "two edges by 720° each, at 72°/s, and back; no intersections at the end, the shape within 1 cm",
         (Variant("720°", layered_cloth.twist),),
-        note=f"{SET_PINS}; intersections on the way are only recorded: the specification asks for none of a method that"
-        " claims to prevent them",
+        note=f"{SET_PINS}; intersections on the way are only recorded: the specification forbids them only for methods"
+        " that claim to prevent them",
     ),
     Case(
         15,
@@ -168,14 +168,14 @@ CASES = (
         "fast ball",
         "radius 0.1 m at 5 to 100 m/s; goes through no particle",
         variants(contact.fast_ball, {f"{speed} m/s": float(speed) for speed in (5, 20, 50, 100)}),
-        note="the ball may take a particle 1 m farther",
+        note="a particle may be 1 m farther away than usual, because the ball takes it along",
     ),
     Case(
         18,
         "small fast ball",
         "radius 1 cm at 20 m/s at the middle of a cell of 3 cm; reports whether it passes through",
         variants(contact.small_ball, {"against particles": "particles", "against triangles": "triangles"}),
-        note="the ball may take a particle 1 m farther",
+        note="a particle may be 1 m farther away than usual, because the ball takes it along",
     ),
     Case(
         19,
@@ -249,7 +249,7 @@ CASES = (
         "gusts",
         "100 m/s for half a second, five times",
         (Variant("100 m/s", loads.gusts),),
-        note=f"{RECOVERS}; the wind may blow a particle 15 m farther",
+        note=f"{RECOVERS}; a particle may be 15 m farther away than usual, because the wind blows it",
     ),
     Case(
         28,

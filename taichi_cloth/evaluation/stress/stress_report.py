@@ -21,7 +21,7 @@ from .unit import ALIVE, FAILED, SLOW, Key, Result
 
 NOT_RUN = "not run"
 UNEXPLAINED = "unexplained"  # by all experiments
-NOT_EXAMINED = "not examined"  # by all experiments, and explained by none
+NOT_EXAMINED = "not examined"  # some experiments have not run, and none found a cause
 HEADINGS = (
     "case", "variant", "setting", "state", "starts", "energy", "strain", "at rest", "speed", "depth", "frames", "ms",
     "other",
@@ -202,8 +202,8 @@ def origin_lines(store: Store) -> list[str]:
             present = store.present_seconds() / 7200
             lines.append(f"At the speed of the starts that confirmed results: {present:.1f} hours on two cores.")
     if timed := [cause.seconds for cause in store.causes.values() if cause.seconds]:
-        causes = f"causes of {len(timed)} of {count_noun(len(store.causes), 'examined failure')}"
-        lines.append(f"Looking for the {causes} took {sum(timed) / 3600:.1f} more hours; the others were not timed.")
+        took = f"{sum(timed) / 3600:.1f} more hours; the others were not timed"
+        lines.append(f"Looking for the causes of {count_noun(len(timed), 'failure')} took {took}.")
     lines += [f"Run on {name}." for name in dict.fromkeys(result.machine for result in results if result.machine)]
     return lines
 
@@ -392,8 +392,8 @@ steps from the last disturbance. The others repeat this start and two more, or n
 one change: {finer} times the iterations, {finer} times the substeps, or both, or, where particles went through a
 collider or energy appeared, continuous collision detection. The first experiment that succeeds gives the cause. One
 whose frames take more than {experiment:g} s for one start, or will by the time of the failure, is stopped and has none.
-A failure that no experiment explains is unexplained, and one that was not left to all is not examined. So is a failure
-that later violates another bound, or the same bound by more.
+A failure is unexplained if all experiments ran and none found a cause, and not examined if some have not run. One that
+later violates another bound, or the same bound by more, counts as not examined.
 
 `taichi-cloth stress --tear 0.5` runs the cases with cloth that tears at that strain. It has no bending stiffness, which
 does not support tearing, and omits `lines`, which needs complete grid rows. The criteria are the same, but torn cloth
