@@ -21,7 +21,7 @@ from ..scene import Camera, Scene
 NEAR, FAR = 0.1, 1000.0  # [m] clip planes, those of GGUI
 MAX_ELEVATION = radians(89)  # largest elevation: at 90° the up direction is undefined
 ZOOM_STEP = 0.1  # change of log(distance) per step
-MAX_ZOOM = 20.0  # zooming changes the distance of the framed view by at most this factor, in both directions
+MAX_ZOOM_LEVEL = 30.0  # [steps] from the framed view, in both directions: a factor of 20
 WIDTH_MARGIN = 1.25  # largest factor of the distance in `fit_width`
 FAR_MARGIN = 4.0  # largest factor of the distance in `move_back`
 OVERFLOW = 1.25  # how far `move_back` moves, over what is needed
@@ -144,11 +144,15 @@ class OrbitCamera:
         self.elevation = _clamp_elevation(self.elevation - pi * up)
         self._stay_above_floor()
 
-    def zoom(self, steps: float) -> None:
-        """Move the eye closer by `steps`, or farther away if negative. The target stays in the center."""
-        nearest = max(self._unzoomed_distance / MAX_ZOOM, NEAR)
+    def zoom(self, steps: float, nearest: float = NEAR) -> None:
+        """Move the eye closer by `steps`, or farther away if negative. The target stays in the center.
+
+        The eye comes no closer to the target than `nearest` [m], and does not move if it is closer already.
+        """
+        middle, range_ = log(self._unzoomed_distance), ZOOM_STEP * MAX_ZOOM_LEVEL
+        closest = min(max(middle - range_, log(max(nearest, NEAR))), log(self.distance))
         log_distance = log(self.distance) - ZOOM_STEP * steps  # no number of steps overflows a logarithm
-        self.distance = exp(min(max(log_distance, log(nearest)), log(self._unzoomed_distance * MAX_ZOOM)))
+        self.distance = exp(min(max(log_distance, closest), middle + range_))
         self._stay_above_floor()
 
     def pan(self, right: float, up: float) -> None:

@@ -288,9 +288,11 @@ SPECULAR_EXPONENT = 22.0  # exponent of the highlight (Blinn 1977)
 @ti.func
 def diffuse_at(p: tm.vec3, normal: tm.vec3, through: float, shadow: ti.template(), frame: tm.vec4) -> tm.vec3:
     """Return the red, green and blue light on a white surface at p. `through`: fraction that passes from the back."""
-    visible = light_visibility(shadow, frame, p, normal)
     cosine = normal.dot(LIGHT_DIRECTION)
     direct = tm.max(cosine, 0.0) + through * tm.max(-cosine, 0.0)
+    visible = 0.0
+    if direct > 0.0:  # the shadow map is most of the cost, and half of a solid faces away from the light
+        visible = light_visibility(shadow, frame, p, normal)
     ambient = tm.mix(FLOOR_LIGHT, SKY, 0.5 + 0.5 * normal[1])
     return ambient + visible * direct * LIGHT_COLOR + tm.max(normal.dot(RIM_DIRECTION), 0.0) * RIM_COLOR
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..collision.colliders import ray_cast
-from ..render.camera import OrbitCamera
+from ..render.camera import NEAR, OrbitCamera
 from ..render.colors import mean_spring_length
 from ..simulation.events import GrabHandle
 from ..simulation.parameter_values import MAX_COORDINATE
@@ -49,6 +49,17 @@ def triangle_distances(origin: Floats, direction: Floats, a: Floats, b: Floats, 
         distance = _dot(ac, q) / determinant
         inside = (np.minimum(beta, gamma) >= -OVERLAP) & (beta + gamma <= 1 + OVERLAP) & (distance > 0)
     return np.where(inside, distance, np.inf)
+
+
+def nearest_eye(camera: OrbitCamera, simulation: Simulation) -> float:
+    """Return the distance of the eye from the target [m] at which it is just in front of cloth between them.
+
+    It is negative if there is none. Cloth closer to the eye than the near plane would not be drawn.
+    """
+    positions, triangles = simulation.positions(), simulation.topology.triangles
+    path = camera.target - camera.eye  # distances along it are fractions of it
+    fraction = triangle_distances(np.array(camera.eye), path, *(positions[triangles[:, k]] for k in range(3)))
+    return camera.distance * (1 - float(fraction.min(initial=np.inf))) + NEAR
 
 
 def _dot(a: Floats, b: Floats) -> Floats:

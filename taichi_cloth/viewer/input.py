@@ -119,7 +119,7 @@ def hold(session: Session, action: str, seconds: float) -> None:
         session.go_back(session.rewind_buffer.further_back(REWIND_RATES[action] * seconds))
         return
     zoom, right, up = HELD_KEY_RATES[action]
-    session.camera.zoom(zoom * seconds)
+    session.zoom(zoom * seconds)
     session.camera.pan(right * seconds, up * seconds)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import taichi as ti
 
+from ..render.camera import MAX_ZOOM_LEVEL
 from ..render.colors import mean_spring_length
 from ..scene.parameters import Parameter, parameters_of
 from ..scene.presets import load_preset, scene_path
@@ -45,7 +46,6 @@ GRAY_TITLE = "gray: no error is known"
 NOTE_COLORS = {Refusal: (1.0, 0.6, 0.3), Progress: (1.0, 1.0, 1.0), str: (0.45, 0.9, 0.5)}  # by type of the note
 LIST_LENGTH = 20  # names on a page, fewer in a low panel; a longer list has several pages
 ROW_HEIGHT, LIST_EXTRA_HEIGHT = 23, 200  # [pixels] of a button; of a page with a list, without the names
-MAX_ZOOM_LEVEL = 15.0  # end of the zoom slider [steps], in both directions
 GRAB_RADIUS = "grab_radius"  # name of the grab radius slider
 FIRST_HELP = (
     "Drag cloth or a ball; drag beside it to orbit; I, O: zoom; A: help; Tab: next page. Move a slider for its help."
@@ -183,7 +183,7 @@ class Panel:
         level = round(session.camera.zoom_level, 3) + 0.0  # never -0.0
         zoom = gui.slider_float("Zoom [steps]", level, -MAX_ZOOM_LEVEL, MAX_ZOOM_LEVEL)
         if has_changed(zoom, level):
-            session.camera.zoom(zoom - level)
+            session.zoom(zoom - level)
             changed, self._moved = True, ZOOM
         if apply_changes(gui, session, buttons=[("restore_defaults", "Restore defaults")]):
             changed, self._moved = True, ""

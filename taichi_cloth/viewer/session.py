@@ -14,7 +14,7 @@ import taichi as ti
 
 from ..geometry.scene_loader import load_scene
 from ..geometry.topology import ClothMetrics
-from ..render.camera import OrbitCamera
+from ..render.camera import NEAR, OrbitCamera
 from ..render.draw_list import VIEWS, DrawList, marked_pins
 from ..scene import Scene, SceneError, scene_names
 from ..scene.overrides import removable_sections, scene_without
@@ -27,7 +27,7 @@ from ..system.errors import UsageError
 from . import toolkit
 from .capture import Capture, Exporter
 from .charts import History
-from .dragging import GRAB_RADII, Cursor, Dragger, Size
+from .dragging import GRAB_RADII, Cursor, Dragger, Size, nearest_eye
 from .error_process import ErrorProcess
 from .input import ACTIONS, COMPILING_ACTIONS, NEIGHBORS, OWN_FABRIC, PAGES, Deferred, change_to, chosen, hold, neighbor
 from .toolkit import Mouse, Pointer, Progress, Refusal
@@ -265,13 +265,17 @@ class Session:
         self.cursor = None if on_panel else (cursor, size)
         gesture = self.pointer.update(mouse, on_panel=on_panel, widget_changed=widget_changed)
         self.camera.orbit(*gesture.orbit)
-        self.camera.zoom(gesture.zoom)
+        self.zoom(gesture.zoom)
         if gesture.press and not self.begin_drag(self.dragger, self.camera, cursor, size):
             self.pointer.orbit_instead()
         if gesture.release:
             self.end_drag(self.dragger)
             self.pointer.ignore()
         self.dragger.follow(self.camera, cursor, size)
+
+    def zoom(self, steps: float) -> None:
+        """Move the eye closer by `steps`, but not through cloth, or farther away if negative."""
+        self.camera.zoom(steps, nearest_eye(self.camera, self.simulation) if steps > 0 else NEAR)
 
     def begin_drag(self, dragger: Dragger, camera: OrbitCamera, cursor: Cursor, size: Size) -> bool:
         """Grab what is under a cursor, as `Dragger.begin` does. Return whether there is something."""

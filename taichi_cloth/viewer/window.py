@@ -207,7 +207,7 @@ def loop(window: ti.ui.Window, session: Session, panel: Panel, frames: int | Non
         if session.caption:
             title = HIDDEN_TITLE if session.is_allowed("hide") else "replay"
             draw_caption(gui, panel.window_size, title, session.caption)
-        session.camera.zoom(scroll_steps(window))
+        session.zoom(scroll_steps(window))
         session.camera.view_shift = 0.0 if session.hidden else panel.shift(size)
         if session.camera is not camera:  # that of a new scene
             camera = session.camera

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import pi, radians, sqrt, tan
+from math import exp, pi, radians, sqrt, tan
 
 import numpy as np
 import pytest
@@ -18,8 +18,9 @@ from taichi_cloth.render.camera import (
     FAR,
     FLOOR_CLEARANCE,
     MAX_ELEVATION,
-    MAX_ZOOM,
+    MAX_ZOOM_LEVEL,
     NEAR,
+    ZOOM_STEP,
     OrbitCamera,
     camera_of,
     floor_height,
@@ -127,9 +128,19 @@ def test_zoom_is_exponential_and_limited() -> None:
     once.zoom(2)
     assert camera.distance == pytest.approx(once.distance)
     camera.zoom(1e6)
-    assert camera.distance == pytest.approx(5 / MAX_ZOOM)
+    assert camera.distance == pytest.approx(5 * exp(-ZOOM_STEP * MAX_ZOOM_LEVEL))
     camera.zoom(-1e6)
-    assert camera.distance == pytest.approx(5 * MAX_ZOOM)
+    assert camera.distance == pytest.approx(5 * exp(ZOOM_STEP * MAX_ZOOM_LEVEL))
+
+
+def test_zoom_ends_where_it_is_told_to_and_moves_no_closer_eye_back() -> None:
+    camera = front_camera()
+    camera.zoom(1.0, nearest=4.9)
+    assert camera.distance == pytest.approx(4.9)
+    camera.zoom(1.0, nearest=6.0)
+    assert camera.distance == pytest.approx(4.9)
+    camera.zoom(-1.0, nearest=6.0)
+    assert camera.distance == pytest.approx(4.9 * exp(ZOOM_STEP))
 
 
 @given(cameras(), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), aspects)

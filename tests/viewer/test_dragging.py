@@ -9,6 +9,7 @@ import pytest
 from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
 
 from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.render.camera import MAX_ZOOM_LEVEL, NEAR, ZOOM_STEP, OrbitCamera
 from taichi_cloth.viewer.session import Session
 from taichi_cloth.viewer.toolkit import Refusal, Target
 
@@ -22,6 +23,23 @@ def test_a_press_grabs_the_particle_under_the_cursor_and_the_release_releases_it
     assert cursor_on(session, PARTICLE) == pytest.approx((0.2, 0.2), abs=2e-3)
     point(session, (0.2, 0.2))
     assert grabbed(session) is None
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.2])
+def test_zoom_ends_in_front_of_cloth(session: Session, shift: float) -> None:
+    """Seen from the front, the cloth covers the middle of the picture, before or behind the target."""
+    camera = session.camera = OrbitCamera((0.0, 1.0, 4.0), (0.0, 1.0, 0.0), 40)
+    camera.view_shift = shift
+    x = session.simulation.positions()
+    flat = np.column_stack([2 * (x[:, 0] - x[:, 0].mean()), x[:, 1] - x[:, 1].mean() + 1.0, np.zeros(len(x))])
+    session.simulation.set_state(flat + [0.0, 0.0, 0.6])
+    session.zoom(1e6)
+    assert camera.distance == pytest.approx(0.6 + NEAR)
+    session.simulation.set_state(flat - [0.0, 0.0, 0.5])
+    session.zoom(1e6)
+    assert camera.distance == pytest.approx(4 * np.exp(-ZOOM_STEP * MAX_ZOOM_LEVEL))
+    session.zoom(-5)
+    assert session.camera.zoom_level == pytest.approx(MAX_ZOOM_LEVEL - 5)
 
 
 @pytest.mark.parametrize("what", ["cloth", "ball"])
