@@ -268,7 +268,7 @@ def summary(store: Store, cells: Cells) -> list[str]:
     states = [ALIVE, FAILED, SLOW]
     states += [NOT_RUN] if any(number[NOT_RUN] for number in found.values()) else []
     number = Counter((one.setting, explanation(store, one)) for one in store.ordered() if one.failure)
-    lines = [["setting", "cases", *states, f"failures {UNEXPLAINED}", f"failures {NOT_EXAMINED}"]]
+    lines = [["setting", "cases", *states, f"failed variants {UNEXPLAINED}", f"failed variants {NOT_EXAMINED}"]]
     for setting in sorted(found, key=lambda name: name not in FOR_HARD_SCENES):
         numbers = [found[setting][state] for state in states]
         numbers += [number[setting, why] for why in (UNEXPLAINED, NOT_EXAMINED)]
