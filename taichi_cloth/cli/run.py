@@ -8,7 +8,7 @@ import secrets
 import socket
 import sys
 from collections.abc import Mapping
-from contextlib import ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,6 +35,7 @@ from .scenes import summary
 
 if TYPE_CHECKING:
     from ..render.image import RenderPlan
+    from ..simulation.copies import FrameErrorMeter
     from ..simulation.simulation import Simulation
     from ..viewer.capture import Exporter
     from ..viewer.session import Session
@@ -200,12 +201,13 @@ def render_images(
     arch = runtime.start(args.arch)
     with (
         Simulation(scene, args.layout) as simulation,
+        error_meter(simulation, plan) as meter,
         image.claim_folder(plan, simulation, force=force, resume=resume),
     ):
         print(summary(simulation, arch), flush=True)
         try:
             with frames_progress(plan.frames) as advance:
-                report = image.render(simulation, plan, advance)
+                report = image.render(simulation, plan, meter, advance)
         except KeyboardInterrupt:
             complete = count_noun(len(list(plan.out.glob("frame_*.png"))), "image")
             raise KeyboardInterrupt(f"{complete} in {plan.out}; --resume continues") from None
@@ -217,6 +219,19 @@ def render_images(
         print(f"no error was measured: --errors measures every {image.MEASURED_EVERY}th frame")
     print(plan.images + (", and contact_sheet.png" if plan.contact_sheet else ""))
     return 0
+
+
+def error_meter(simulation: Simulation, plan: RenderPlan) -> AbstractContextManager[FrameErrorMeter | None]:
+    """Return a meter for the errors that a plan needs, if any. Raises UsageError if they cannot be measured."""
+    from ..simulation.copies import FrameErrorMeter
+
+    if not plan.errors and plan.view != "error":
+        return nullcontext()
+    try:
+        return closing(FrameErrorMeter(simulation.scene, simulation.requested_layout))
+    except UsageError as error:
+        option = "--errors" if plan.errors else "--view error"
+        raise UsageError(f"errors of frames cannot be measured: {error}; without {option} the scene renders") from None
 
 
 def error_summary(medians: Mapping[str, float | None]) -> str:

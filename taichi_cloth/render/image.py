@@ -319,8 +319,10 @@ def _read_report(path: Path) -> dict[str, object]:
     return report
 
 
-def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], None]) -> RenderReport:
-    """Run the scene, write its images, and return the report.
+def render(
+    simulation: Simulation, plan: RenderPlan, meter: FrameErrorMeter | None, on_frame: Callable[[int], None]
+) -> RenderReport:
+    """Run the scene, write its images, and return the report. `meter`: of the errors that the plan needs.
 
     Images that exist are kept: their frames are simulated but not rendered, except those of the contact sheet.
     `on_frame(k)` is called after every simulated frame. Raises Diverged if the simulation diverges, and OSError if a
@@ -336,8 +338,6 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
         set(np.linspace(0, plan.image_count - 1, SHEET_IMAGES).round().astype(int)) if plan.contact_sheet else set()
     )
     sheet_images: list[Pixels] = []
-    measures = plan.errors or plan.view == "error"
-    meter = FrameErrorMeter(scene, simulation.requested_layout) if measures else None
     report.write(plan.out)
     try:
         with background_writer() as write:
@@ -373,8 +373,6 @@ def render(simulation: Simulation, plan: RenderPlan, on_frame: Callable[[int], N
         raise
     finally:
         draw_list.close()
-        if meter:
-            meter.close()
     report.write(plan.out)
     return report
 

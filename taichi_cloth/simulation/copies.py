@@ -266,7 +266,8 @@ def share_text(error: float, motion: float) -> str:
     """Return an error [m] as a share of what the cloth moved [m], as the rest of a line."""
     if error > motion:
         return ", more than the cloth moved"  # it rests
-    return f", {100 * error / motion:.2g} % of its motion" if motion > 0 else ""
+    share = f"{100 * error / motion:.2g}" if error < 0.995 * motion else "100"
+    return f", {share} % of its motion" if motion > 0 else ""
 
 
 def parts_text(error: float, residual: float | None, step_error: float) -> str:
@@ -302,7 +303,10 @@ class FrameErrorMeter:
         reference = Reference(replace(scene, solver=solver, fabric=replace(scene.fabric, damping_time=damping)), layout)
         if (substeps := reference.min_stable_substeps) > MAX_SUBSTEPS:
             reference.close()
-            raise UsageError(f"its reference would need {substeps:,} substeps, more than {MAX_SUBSTEPS:,}")
+            raise UsageError(
+                f"its reference would need {substeps:,} substeps, more than {MAX_SUBSTEPS:,};"
+                " softer springs, less damping of them or larger cells need fewer"
+            )
         return reference
 
     def measure(self, start: FrameStart, after: Floats) -> FrameError:

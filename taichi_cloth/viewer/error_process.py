@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -45,6 +46,7 @@ FRAMES_BEFORE = 60  # frames that a scene runs before the process starts: the fi
 SETTLED_SECONDS = 0.3  # [s] after a change in which no measurement begins: another abandons it while a slider moves
 ABANDON = "abandon"  # sent to the process: drop the measurement that is under way, at its next frame
 ABANDONED_SECONDS = 1.0  # limit of the time after which another frame is measured, after one was abandoned
+RECENT = 9  # measured frames whose median is shown: errors of single frames of `xpbd` vary fivefold
 MAX_GROWTH_SECONDS = 3.0  # time up to which the growth of the error is measured
 NICENESS = 10  # of the process, where the system has priorities
 
@@ -87,8 +89,10 @@ class ErrorProcess:
         """The last measurement of the scene that runs."""
         self.before_change: FrameError | None = None
         """The last error before the cloth was changed otherwise than by a frame; None after another scene."""
+        self.recent: deque[float] = deque(maxlen=RECENT)
+        """The last errors [m] since the cloth was changed otherwise than by a frame."""
         self.by_solver: dict[str, str] = {}
-        """The last error of each solver that was measured, as text; cleared with another scene."""
+        """The median error of each solver that was measured, as text; cleared with another scene."""
         self.is_held = False
         """Whether no frame is to be measured now, also if the process is free."""
         self._frames = 0
@@ -124,6 +128,7 @@ class ErrorProcess:
                 self._pipe.send(ABANDON)
         self.before_change = self.error or self.before_change
         self.answer, self._is_stale = None, True
+        self.recent.clear()
         self._wait(SETTLED_SECONDS)
 
     def _wait(self, seconds: float) -> None:
@@ -194,11 +199,19 @@ class ErrorProcess:
             answer = Answer(refusal="the process that measures it has ended", is_final=True)
         if not self._is_stale:
             self.answer = answer
-        if not self._is_stale and self.error and self._sent_scene:
-            self.by_solver[self._sent_scene.solver.name] = short_text(self.error)
+            self._add(self.error)
         self._took = self._took if self._is_stale else time.perf_counter() - self._sent
         self._is_busy = self._is_starting = False
         self._wait(answer.seconds * (1 / SHARE_OF_TIME - 1))
+
+    def _add(self, found: FrameError | None) -> None:
+        """Add the error of a frame to those of its solver, if it was measured."""
+        if found is None:
+            return
+        self.recent.append(found.error)
+        if self._sent_scene:
+            typical = replace(found, error=float(np.median(self.recent)))
+            self.by_solver[self._sent_scene.solver.name] = short_text(typical)
 
     def _give_up_stale_job(self) -> None:
         """End the process if it works for another scene and takes long; the next job starts a process."""
@@ -240,6 +253,8 @@ def error_lines(meter: ErrorProcess | None, *, frozen: bool = False) -> list[str
     if found is None or meter.answer.refusal:
         return [f"error of a frame: not measured: {meter.answer.refusal}"]
     error = f"error of frame {found.frame}: {millimeters(found.error)} RMS{share_text(found.error, found.motion)}"
+    if (count := len(meter.recent)) > 2:
+        error += f"; median of {count} frames: {millimeters(float(np.median(meter.recent)))}"
     parts = parts_text(found.error, found.residual, found.step_error)
     estimate = [] if growth is None else [f"  estimate for 1 s without input: {millimeters(growth)}"]
     if not found.reference_has_converged:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from contextlib import closing
 from pathlib import Path
 
@@ -92,3 +93,18 @@ def test_a_video_in_the_view_error_shows_the_error_of_every_frame(tmp_path: Path
 def test_a_video_has_no_run_json_for_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "drape15", "--video", str(tmp_path / "a.webp"), "--errors"]) == 2
     assert "--errors writes run.json, beside images: leave out --video" in capsys.readouterr().err
+
+
+def test_errors_that_cannot_be_measured_are_refused_before_images_are_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "a"
+    assert not rendered(out, "--frames", "2")
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    stiff = ["render", "drape15", "--out", str(out), "--force", "--solver", "xpbd", "--set", "fabric.warp=1e9"]
+    for option in (["--errors"], ["--view", "error"]):
+        assert main([*stiff, *option]) == 2
+        error = capsys.readouterr().err
+        assert re.search(r"errors of frames cannot be measured: its reference would need [\d,]+ substeps", error)
+        assert f"without {' '.join(option)} the scene renders" in error
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before

@@ -610,6 +610,10 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
         "  by iterations 0.5 mm, by substeps and model 0.8 mm",
         "  estimate for 1 s without input: 20 mm",
     ]
+    session.meter.recent.extend([0.002, 0.0003])
+    assert "median" not in error_lines(session.meter)[0]
+    session.meter.recent.append(0.0004)
+    assert error_lines(session.meter)[0].endswith("; median of 3 frames: 0.4 mm")
     explicit = replace(found, error=5e-5, motion=0.0, residual=None, step_error=5e-5)
     session.meter.answer = Answer(explicit)
     assert error_lines(session.meter)[2:] == ["  by substeps and model 0.05 mm"]
@@ -619,8 +623,8 @@ def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     assert error_lines(session.meter) == ["error of frame 7: not measured: the reference has not converged"]
     session.meter.answer = Answer(replace(found, residual=0.004, step_error=0.0045))
     assert error_lines(session.meter)[2] == "  by iterations 4 mm, by substeps and model 4.5 mm, which partly cancel"
-    more = "more than the cloth moved"
-    for motion, share in ((0.00124, "99 % of its motion"), (0.0012, more), (0.0, more)):
+    more, most, whole = "more than the cloth moved", "99 % of its motion", "100 % of its motion"
+    for motion, share in ((0.00124, most), (0.001231, whole), (0.0012, more), (0.0, more)):
         session.meter.answer = Answer(replace(found, motion=motion))
         assert error_lines(session.meter)[0].startswith(f"error of frame 7: 1.2 mm RMS, {share}")
     session.meter.answer = Answer(found, None, "its reference takes 3.1 s")

@@ -562,6 +562,10 @@ def test_an_error_that_arrives_while_the_cloth_is_frozen_is_shown(
     session.advance(1)
     assert session.frame_error is found
     assert error_lines(session.meter)[0].startswith("error of frame 1: ")
+    assert list(session.meter.recent) == [0.1]
+    session.meter._pipe = None
+    session.change_solver("xpbd")
+    assert not session.meter.recent  # errors of another setting
 
 
 def test_a_scene_that_the_layout_does_not_support_is_refused_and_the_next_follows() -> None:
