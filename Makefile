@@ -130,10 +130,12 @@ venv: .venv/ready
 	@touch $@
 
 .venv/ready: pyproject.toml .venv/python
+	@echo "installing taichi_cloth and Taichi in .venv (once)"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
 .venv/tools: pyproject.toml .venv/python
+	@echo "installing taichi_cloth with the tools of its tests in .venv (once)"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,dev,docs]'
 	@touch .venv/ready $@
 

@@ -6,12 +6,14 @@ const IDENTITY = new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 
 
 const subtract = (a, b) => a.map((v, k) => v - b[k]);
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
 const columnMajor = (rows) => [0, 1, 2, 3].flatMap((k) => rows.map((row) => row[k]));
 
 // -- orbit camera: azimuth from +z to +x, elevation, distance ---------------------------------------------------------
 
 const MAX_ELEVATION = (89 * Math.PI) / 180;
+const CLOTH_MARGIN = 1.03; // smallest distance of the eye in front of cloth; the near plane is at 1/50 of it
 const FLOOR_CLEARANCE = 0.02; // smallest height of eye and target above the floor [initial distances]
 
 class Camera {
@@ -37,8 +39,10 @@ class Camera {
     this.elevation = clamp(this.elevation - Math.PI * up, -MAX_ELEVATION, MAX_ELEVATION);
   }
 
-  zoom(factor) {
-    this.orbitDistance = clamp(this.orbitDistance * factor, this.initialDistance / 20, this.initialDistance * 20);
+  /** Multiplies the distance of the eye from the target by `factor`. The eye stays in front of a share `cloth` of it. */
+  zoom(factor, cloth = 0) {
+    const closest = clamp(CLOTH_MARGIN * cloth * this.orbitDistance, this.initialDistance / 20, this.orbitDistance);
+    this.orbitDistance = clamp(this.orbitDistance * factor, closest, this.initialDistance * 20);
   }
 
   /** Moves eye and target parallel to the image [image heights at the distance of the target]. */
@@ -86,6 +90,22 @@ class Camera {
     z[3] -= (2 * far * near) / (far - near);
     return [eye, columnMajor([row(right, f / aspect), row(up, f), z, w])];
   }
+}
+
+/** Returns how far toward the eye the cloth reaches on the line from the target to it, as a share of the distance.
+ *  `x` has the positions of its vertices, 6 numbers apart. Only the first `count` corners count. */
+function clothInFront({ target, distance, back }, x, corners, count) {
+  let nearest = 0; // to the eye [m]
+  for (let t = 0; t < count; t += 3) {
+    const [a, b, c] = [0, 1, 2].map((k) => subtract([...x.subarray(6 * corners[t + k], 6 * corners[t + k] + 3)], target));
+    const u = dot(back, cross(b, c)), v = dot(back, cross(c, a)), w = dot(back, cross(a, b)), sum = u + v + w;
+    const meets = Math.min(u, v, w) >= 0 || Math.max(u, v, w) <= 0; // the line meets the triangle
+    if (sum !== 0 && meets) {
+      const s = dot(a, cross(b, c)) / sum; // where [m from the target]
+      if (s > nearest && s < distance) nearest = s;
+    }
+  }
+  return nearest / distance;
 }
 
 /** Returns the matrix from world space to the clip space of the shadow map, column by column. */
@@ -236,6 +256,7 @@ class Renderer {
     gl.bindVertexArray(null); // a vertex array would store the next buffer as that of its corners
     this.edges = this.createBuffer(gl.ELEMENT_ARRAY_BUFFER, edgesOf(corners), gl.DYNAMIC_DRAW);
     this.meshes.push([null, this.edges]);
+    this.corners = corners; // of the cloth
     this.clothColors = colors; // the cloth's own colors
     this.uploadedColors = colors; // the colors in the buffer
     gl.clearColor(...light.background, 1);
@@ -244,6 +265,7 @@ class Renderer {
   /** Replaces the corners of the cloth after it has torn. */
   setCorners(corners) {
     const { gl } = this;
+    this.corners = corners;
     gl.bindVertexArray(null);
     for (const [buffer, data] of [[this.cloth[2], corners], [this.edges, edgesOf(corners)]]) {
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
@@ -284,6 +306,13 @@ class Renderer {
     const values = { camera: this.shadowMatrix };
     this.beginPass(this.shadowFramebuffer, SHADOW_MAP_SIZE, SHADOW_MAP_SIZE, this.depthProgram, values);
     this.drawSolidsAndCloth(this.depthProgram);
+  }
+
+  /** Zooms a camera: by a factor below 1 the eye moves closer to the target, but not through cloth. */
+  zoom(camera, factor) {
+    const { frame, corners, gl: { canvas } } = this, distance = camera.distance(canvas.width / canvas.height);
+    const line = { target: camera.target, distance, back: camera.axes()[2] };
+    camera.zoom(factor, factor < 1 && frame ? clothInFront(line, frame.vertices, corners, frame.count) : 0);
   }
 
   /** Draws the current frame as a camera sees it. */

@@ -150,6 +150,24 @@ def test_a_drag_beside_the_cloth_orbits_and_the_wheel_zooms(page: Browser) -> No
     page.until(f"camera.orbitDistance === {distance} && camera.azimuth === {azimuth}")
 
 
+def test_zoom_stops_in_front_of_the_cloth(page: Browser) -> None:
+    page.until("update.frame > 5")
+    line = "{ target: camera.target, distance: camera.distance(canvas.width / canvas.height), back: camera.axes()[2] }"
+    began, share, closest, back = page.value(
+        f"""(() => {{
+          camera.target = [0, 2, -0.5]; // behind the cloth
+          const began = camera.orbitDistance;
+          const share = clothInFront({line}, cloth.vertices, cloth.corners, cloth.corners.length);
+          const distances = [1e-3, 2].map((factor) => (renderer.zoom(camera, factor), camera.orbitDistance));
+          camera.reset();
+          return [began, share, ...distances];
+        }})()"""
+    )
+    assert 0.3 < share * began < 1.0  # [m] the curtain hangs in the plane z = 0
+    assert closest == pytest.approx(1.03 * share * began, rel=1e-6)
+    assert back == pytest.approx(2 * closest, rel=1e-6)
+
+
 def test_the_right_button_orbits_over_the_cloth_too(page: Browser) -> None:
     azimuth = page.value("camera.azimuth")
     x, y = particle(page, 6 * 30 + 15)
