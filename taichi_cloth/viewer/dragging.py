@@ -23,10 +23,20 @@ OVERLAP = 1e-9  # in barycentric coordinates: neighboring triangles overlap, so 
 # Default grab radius and upper end of its slider, as fractions of the cloth's longer side. The default grabs one
 # particle of a coarse cloth and a patch of a fine one.
 GRAB_RADII = 0.02, 0.25
+ROWS_OF_TEARING_CLOTH = 2.0  # mean lengths of springs: a single particle would be torn out of the cloth
 
 ROWS_FROM_A_PIN = 1.5  # mean lengths of springs from a pin of the scene within which a free particle is grabbed
 
 Floats = NDArray[np.float64]
+
+
+def grab_radii(simulation: Simulation) -> tuple[float, float]:
+    """Return the default of the grab radius and the upper end of its slider [m]."""
+    topology = simulation.topology
+    default, largest = (share * topology.longest_side for share in GRAB_RADII)
+    if simulation.scene.tearing is not None:
+        default = min(max(default, ROWS_OF_TEARING_CLOTH * mean_spring_length(topology)), largest)
+    return default, largest
 
 
 # -- ray casting -------------------------------------------------------------------------------------------------------

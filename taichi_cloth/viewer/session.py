@@ -27,7 +27,7 @@ from ..system.errors import UsageError
 from . import toolkit
 from .capture import Capture, Exporter
 from .charts import History
-from .dragging import GRAB_RADII, Cursor, Dragger, Size, nearest_eye
+from .dragging import Cursor, Dragger, Size, grab_radii, nearest_eye
 from .error_process import ErrorProcess
 from .input import ACTIONS, COMPILING_ACTIONS, NEIGHBORS, OWN_FABRIC, PAGES, Deferred, change_to, chosen, hold, neighbor
 from .toolkit import Mouse, Pointer, Progress, Refusal
@@ -92,8 +92,7 @@ class Session:
         self.dragger = Dragger(self.simulation)  # of the window's mouse
         self.draggers = {0: self.dragger}  # of all cursors, by number
         self._guard = DivergenceGuard(self.simulation)
-        radii = (share * self.simulation.topology.longest_side for share in GRAB_RADII)
-        self.default_grab_radius, self.max_grab_radius = radii  # [m]
+        self.default_grab_radius, self.max_grab_radius = grab_radii(self.simulation)  # [m]
         self.grab_radius = self.default_grab_radius  # [m]
         self.measure()
 

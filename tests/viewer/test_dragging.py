@@ -10,6 +10,8 @@ from pointing import ASPECT, PARTICLE, cursor_on, grab, grabbed, point
 
 from taichi_cloth.geometry.scene_loader import load_scene
 from taichi_cloth.render.camera import MAX_ZOOM_LEVEL, NEAR, ZOOM_STEP, OrbitCamera
+from taichi_cloth.simulation.simulation import Simulation
+from taichi_cloth.viewer.dragging import grab_radii
 from taichi_cloth.viewer.session import Session
 from taichi_cloth.viewer.toolkit import Refusal, Target
 
@@ -206,6 +208,18 @@ def test_the_grab_radius_selects_one_particle_or_a_patch(session: Session) -> No
     for _ in range(40):
         session.act("larger_radius")
     assert session.grab_radius == session.max_grab_radius
+
+
+def test_a_hand_holds_more_than_one_particle_of_cloth_that_tears() -> None:
+    for rows, least in ((40, 9), (8, 4), (2, 1)):
+        with Simulation(load_scene("tear", rows=rows, columns=rows)) as simulation:
+            default, largest = grab_radii(simulation)
+            assert default <= largest
+            middle = rows // 2 * (rows + 1)
+            distances = np.linalg.norm(simulation.positions() - simulation.positions()[middle], axis=1)
+            assert (distances <= default).sum() >= least
+    with Simulation(load_scene("drape15")) as simulation:
+        assert grab_radii(simulation) == (0.02 * 2.0, 0.25 * 2.0)
 
 
 def test_the_cloth_can_be_grabbed_from_behind_and_while_it_is_frozen(session: Session) -> None:
