@@ -422,11 +422,27 @@ def test_count_noun_uses_singular_and_plural() -> None:
 # -- existing output ----------------------------------------------------------------------------------------
 
 
+def test_a_scene_with_several_mistakes_names_one_and_counts_the_others(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for text, more in (("a = 1", ""), ("a = 1\nb = 2", "1 more mistake"), ("a = 1\nb = 2\nc = 3", "2 more mistakes")):
+        file = tmp_path / "bad.toml"
+        file.write_text(text, encoding="utf-8")
+        assert cli.main(["run", str(file)]) == 2
+        line = capsys.readouterr().err
+        assert line.startswith(f"taichi-cloth: {file}: a: unknown key")
+        assert line.endswith(
+            f" ({more}; `taichi-cloth check` lists all)\n" if more else "self_collision, camera, look\n"
+        )
+
+
 @pytest.mark.parametrize(
     ("words", "line"),
     [
         (["--out", "o.png"], "--out names a folder of images, not a file: o.png; --video writes one file"),
         (["--target", "0,2,0"], "unknown option --target; use --set 'camera.target=[X,Y,Z]'"),  # not --target-error
+        (["--iterations", "4"], "unknown option --iterations; use --set iterations=VALUE"),
+        (["--wind-x", "4"], "unknown option --wind-x; use --set wind_x=VALUE"),
         (["--width", "30"], "unknown option --width; use --size WIDTHxHEIGHT"),
         (["--frame", "2"], "unknown option --frame; did you mean '--frames'?"),
     ],

@@ -19,7 +19,7 @@ from typing import NoReturn, Protocol
 
 from .. import __version__
 from ..scene import Scene, SceneError, parse_override, scene_names
-from ..scene.overrides import scene_without
+from ..scene.overrides import override_targets, scene_without
 from ..scene.presets import is_file_name
 from ..scene.schema import SOLVER_NAMES
 from ..system import taichi_runtime as runtime
@@ -87,6 +87,9 @@ class Parser(argparse.ArgumentParser):
                 self.error(f"{option} was renamed to {RENAMED_OPTIONS[option]}")
             if option.startswith("-"):
                 known = OPTIONS_OF_OTHERS.get((self.prog.split()[-1], option))
+                key = option.strip("-").replace("-", "_")
+                if not known and "--set" in self._option_string_actions and key in override_targets():
+                    known = f"--set {key}=VALUE"
                 hint = f"; use {known}" if known else nearest_hint(option, self._option_string_actions)
                 self.error(f"unknown option {option}{hint}")
         joined = "; join keys by commas: KEY=VALUE,KEY=VALUE" if all("=" in word for word in words) else ""
@@ -184,7 +187,7 @@ def run_command(modules: Iterable[CommandModule], argv: Sequence[str]) -> int:
         print(f"{PROGRAM}: interrupted; {str(interrupt) or 'files that were written are complete'}", file=sys.stderr)
         return 130
     except (SceneError, OutputConflict, UsageError) as error:
-        print(f"{PROGRAM}: {one_line(str(error))}", file=sys.stderr)
+        print(f"{PROGRAM}: {one_line(str(error))}{other_mistakes(error)}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # as in `| head -1`: print nothing more, not even when Python exits
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -192,6 +195,14 @@ def run_command(modules: Iterable[CommandModule], argv: Sequence[str]) -> int:
     except (OSError, Diverged) as error:
         print(f"{PROGRAM}: {one_line(error_text(error))}", file=sys.stderr)
         return 1
+
+
+def other_mistakes(error: Exception) -> str:
+    """Return how many mistakes a scene has besides the first one, and what lists them; empty if there are none."""
+    from ..system.console import count_noun  # which imports Rich
+
+    others = error.others if isinstance(error, SceneError) else ()
+    return f" ({count_noun(len(others), 'more mistake')}; `{PROGRAM} check` lists all)" if others else ""
 
 
 # -- options that commands share ---------------------------------------------------------------------------------------
