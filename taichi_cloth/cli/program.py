@@ -13,7 +13,8 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from math import nan
 from pathlib import Path
 from typing import NoReturn, Protocol
 
@@ -237,26 +238,24 @@ def seed(text: str) -> int:
     return int(text)
 
 
-def percent(text: str) -> float:
-    """Parse a percentage, above 0 and up to 100."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value <= 100:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a percentage of the longer side above 0 and up to 100")
-    return value
+def number(low: float, high: float, what: str) -> Callable[[str], float]:
+    """Return a function that parses numbers from `low` to `high`. Its message says that a text is not `what`."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
+        return value
+
+    return parse
 
 
-def strain(text: str) -> float:
-    """Parse a tearing strain, 0.01 to 100."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.01 <= value <= 100:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a strain from 0.01 to 100, such as 0.5 for 50 % longer")
-    return value
+percent = number(sys.float_info.min, 100, "a percentage of the longer side above 0 and up to 100")
+milliseconds = number(0.001, 10_000, "a time from 0.001 to 10000 [ms]")
+strain = number(0.01, 100, "a strain from 0.01 to 100, such as 0.5 for 50 % longer")
 
 
 def any_of(words: Sequence[str]) -> str:
@@ -308,11 +307,18 @@ def scene_options(parser: argparse.ArgumentParser, nargs: str | None = None) -> 
         metavar="NAME",
         help="memory layout: simd, serial or parallel (default: the first that suits the cloth)",
     )
-    parser.add_argument(
+    target = parser.add_mutually_exclusive_group()
+    target.add_argument(
         "--target-error",
         type=percent,
         metavar="P",
         help="use the fastest stored setting with an RMS error of at most P [%% of the longer side]",
+    )
+    target.add_argument(
+        "--target-time",
+        type=milliseconds,
+        metavar="MS",
+        help="use the most accurate stored setting whose frame takes at most MS [ms]",
     )
     parser.add_argument("--arch", choices=runtime.ARCHS, default="cpu", metavar="NAME", help=ARCH_HELP)
 
@@ -341,7 +347,7 @@ def is_outside_values(before: str) -> bool:
     return opened == closed and all(before.count(quote) % 2 == 0 for quote in "\"'")
 
 
-SELECTED_KEYS = {key for name in ("substeps", "iterations") for key in (name, f"solver.{name}")}  # by --target-error
+SELECTED_KEYS = {key for name in ("substeps", "iterations") for key in (name, f"solver.{name}")}  # by a target
 
 
 def changes_of(args: argparse.Namespace) -> dict[str, object]:
@@ -353,20 +359,24 @@ def changes_of(args: argparse.Namespace) -> dict[str, object]:
 def chosen_scene(args: argparse.Namespace) -> Scene:
     """Return the scene that the options select.
 
-    Raises SceneError, and UsageError for an error target out of reach or beside a setting of its own.
+    Raises SceneError, and UsageError for a target out of reach or beside a setting of its own.
     """
     from ..geometry.scene_loader import load_scene
 
     changes = changes_of(args)
     scene = scene_without(load_scene(args.scene, **changes), args.without)
-    if args.target_error is None:
+    if args.target_error is None and args.target_time is None:
         return scene
-    from ..simulation.error_estimate import settings_for_error
+    from ..simulation.error_estimate import settings_for_error, settings_for_time
 
     if selected := sorted(changes.keys() & SELECTED_KEYS):
-        raise UsageError(f"--target-error selects substeps and iterations: leave out --set {selected[0]}")
+        option = "--target-error" if args.target_error else "--target-time"
+        raise UsageError(f"{option} selects substeps and iterations: leave out --set {selected[0]}")
     only = scene.solver.name if changes.keys() & {"solver", "solver.name"} else None
-    scene, why = settings_for_error(scene, args.target_error / 100, only)
+    if args.target_error:
+        scene, why = settings_for_error(scene, args.target_error / 100, only)
+    else:
+        scene, why = settings_for_time(scene, args.target_time, only)
     here = f"`{PROGRAM} bench --error --scene {args.scene}` measures this scene on this machine"
     print(f"{why}\nThese are stored RMS errors and times; {here}", flush=True)
     return scene

@@ -75,60 +75,109 @@ def settings_near(cells: float) -> list[MeasuredSetting]:
     return [row for row in measured() if row.cells == grid]
 
 
+@dataclass(frozen=True)
+class Candidates:
+    """Measured settings that a scene can have."""
+
+    scene: Scene
+    measured: list[MeasuredSetting]
+    """As they were measured."""
+    rows: list[MeasuredSetting]
+    """The same with times and substeps for the scene, fastest first."""
+    leaves_out_verlet: bool
+
+    @classmethod
+    def of(cls, scene: Scene, only: str | None) -> Candidates:
+        """Return the settings of all solvers that support the scene and use its fabric, or of the solver `only`.
+
+        Raises UsageError for a mesh file, and if no solver remains.
+        """
+        if scene.cloth.file:
+            raise UsageError("a target needs a grid: errors and times were not measured for a cloth from a mesh file")
+        cells = max(scene.cloth.rows, scene.cloth.columns) - 1
+        near = [row for row in settings_near(cells) if only in (None, row.solver)]
+        model = scene.fabric.model
+        if only and model not in SOLVER_CATALOG[only].models:
+            raise UsageError(needs_other_model(only, model))
+        near = [row for row in near if model in SOLVER_CATALOG[row.solver].models]
+        leaves_out = only is None and scene.solver.name != "verlet" and scene.fabric != Fabric()
+        if leaves_out:
+            near = [row for row in near if row.solver != "verlet"]
+        rows, refusals = [], []
+        for row in near:
+            try:
+                rows.append(estimate_for_scene(row, scene))
+            except UsageError as refusal:  # such as that of `lines`, which requires a grid, for several layers
+                refusals.append(refusal)
+        if not rows:
+            raise refusals[0]
+        return cls(scene, near, sorted(rows, key=lambda row: row.ms), leaves_out)
+
+    def select(self, chosen: MeasuredSetting, why: str, other: str) -> tuple[Scene, str]:
+        """Return the scene with a setting of `rows`, and a line that explains it. `other`: a setting nearby, or ""."""
+        same = chosen.solver, chosen.iterations, chosen.error
+        its_row = next(row for row in self.measured if (row.solver, row.iterations, row.error) == same)
+        where = f"on a swinging curtain of {its_row.cells} cells"
+        if its_row.setting != chosen.setting:
+            where += f", measured with {its_row.setting}, which its springs need"
+        line = (
+            f"{chosen.setting}, about {chosen.ms:.2g} ms a frame: {why} ({100 * chosen.error:.2g} % {where}); on this"
+            " scene time and error may be larger: contact, wind and other pins are not in them"
+        )
+        left_out = "; verlet is left out: it does not use [fabric]" if self.leaves_out_verlet else ""
+        solver = replace(self.scene.solver, name=chosen.solver, substeps=chosen.substeps, iterations=chosen.iterations)
+        return replace(self.scene, solver=solver), line + other + left_out
+
+
 def settings_for_error(scene: Scene, target: float, only: str | None = None) -> tuple[Scene, str]:
     """Return the scene with the fastest measured setting whose error is at most `target`, and a line that explains it.
 
-    `only`: consider this solver only. Raises UsageError if no setting is accurate enough, and for a mesh file.
+    `only`: consider this solver only. Raises UsageError if no setting is accurate enough, and as `Candidates.of`.
     """
-    if scene.cloth.file:
-        raise UsageError("a target error needs a grid: errors were not measured for a cloth from a mesh file")
-    cells = max(scene.cloth.rows, scene.cloth.columns) - 1
-    near = [row for row in settings_near(cells) if only in (None, row.solver)]
-    model = scene.fabric.model
-    if only and model not in SOLVER_CATALOG[only].models:
-        raise UsageError(needs_other_model(only, model))
-    near = [row for row in near if model in SOLVER_CATALOG[row.solver].models]
-    ignored = only is None and scene.solver.name != "verlet" and scene.fabric != Fabric()
-    if ignored:
-        near = [row for row in near if row.solver != "verlet"]
-    rows = sorted((estimate_for_scene(row, scene) for row in near), key=lambda row: row.ms)
-    good = [row for row in rows if row.error <= target]
+    candidates = Candidates.of(scene, only)
+    good = [row for row in candidates.rows if row.error <= target]
     if not good:
-        best = min(rows, key=lambda row: row.error)
+        best = min(candidates.rows, key=lambda row: row.error)
         reached = f"the best, {best.setting}, has {100 * best.error:.2g} %"
         raise UsageError(f"no measured setting reaches an error of {100 * target:g} %: {reached}")
-    chosen = good[0]
-    same = chosen.solver, chosen.iterations, chosen.error
-    measured_as = next(row.setting for row in near if (row.solver, row.iterations, row.error) == same)
-    measured_with = "" if measured_as == chosen.setting else f", measured with {measured_as}, which its springs need"
-    line = (
-        f"{chosen.setting}, about {chosen.ms:.2g} ms a frame: the fastest setting whose error on a swinging curtain of"
-        f" {near[0].cells} cells is at most {100 * target:g} % ({100 * chosen.error:.2g} %{measured_with}); on this"
-        " scene the error may be larger: contact, wind and other pins are not in it"
-    )
-    faster = [row for row in rows if row.ms < chosen.ms]
+    faster, other = [row for row in candidates.rows if row.ms < good[0].ms], ""
     if faster:
-        best_faster = min(faster, key=lambda row: row.error)
-        line += f"; the most accurate faster setting is {best_faster.setting}, with {100 * best_faster.error:.2g} %"
-    if ignored:
-        line += "; verlet is left out: it does not use [fabric]"
-    solver = replace(scene.solver, name=chosen.solver, substeps=chosen.substeps, iterations=chosen.iterations)
-    return replace(scene, solver=solver), line
+        best = min(faster, key=lambda row: row.error)
+        other = f"; the most accurate faster setting is {best.setting}, with {100 * best.error:.2g} %"
+    return candidates.select(good[0], f"the fastest setting whose error is at most {100 * target:g} %", other)
+
+
+def settings_for_time(scene: Scene, limit_ms: float, only: str | None = None) -> tuple[Scene, str]:
+    """Return the scene with the most accurate measured setting that takes at most `limit_ms` a frame [ms], and a line.
+
+    Arguments and errors: of `settings_for_error`.
+    """
+    candidates = Candidates.of(scene, only)
+    good = [row for row in candidates.rows if row.ms <= limit_ms]
+    if not good:
+        fastest = candidates.rows[0]
+        reached = f"the fastest, {fastest.setting}, takes about {fastest.ms:.2g} ms"
+        raise UsageError(f"no measured setting takes at most {limit_ms:g} ms a frame: {reached}")
+    chosen = min(good, key=lambda row: row.error)
+    better, other = [row for row in candidates.rows if row.error < chosen.error], ""
+    if better:
+        other = f"; the fastest more accurate setting is {better[0].setting}, about {better[0].ms:.2g} ms"
+    return candidates.select(chosen, f"the most accurate setting that takes at most {limit_ms:g} ms", other)
 
 
 def estimate_for_scene(row: MeasuredSetting, scene: Scene) -> MeasuredSetting:
-    """Return a measured setting with the frame time for the scene's particles and the substeps its fabric needs."""
-    particles = scene.cloth.rows * scene.cloth.columns
-    ms = row.ms * particles / (row.cells + 1) ** 2
-    if row.solver not in MIN_STABLE_SUBSTEPS:
-        return replace(row, ms=ms)
-    topology = cloth_builder.build_topology(scene, "fabric")
-    stiffness = cloth_builder.spring_stiffness(scene, "fabric", topology)
-    frequency = bounds.max_frequency(topology, stiffness, topology.membrane)
-    coarsest = min(r.substeps for r in measured() if (r.solver, r.cells) == (row.solver, row.cells))
-    damping_time = min(scene.fabric.damping_time, bounds.max_damping_time(frequency))
-    needed = MIN_STABLE_SUBSTEPS[row.solver](frequency, damping_time, FRAME_SECONDS) * row.substeps // coarsest
-    return replace(row, substeps=needed, ms=ms * needed / row.substeps)
+    """Return a measured setting with the substeps that the scene needs, and their frame time (`cost_of`).
+
+    A multiple of the fewest substeps at which an explicit solver is stable remains that multiple. Raises UsageError for
+    a solver that does not support the scene.
+    """
+    solver = replace(scene.solver, name=row.solver, substeps=row.substeps, iterations=row.iterations)
+    if row.solver in MIN_STABLE_SUBSTEPS:
+        fewest = min(r.substeps for r in measured() if (r.solver, r.cells) == (row.solver, row.cells))
+        needed = cost_of(replace(scene, solver=replace(solver, substeps=1))).substeps
+        solver = replace(solver, substeps=needed * row.substeps // fewest)
+    cost = cost_of(replace(scene, solver=solver))
+    return replace(row, substeps=cost.substeps, ms=cost.ms)
 
 
 # -- cost --------------------------------------------------------------------------------------------------------------
