@@ -20,7 +20,7 @@ SHARED_ACTIONS = (
     *("freeze", "step", "reset", "wind", "view", "smaller_radius", "larger_radius", "restore_defaults", "errors"),
 )
 SIDE_ACTIONS = ("solver", "fabric", "feature", "pin")
-WINDOW_ACTIONS = ("first_view", "screenshot", "hide", "quit")
+WINDOW_ACTIONS = ("first_view", "screenshot", "page", "hide", "quit")
 
 
 class Comparison:
@@ -58,6 +58,8 @@ class Comparison:
         """Whether the panel is hidden."""
         self.shows_keys = False
         """Whether the panel lists the keys instead of statistics."""
+        self.shows_settings = False
+        """Whether the panel has sliders for the solver of each side instead of those for both sides."""
         self.running = True
         """False once the user has quit."""
         self._buttons: frozenset[str] = frozenset()  # mouse buttons that were down in the last displayed frame
@@ -115,6 +117,8 @@ class Comparison:
             self.running, self.shows_keys = self.shows_keys, False
         elif action == "screenshot":
             self.take_screenshot()
+        elif action == "page":
+            self.shows_settings = not self.shows_settings
         elif action == "help":
             self.shows_keys = not self.shows_keys
         else:

@@ -26,7 +26,9 @@ from .panel import (
     NOTE_COLORS,
     PANEL_MARGIN,
     PANEL_WIDTH,
+    acting_parameters,
     draw_caption,
+    draw_slider,
     slider_parameters,
     wrap,
     wrapped_lines,
@@ -53,6 +55,8 @@ VERLET_NOTE = (
 )
 MAX_APART = 60  # frames between the errors of both sides, up to which they are compared without a warning
 NAME = "compare"
+SIDES = "left", "right"
+SETTING = "substeps", "iterations"  # of each side's solver; all other sliders act on both sides
 HEIGHT = 700  # [pixels] of the panel
 BAND = PANEL_WIDTH + 2 * PANEL_MARGIN  # [pixels] column at the left that shows the panel and no image
 BAND_COLOR = 40  # of 255
@@ -143,7 +147,7 @@ def aspect_of(size: tuple[int, int]) -> float:
 
 
 class ComparisonPanel:
-    """The panel of a comparison: sliders that act on both sides, and statistics of each side."""
+    """The panel of a comparison: sliders for both sides or for the solver of each, and statistics of each side."""
 
     def __init__(self, size: tuple[int, int], settings: Path) -> None:
         """`size`: of the window when it opens [pixels]. `settings`: the toolkit's imgui.ini."""
@@ -160,21 +164,14 @@ class ComparisonPanel:
 
     def draw(self, gui: ti.ui.Gui, comparison: Comparison, lines: list[str]) -> bool:
         """Declare all widgets for this frame. Return whether the user changed one. `lines`: of `statistics`."""
-        changed = False
         with sub_window(gui, NAME, self._initial_place, self.window_size):
-            for name, key in slider_parameters(comparison.left.simulation).items():
-                if name in ("substeps", "iterations"):  # these belong to each side's solver
-                    continue
-                before = comparison.left.simulation.params[name]
-                label = f"{key.label} [{key.unit}]" if key.unit else key.label
-                after = gui.slider_float(label, before, key.slider_min, key.slider_max)
-                if has_changed(after, before):
-                    comparison.set_parameter(name, min(max(after, key.slider_min), key.slider_max))
-                    changed = True
-            is_frozen = comparison.left.frozen
-            for label in ("Resume" if is_frozen else "Freeze", "Step", "Reset", "View"):
+            draw_sliders = draw_setting_sliders if comparison.shows_settings else draw_shared_sliders
+            changed = draw_sliders(gui, comparison)
+            is_frozen, other = comparison.left.frozen, "both sides" if comparison.shows_settings else "each solver"
+            freeze = {"Resume": "freeze", "Step": "step"} if is_frozen else {"Freeze": "freeze"}
+            for label, action in {**freeze, "Reset": "reset", "View": "view", f"Sliders for {other}": "page"}.items():
                 if gui.button(label):
-                    comparison.act("freeze" if label == "Resume" else label.lower())
+                    comparison.act(action)
                     changed = True
             if is_frozen:
                 gui.text("frozen: Space resumes", color=NOTE_COLORS[Progress])
@@ -183,6 +180,31 @@ class ComparisonPanel:
             for line in help_lines() if comparison.shows_keys else [*lines, *wrap(short_help())]:
                 gui.text(line)
         return changed
+
+
+def draw_setting_sliders(gui: ti.ui.Gui, comparison: Comparison) -> bool:
+    """Declare the sliders for the solver of each side. Return whether the user moved one."""
+    changed = False
+    for name, side in zip(SIDES, comparison.sides, strict=True):
+        for key in acting_parameters(side.simulation).values():
+            if key.name in SETTING:
+                changed |= draw_slider(gui, side, key, f"{name}: ")
+    return changed
+
+
+def draw_shared_sliders(gui: ti.ui.Gui, comparison: Comparison) -> bool:
+    """Declare the sliders that act on both sides. Return whether the user moved one."""
+    changed = False
+    for name, key in slider_parameters(comparison.left.simulation).items():
+        if name in SETTING:
+            continue
+        before = comparison.left.simulation.params[name]
+        label = f"{key.label} [{key.unit}]" if key.unit else key.label
+        after = gui.slider_float(label, before, key.slider_min, key.slider_max)
+        if has_changed(after, before):
+            comparison.set_parameter(name, min(max(after, key.slider_min), key.slider_max))
+            changed = True
+    return changed
 
 
 SCOPES = {"both sides": SHARED_ACTIONS, "side under the cursor": SIDE_ACTIONS, "window": WINDOW_ACTIONS}
@@ -204,11 +226,7 @@ def short_help() -> str:
 
 def statistics(comparison: Comparison, draw_ms: float) -> list[str]:
     """Return lines of text with the statistics of both sides. `draw_ms`: time to draw both [ms]."""
-    lines = [
-        line
-        for name, side in zip(("left", "right"), comparison.sides, strict=True)
-        for line in side_statistics(name, side)
-    ]
+    lines = [line for name, side in zip(SIDES, comparison.sides, strict=True) for line in side_statistics(name, side)]
     distance = f"{comparison.rms_distance:.2%} of the cloth's side"
     frame = f"frame {comparison.left.simulation.frame}: RMS distance {distance}"
     notes = [frame, apart(comparison), *explanations(comparison)]

@@ -319,9 +319,9 @@ def help_for(name: str, keys: Mapping[str, Parameter]) -> str:
     return f"{key.label}: {key.help}; {key.slider_min:g} to {key.slider_max:g}{unit}, scene default {default}"
 
 
-def draw_slider(gui: ti.ui.Gui, session: Session, key: Parameter) -> bool:
-    """Declare the slider of one runtime parameter. Return whether the user moved it."""
-    label = f"{key.label} [{key.unit}]" if key.unit else key.label
+def draw_slider(gui: ti.ui.Gui, session: Session, key: Parameter, owner: str = "") -> bool:
+    """Declare the slider of one runtime parameter. Return whether the user moved it. `owner`: in front of its label."""
+    label = owner + (f"{key.label} [{key.unit}]" if key.unit else key.label)
     simulation = session.simulation
     before = simulation.substeps if key.name == "substeps" else simulation.params[key.name]
     slider = gui.slider_int if key.is_int else gui.slider_float

@@ -138,7 +138,7 @@ def test_a_screenshot_has_both_sides(comparison: Comparison, tmp_path: Path) -> 
     ("action", "line"),
     [
         ("clip", "C: start/stop clip: not in a comparison"),
-        ("page", "Tab: next panel page: not in a comparison"),
+        ("charts", "K: charts on/off: not in a comparison"),
     ],
 )
 def test_a_key_that_a_comparison_does_not_support_says_so(comparison: Comparison, action: str, line: str) -> None:

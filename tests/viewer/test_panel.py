@@ -596,6 +596,27 @@ def test_the_panel_of_a_comparison_fits_with_errors_and_a_long_note(scene: str, 
         assert max(map(len, gui.texts)) <= LINE_LENGTH
 
 
+def test_the_panel_of_a_comparison_has_sliders_for_the_solver_of_each_side(tmp_path: Path) -> None:
+    with closing(Comparison(load_scene("drape15"), load_scene("drape15", solver="rk4"), 1.0, tmp_path)) as comparison:
+        gui = FakeGui(**{"Sliders for each solver": True})
+        panel = ComparisonPanel(SIZE, tmp_path / "imgui.ini")
+        assert panel.draw(gui, comparison, [])
+        assert not any(label.startswith(("left", "right")) for label in gui.labels)
+        gui = FakeGui(**{"left: Iterations": 40, "right: Substeps": 30})
+        assert panel.draw(gui, comparison, [])
+        assert "Gravity [m/s²]" not in gui.labels
+        assert [label for label in gui.labels if label.startswith(("left", "right"))] == [
+            *("left: Iterations", "left: Substeps", "right: Substeps")  # rk4 does not iterate
+        ]
+        assert comparison.left.simulation.params["iterations"] == 40
+        assert comparison.right.simulation.substeps == 30
+        assert comparison.left.simulation.substeps == 1
+        comparison.act("page")
+        gui = FakeGui()
+        assert not panel.draw(gui, comparison, [])
+        assert "Gravity [m/s²]" in gui.labels
+
+
 def test_the_error_of_a_frame_is_shown_with_its_parts(drawn: Drawn) -> None:
     session, gui, _ = drawn("drape15", "Statistics", **{"Measure errors": True})
     assert "error of a frame: not measured (U)" in gui.texts
