@@ -333,9 +333,10 @@ def test_the_error_view_has_colors_and_a_scale_once_it_is_measured(page: Browser
     page.until("find('.measuring').textContent.startsWith('error of a frame: ')")  # also where statistics are folded
     before = page.picture().astype(int)
     page.value(
-        "HANDLERS.frameError({ labels: ['5mm', '2.5mm', '0'] }, (type, count) => new Uint8Array(count).fill(220))"
+        "HANDLERS.frameError({ frame: 73, labels: ['5mm', '2.5mm', '0'] },"
+        " (type, count) => new Uint8Array(count).fill(220))"
     )
-    page.until("!find('.scale').hidden && find('.scale').textContent === '5mm2.5mm0'")
+    page.until("!find('.scale').hidden && find('.scale').textContent === 'frame 735mm2.5mm0'")
     page.until("find('.measuring').textContent === ''")
     page.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
     redness = np.subtract(*np.moveaxis(page.picture().astype(int) - before, 2, 0)[[0, 2]])
