@@ -161,7 +161,7 @@ def test_a_sheet_that_is_pulled_to_thirty_times_its_length_does_not_intersect() 
 
         def pull(frame: int) -> None:
             if frame % 3 == 0:
-                grab.move_to(random.uniform(-4.0, 4.0, 3))
+                grab.move_to(random.uniform(-8.0, 8.0, 3))
 
         for frame in range(18):
             pull(frame)

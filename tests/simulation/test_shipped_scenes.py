@@ -9,6 +9,7 @@ import pytest
 
 from taichi_cloth.collision.colliders import max_penetration
 from taichi_cloth.geometry.scene_loader import load_scene
+from taichi_cloth.geometry.topology import spring_strains
 from taichi_cloth.scene import Scene, parameters_of, scene_names
 from taichi_cloth.scene.fabric_schema import VerletSprings
 from taichi_cloth.scene.schema import FRAME_SECONDS
@@ -229,15 +230,19 @@ def test_no_scene_diverges_with_extreme_parameters_and_random_grabs(scene_name: 
         # outside of them the sheet has its rest length again. Penetration-free cloth stays as it is tangled: what would
         # have to pass through cloth is held back.
         # Cloth that was pulled through a limb stays around it, because there is no swept test for meshes with a clip:
-        # its springs, 3 cm long, reach across. With four seeds of these grabs the largest strain is 6 to 17.
+        # its springs, 3 cm long, reach across. With four seeds of these grabs 4 to 6 % of them do, with a strain of up to
+        # 19, and the others have their rest lengths again, 3 % more or less.
         if penetration_free:
             assert metrics.finite
             assert metrics.intersections == 0
         elif scene.self_collision is not None:
             assert metrics.mean_strain < 0.05
         elif any(mesh.clip for mesh in scene.meshes):
+            strains = spring_strains(simulation.topology, simulation.positions())
+            stuck = strains > 1.0
             assert metrics.max_strain < 25.0
-            assert metrics.mean_strain < 0.25
+            assert stuck.mean() < 0.08
+            assert strains[~stuck].mean() < 0.05
         else:
             assert metrics.max_strain < (1.0 if scene_name == "drape15" else 0.5)
 
