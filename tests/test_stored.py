@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -405,3 +405,16 @@ def test_cloth_that_is_not_finite_is_never_chosen(results: Path, errors: ModuleT
     cells = dict(zip(verdicts.SOLVER_CATALOG, row.strip("| ").split(" | ")[2:], strict=False))
     assert cells["xpbd"].startswith("1% (2×1: ")
     assert cells["lines"] == "not finite"
+
+
+RUNS = DOCS.parent / "benchmarks" / "results"
+
+
+@pytest.mark.parametrize("file", sorted(RUNS.rglob("*.json")), ids=lambda file: file.stem)
+def test_every_stored_run_names_machine_date_and_commit(file: Path) -> None:
+    """Of hard cases, which are run in pieces, each result does."""
+    words = json.loads(file.read_text(encoding="utf-8"))
+    for run in words["results"] if "results" in words else [words]:
+        assert run["machine"]
+        assert date.fromisoformat(run["date"][:10]) > date(2026, 1, 1)
+    assert "results" in words or len(words["commit"]) >= 7
