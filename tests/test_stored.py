@@ -407,10 +407,10 @@ def test_cloth_that_is_not_finite_is_never_chosen(results: Path, errors: ModuleT
     assert cells["lines"] == "not finite"
 
 
-RUNS = DOCS.parent / "benchmarks" / "results"
+STORED_RUNS = DOCS.parent / "benchmarks" / "results"
 
 
-@pytest.mark.parametrize("file", sorted(RUNS.rglob("*.json")), ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", sorted(STORED_RUNS.rglob("*.json")), ids=lambda file: file.stem)
 def test_every_stored_run_names_machine_date_and_commit(file: Path) -> None:
     """Of hard cases, which are run in pieces, each result does."""
     words = json.loads(file.read_text(encoding="utf-8"))

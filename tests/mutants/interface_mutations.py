@@ -98,8 +98,8 @@ INTERFACES = [
     Mutation(
         "answer-of-another-scene-taken",
         "viewer/error_process.py",
-        "        if not self._is_stale:\n            self.answer = answer\n",
-        "        self.answer = answer\n",
+        "        if not self._is_stale:\n            self.answer = answer\n            self._add(self.error)\n",
+        "        self.answer = answer\n        self._add(self.error)\n",
         ("viewer/test_error_process.py::test_an_answer_that_comes_after_the_cloth_has_changed_is_dropped",),
     ),
     Mutation(

@@ -46,8 +46,8 @@ SIMULATION = [
     Mutation(
         "target-error-never-missed",
         "simulation/error_estimate.py",
-        "good = [row for row in rows if row.error <= target]",
-        "good = rows",
+        "good = [row for row in candidates.rows if row.error <= target]",
+        "good = candidates.rows",
         ("evaluation/test_error_estimate.py::test_the_fastest_setting_that_meets_the_target_is_selected",),
     ),
     Mutation(
