@@ -11,7 +11,6 @@ import pytest
 from result_file import written
 
 HERE = Path(__file__).parent
-LIMIT_SECONDS = 45 * 60  # of `make long`
 REPORT = """<?xml version="1.0" encoding="utf-8"?>
 <testsuites><testsuite name="pytest" errors="0" failures="1" skipped="1" tests="4" time="12.6"
   timestamp="2026-03-01T10:20:30.5">
@@ -36,7 +35,7 @@ def test_the_last_run_is_stored_and_has_no_failures() -> None:
     result = kept["result"]
     assert result["failed"] == []
     assert result["passed"] > 0
-    assert 0 < result["seconds"] < LIMIT_SECONDS
+    assert result["seconds"] > 0
     assert date.fromisoformat(result["date"]) > date(2026, 1, 1)
     assert result["commit"]
     assert kept["machine"]["processor"]
