@@ -155,7 +155,7 @@ def test_zoom_stops_in_front_of_the_cloth(page: Browser) -> None:
     line = "{ target: camera.target, distance: camera.distance(canvas.width / canvas.height), back: camera.axes()[2] }"
     began, share, closest, back = page.value(
         f"""(() => {{
-          camera.target = [0, 2, -0.5]; // behind the cloth
+          camera.target = [0, 2, -2]; // behind the cloth
           const began = camera.orbitDistance;
           const share = clothInFront({line}, cloth.vertices, cloth.corners, cloth.corners.length);
           const distances = [1e-3, 2].map((factor) => (renderer.zoom(camera, factor), camera.orbitDistance));
@@ -163,7 +163,7 @@ def test_zoom_stops_in_front_of_the_cloth(page: Browser) -> None:
           return [began, share, ...distances];
         }})()"""
     )
-    assert 0.3 < share * began < 1.0  # [m] the curtain hangs in the plane z = 0
+    assert 0.5 < share * began < 4.0  # [m] the curtain swings about the plane z = 0
     assert closest == pytest.approx(1.03 * share * began, rel=1e-6)
     assert back == pytest.approx(2 * closest, rel=1e-6)
 
