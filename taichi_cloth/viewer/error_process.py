@@ -46,7 +46,7 @@ FRAMES_BEFORE = 60  # frames that a scene runs before the process starts: the fi
 SETTLED_SECONDS = 0.3  # [s] after a change in which no measurement begins: another abandons it while a slider moves
 ABANDON = "abandon"  # sent to the process: drop the measurement that is under way, at its next frame
 ABANDONED_SECONDS = 1.0  # limit of the time after which another frame is measured, after one was abandoned
-RECENT = 9  # measured frames whose median is shown: errors of single frames of `xpbd` vary fivefold
+RECENT = 9  # measured frames whose median is shown: errors of single frames scatter, most of all with `xpbd`
 MAX_GROWTH_SECONDS = 3.0  # time up to which the growth of the error is measured
 NICENESS = 10  # of the process, where the system has priorities
 

@@ -103,6 +103,13 @@ INTERFACES = [
         ("viewer/test_error_process.py::test_an_answer_that_comes_after_the_cloth_has_changed_is_dropped",),
     ),
     Mutation(
+        "errors-of-another-setting-in-the-median",
+        "viewer/error_process.py",
+        "        self.recent.clear()\n",
+        "",
+        ("viewer/test_session.py::test_an_error_that_arrives_while_the_cloth_is_frozen_is_shown",),
+    ),
+    Mutation(
         "slow-reference-not-refused",
         "viewer/error_process.py",
         "if error.seconds > MAX_SECONDS:",

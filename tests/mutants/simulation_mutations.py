@@ -44,6 +44,13 @@ SIMULATION = [
         ),
     ),
     Mutation(
+        "target-time-never-missed",
+        "simulation/error_estimate.py",
+        "good = [row for row in candidates.rows if row.ms <= limit_ms]",
+        "good = candidates.rows",
+        ("evaluation/test_error_estimate.py::test_the_most_accurate_setting_within_a_time_is_selected",),
+    ),
+    Mutation(
         "target-error-never-missed",
         "simulation/error_estimate.py",
         "good = [row for row in candidates.rows if row.error <= target]",
