@@ -414,7 +414,7 @@ STORED_RUNS = DOCS.parent / "benchmarks" / "results"
 def test_every_stored_run_names_machine_date_and_commit(file: Path) -> None:
     """Of hard cases, which are run in pieces, each result does."""
     words = json.loads(file.read_text(encoding="utf-8"))
-    for run in words["results"] if "results" in words else [words]:
+    for run in words.get("results", [words]):
         assert run["machine"]
         assert date.fromisoformat(run["date"][:10]) > date(2026, 1, 1)
     assert "results" in words or len(words["commit"]) >= 7
